@@ -21,7 +21,8 @@ from autoexpose_daemon.navigation.drive.source import Source, newest_pair
 from autoexpose_daemon.navigation.drive.steering import Stop
 from autoexpose_daemon.navigation.maps.adaptation import Passing, Strategy
 from autoexpose_daemon.navigation.maps.choice import best
-from autoexpose_daemon.navigation.maps.light import LightMemory, LightRow, LightTrail
+from autoexpose_daemon.navigation.maps.light import LightMemory, LightRow
+from autoexpose_daemon.navigation.maps.light_trail import LightTrail
 from autoexpose_daemon.navigation.maps.temporal import MODELS
 from autoexpose_daemon.navigation.store import MapError, MapFile, Run, newest_of_hour
 from autoexpose_daemon.navigation.views.detectors import FINDERS
@@ -89,7 +90,7 @@ class Repeater:
         view = self.repetition.view
         assert view is not None
         if self._trail is not None:
-            self._trail.see(view.distance_m, pair.decision)
+            self._trail.see(view.distance_m, pair.left, pair.decision, pair.responses["left"])
         self.tally.frames += 1
         self.tally.registered += view.shift_px is not None
         return view
@@ -146,7 +147,7 @@ def repeat(repeater: Repeater, source: Source, stop: threading.Event, progress: 
     with (
         StatusClient(source.rig, source.connect) as status,
         Robot(source.robot, Endpoints(connect=source.robot_connect)) as robot,
-        StereoClient(source.rig, source.connect, name="repeat") as client,
+        StereoClient(source.rig, source.connect, name="repeat", normalised=True) as client,
         progress,
     ):
         try:

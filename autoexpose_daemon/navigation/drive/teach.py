@@ -13,7 +13,7 @@ from autoexpose_daemon.navigation.drive.motion import Velocity
 from autoexpose_daemon.navigation.drive.progress import Progress
 from autoexpose_daemon.navigation.drive.robot import Robot
 from autoexpose_daemon.navigation.drive.source import Source, newest_pair
-from autoexpose_daemon.navigation.maps.light import LightTrail
+from autoexpose_daemon.navigation.maps.light_trail import LightTrail
 from autoexpose_daemon.navigation.store import MapError, MapFile, MapInfo, Run
 from autoexpose_daemon.navigation.views.detectors import FINDERS
 from autoexpose_daemon.publish.session import Endpoints
@@ -63,7 +63,7 @@ class Teacher:
             with self._turn:
                 self._start_m = distance_m
                 self._lesson.begin()
-        self._trail.see(distance_m - self._start_m, pair.decision)
+        self._trail.see(distance_m - self._start_m, pair.left, pair.decision, pair.responses["left"])
         taught = self._lesson.look(image, pair.left.setting, distance_m - self._start_m)
         if taught is not None:
             with self._turn:
@@ -90,7 +90,7 @@ def teach(teacher: Teacher, source: Source, stop: threading.Event, progress: Pro
     with (
         StatusClient(source.rig, source.connect) as status,
         Robot(source.robot, robot_endpoints, teacher.drive) as robot,
-        StereoClient(source.rig, source.connect, name="teach") as client,
+        StereoClient(source.rig, source.connect, name="teach", normalised=True) as client,
         progress,
     ):
         try:

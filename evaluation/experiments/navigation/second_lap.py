@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import product
 from pathlib import Path
@@ -19,7 +19,8 @@ from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.override import NO_OVERRIDE, Override
 from autoexpose_daemon.control.picture.steering import Steering
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
-from autoexpose_daemon.navigation.maps.light import SPREAD_M, LightMemory, LightTrail
+from autoexpose_daemon.navigation.maps.light import SPREAD_M, LightMemory
+from autoexpose_daemon.navigation.maps.light_trail import LightTrail
 from calibration.response import ResponseFunction
 from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import StereoPair
@@ -46,6 +47,9 @@ LUX, LATER = 800.0, 1.0 / 3.0
 BAD: Final = 0.5
 """A frame that is worth less than this share of what the best exposure gives is bad."""
 
+ASIDE_RAD: Final = 0.035
+"""By how much the second lap looks to the side of where the first one looked, to and fro: two degrees."""
+
 WANDERING_FRAMES: Final = 30
 """The error of the place on the way changes this slowly."""
 
@@ -54,9 +58,36 @@ WRONG_M: Final = 3.0
 
 DELAYS: Final = (2, 4, 8)
 SCENES: Final = (("shelves", 3000), ("hall", 3000), ("room", 3001), ("room", 3002))
-"""Tried on `room` 1 and `street` 2 only."""
+"""Tried on `room` 1, `street` 2, `shelves` 4 and `hall` 5 only."""
 
 LAPS: Final = ("first", "second", "second, told", "second, told wrong")
+
+
+class Remembering(ControlLoop):
+    """Keeps what the product keeps of a lap."""
+
+    def __init__(self, response: ResponseFunction, limits: ExposureLimits, start: ExposureSetting) -> None:
+        super().__init__(DEFAULT_POLICY, response, limits, start)
+        self._trail, self._frame = LightTrail(), 0
+
+    def step(
+        self,
+        pair: StereoPair,
+        angular_rate_rad_s: float | None = None,
+        light_ahead: LightAhead | None = None,
+        override: Override = NO_OVERRIDE,
+        steering: Steering | None = None,
+    ) -> Decision:
+        """The next decision."""
+        decision = super().step(pair, angular_rate_rad_s, light_ahead, override, steering)
+        distance_m = self._frame / RATE_HZ * SPEED_M_S
+        self._trail.see(distance_m, pair.frames["left"], decision, self.setup.responses["left"])
+        self._frame += 1
+        return decision
+
+    def memory(self) -> LightMemory:
+        """The light of the lap so far."""
+        return LightMemory.of(self._trail.new_rows())
 
 
 class Told(ControlLoop):
@@ -98,10 +129,29 @@ class Way:
     seed: int
     frames: int
 
-    def drive(self, entrants: list[Entrant], light_seed: int, share: float = 1.0) -> list[Series]:
-        """One lap of each, in light drawn by a seed, and a share of it."""
-        course = _course(self.scenario, np.random.default_rng(light_seed), share)
-        stage = Stage(build_views(self.scene, self.seed, course.gaze, self.scenario == WINDOW), course, self.seed)
+    def first(self, delay: int) -> tuple[Series, LightMemory]:
+        """The lap in which the light is seen first."""
+        (series,) = self._drive(self._course(1.0), [Entrant("first", delay, Remembering)], self.seed)
+        loop = series.delayed.loop
+        assert isinstance(loop, Remembering)
+        return series, loop.memory()
+
+    def second(self, entrants: list[Entrant]) -> list[Series]:
+        """A lap of each entrant at another hour: a share of the light, the gaze a little aside, and other noise."""
+        course, phase = self._course(LATER), float(np.random.default_rng([self.seed, 1]).uniform(0.0, 2 * math.pi))
+        gaze = course.gaze
+
+        def aside(s: float) -> float:
+            return gaze(s) + ASIDE_RAD * math.sin(2 * math.pi * 0.37 * s + phase)
+
+        return self._drive(replace(course, gaze=aside), entrants, self.seed + 1)
+
+    def _course(self, share: float) -> Course:
+        return _course(self.scenario, np.random.default_rng(self.seed), share)
+
+    def _drive(self, course: Course, entrants: list[Entrant], noise_seed: int) -> list[Series]:
+        views = build_views(self.scene, self.seed, course.gaze, self.scenario == WINDOW)
+        stage = Stage(views, course, noise_seed)
         oracles = [Oracle(stage, ("left",), by) for by in ("metric", "information")]
         every = 2 if self.scenario == WINDOW else 16  # frames: the best exposure changes as fast as the view
         return race(stage, entrants, *oracles, frames=self.frames, first_scored=course.first_scored, every=every)
@@ -110,28 +160,19 @@ class Way:
 def measure_second_lap(scenario: str, scene: str, seed: int, delay: int, frames: int = FRAMES) -> Plain:
     """Bad frames and the mean worth of all frames, for each of `LAPS`."""
     way = Way(scenario, scene, seed, frames)
-    (first,) = way.drive([Entrant.of(DEFAULT_POLICY, delay)], seed)
-    memory = _memory(first)
+    first, memory = way.first(delay)
     error_m = _wandering(np.random.default_rng([seed, delay]), frames)
     entrants = [
         Entrant.of(DEFAULT_POLICY, delay),
         Entrant("told", delay, partial(Told, memory, error_m)),
         Entrant("told wrong", delay, partial(Told, memory, error_m + WRONG_M)),
     ]
-    return [_outcome(lap) for lap in (first, *way.drive(entrants, seed, LATER))]
+    return [_outcome(lap) for lap in (first, *way.second(entrants))]
 
 
 def _outcome(series: Series) -> Plain:
     ratios = series.ratios[series.first_scored :]
     return {"bad": int((ratios < BAD).sum()), "mean": float(np.nanmean(ratios))}
-
-
-def _memory(series: Series) -> LightMemory:
-    """What the product keeps of a lap."""
-    trail = LightTrail()
-    for frame, decision in enumerate(series.delayed.decisions):
-        trail.see(frame / RATE_HZ * SPEED_M_S, decision)
-    return LightMemory.of(trail.new_rows())
 
 
 def _wandering(rng: np.random.Generator, frames: int) -> NDArray[np.float64]:
@@ -263,11 +304,11 @@ _SETTING = f"""\
 The default policy drives a lap of {FRAMES / RATE_HZ:g} s at {SPEED_M_S:g} m/s and {RATE_HZ:g} Hz: through the shade of
 trees, then twice into the dark and out again, 8 and 6 stops down, within 1 s (`tunnel`, as the arena's), 0.25 s
 (`underpass`) or 0.06 s (`door`); or it turns past a window and back (`window`). It is followed by a second lap with
-the same gaze, speed and noise, in {LATER:.2g} of the light (past the window {(0.5 + LATER) / 1.5:.2g}), which is
-told what the first one saw, by a place that is wrong by {SPREAD_M:g} m (standard deviation, wandering within half a
-second); or is told what it saw {WRONG_M:g} m further on. Delay: frames from a decision until a frame shows it; 2
-for most cameras, 8 for slow ones. A frame is bad when it is worth less than {BAD:g} of what the best exposure
-gives. Scenes are of those that judge the arena, with other seeds; constants were chosen on two others."""
+the same speed and other noise, in {LATER:.2g} of the light (past the window {(0.5 + LATER) / 1.5:.2g}), which looks up
+to two degrees aside of where the first one looked. It is told what the first one saw, by a place that is wrong by
+{SPREAD_M:g} m (standard deviation, wandering within half a second); or is told what it saw {WRONG_M:g} m further on.
+Delay: frames from a decision until a frame shows it; 2 for most cameras, 8 for slow ones. A frame is bad when it is
+worth less than {BAD:g} of what the best exposure gives. Scenes are of those that judge the arena, with other seeds; constants were chosen on four others."""
 
 EXPERIMENT = Experiment("second-lap", "Light that was seen before (ours)", jobs, section, data)
 """Not in the papers."""

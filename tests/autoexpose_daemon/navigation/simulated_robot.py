@@ -12,13 +12,15 @@ import numpy as np
 import zenoh
 
 from autoexpose_daemon.config.publish import PublishConfig
-from autoexpose_daemon.messages.keys import status_key
+from autoexpose_daemon.messages.keys import response_key, status_key
+from autoexpose_daemon.messages.response import response_to_json
 from autoexpose_daemon.messages.robot import odometry, read_velocity, twist
 from autoexpose_daemon.navigation.drive.motion import STANDSTILL, Pose, Velocity
 from autoexpose_daemon.publish.publisher import Publisher
 from autoexpose_daemon.publish.session import Endpoints, open_session
 from autoexpose_daemon.runtime.inputs.foretold_light import ForetoldLight
-from drivers.frames import Frame, StereoPair
+from calibration.response import ResponseFunction
+from drivers.frames import SIDES, Frame, StereoPair
 from drivers.python310 import Self
 from tests.autoexpose_daemon.navigation.texture import HEIGHT, WIDTH, texture
 from tests.autoexpose_daemon.publish.steps import DECISION, SETTING
@@ -54,8 +56,9 @@ class SimulatedRobot:
         self._robot_at, self.daemon_at = robot_at, daemon_at
         self._wall = np.clip(128 + 40 * texture(7, 3 * WIDTH), 0, 255).astype(np.uint8)
         self.light = ForetoldLight(1.0 / PERIOD_S)
-        status = {status_key("rig"): replace(EXPOSING, policy=policy).to_json()}
-        self._publisher = Publisher(PublishConfig(listen=(daemon_at,)), 2, lambda _last: status, self.light)
+        texts = {status_key("rig"): replace(EXPOSING, policy=policy).to_json()}
+        texts |= {response_key("rig", side): response_to_json(ResponseFunction.linear()) for side in SIDES}
+        self._publisher = Publisher(PublishConfig(listen=(daemon_at,)), 2, lambda _last: texts, self.light)
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._live)
 

@@ -7,31 +7,73 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from autoexpose_daemon.control.light_ahead import LightAhead
-from autoexpose_daemon.navigation.maps.light import EVERY_M, SLOWEST_M_S, SPREAD_M, LightMemory, LightTrail
+from autoexpose_daemon.navigation.maps.light import EVERY_M, SLOWEST_M_S, SPREAD_M, LightMemory
+from autoexpose_daemon.navigation.maps.light_trail import LONGEST_UNSETTLED_M, LightTrail
 from autoexpose_daemon.navigation.store import MapFile, Run, newest_of_hour
 from autoexpose_daemon.navigation.store.rows import DAY_S, HOUR_S
+from calibration.response import ResponseFunction
+from drivers.exposure import ExposureSetting
+from drivers.frames import Frame
 from tests.autoexpose_daemon.navigation.test_store import INFO, START_S
-from tests.autoexpose_daemon.publish.steps import DECISION
+from tests.autoexpose_daemon.publish.steps import DECISION, SETTING
+
+BRIGHT, DARK = 10.0, 15.0
+"""Levels that serve in the two lights."""
+
+WALL = np.exp2(np.random.default_rng(5).uniform(-1.5, 1.5, (68, 90)))
 
 
-def test_a_blind_frame_is_given_the_level_that_served_once_something_was_seen() -> None:
+def see(trail: LightTrail, distance_m: float, taken: float, decided: float, serves: float) -> None:
+    """A frame of the wall, taken with one level where another one serves; grey 64 in the middle if they agree."""
+    pixels = np.clip(np.rint(64.0 * WALL * 2.0 ** (taken - serves)), 0, 255).astype(np.uint8)
+    setting = ExposureSetting(1000.0, 20.0 * (taken - np.log2(1000.0)) * np.log10(2.0))
+    saturated, black = (float(np.mean(pixels == end)) for end in (255, 0))
+    decision = replace(DECISION, level=decided, saturated_share=saturated, black_share=black)
+    trail.see(distance_m, Frame(pixels, 8, 1, 0, 0, 0, setting), decision, ResponseFunction.linear())
+
+
+def levels_of(trail: LightTrail) -> NDArray[np.float64]:
+    return np.array(trail.new_rows())[:, 1]
+
+
+def test_where_exposure_has_settled_what_was_decided_served() -> None:
     trail = LightTrail()
-    for number, (level, saturated_share, black_share) in enumerate(
-        [(9.0, 0.1, 0.0), (16.0, 0.0, 0.9), (14.0, 0.5, 0.4), (12.0, 0.0, 0.1), (12.5, 1.0, 0.0)]
-    ):
-        decision = replace(DECISION, level=level, saturated_share=saturated_share, black_share=black_share)
-        trail.see(0.1 * number, decision)
-    assert trail.new_rows() == pytest.approx(np.array([(0.0, 9.0), (0.1, 12.0), (0.2, 12.0), (0.3, 12.0)]))
+    for number, level in enumerate((9.0, 9.4, 9.1)):
+        see(trail, 0.1 * number, level, level, level)
+    assert trail.new_rows() == pytest.approx(np.array([(0.0, 9.0), (0.1, 9.4), (0.2, 9.1)]))
     assert trail.new_rows() == []
+
+
+@pytest.mark.parametrize("late_frames", [2, 8])
+def test_where_decisions_come_late_and_overshoot_the_light_itself_is_remembered(late_frames: int) -> None:
+    """The light falls within two frames and rises within one, which turns the frame white."""
+    serves = np.array([BRIGHT] * 10 + [12.5] + [DARK] * 30 + [BRIGHT] * 30)
+    decided = serves.copy()
+    decided[11 : 11 + late_frames] += 3.0
+    decided[41 : 41 + late_frames] -= 4.0
+    trail = LightTrail()
+    for number, level in enumerate(serves.tolist()):
+        see(trail, number / 60, float(decided[max(number - late_frames, 0)]), float(decided[number]), level)
+    off = np.abs(levels_of(trail) - serves)
+    assert off.max() < 2.5
+    assert off.mean() < 0.5 * np.abs(decided - serves).mean()
+
+
+def test_what_the_light_does_not_explain_is_spread_over_the_way() -> None:
+    trail = LightTrail()
+    for distance_m, taken, decided in ((0.0, 9.0, 9.0), (0.1, 9.0, 11.0), (0.3, 9.0, 11.0), (0.4, 11.0, 11.0)):
+        see(trail, distance_m, taken, decided, 10.0)
+    assert levels_of(trail) == pytest.approx([9.0, 9.5, 10.5, 11.0], abs=0.1)
 
 
 def test_a_robot_that_stands_or_drives_back_or_has_no_decision_adds_nothing() -> None:
     trail = LightTrail()
     for distance_m in (0.5, 0.5, 0.5 + 0.9 * EVERY_M, 0.3, 0.52):
-        trail.see(distance_m, DECISION)
-    trail.see(0.6, None)
+        see(trail, distance_m, 9.0, 9.0, 9.0)
+    trail.see(0.6, Frame(np.zeros((68, 90), np.uint8), 8, 1, 0, 0, 0, SETTING), None, ResponseFunction.linear())
     assert [distance_m for distance_m, _ in trail.new_rows()] == [0.5, 0.52]
 
 
@@ -51,13 +93,13 @@ def test_before_the_start_and_behind_the_end_the_light_stays() -> None:
     assert series is not None and series.levels[0] == 9.0 and series.levels[-1] == 12.0
 
 
-def test_what_was_not_seen_for_long_and_impossible_levels_are_not_remembered() -> None:
+def test_what_did_not_settle_for_long_and_impossible_levels_are_not_remembered() -> None:
     trail = LightTrail()
-    for distance_m in (0.0, 0.3, 0.6):
-        trail.see(distance_m, replace(DECISION, black_share=0.9))
-    trail.see(0.7, replace(DECISION, level=float("nan")))
-    trail.see(0.75, replace(DECISION, level=9.0))
-    assert [distance_m for distance_m, _ in trail.new_rows()] == [0.3, 0.6, 0.75]
+    for distance_m in (0.0, 0.4, 0.8):
+        see(trail, distance_m, 9.0, 9.0, 20.0)
+    see(trail, 1.0, 9.0, float("nan"), 20.0)
+    see(trail, 0.3 + LONGEST_UNSETTLED_M, 16.0, 16.0, 16.0)
+    assert [distance_m for distance_m, _ in trail.new_rows()] == [0.4, 0.8, 0.3 + LONGEST_UNSETTLED_M]
 
 
 def test_the_newest_drive_at_this_time_of_the_day_counts() -> None:

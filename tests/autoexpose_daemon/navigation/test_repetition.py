@@ -22,7 +22,8 @@ from autoexpose_daemon.navigation.drive.teach import Teacher
 from autoexpose_daemon.navigation.maps.temporal import MODELS
 from autoexpose_daemon.navigation.store import MapError, MapFile, MapInfo
 from autoexpose_daemon.navigation.views.detectors import FINDERS
-from drivers.frames import Frame
+from calibration.response import ResponseFunction
+from drivers.frames import Frame, Side
 from tests.autoexpose_daemon.navigation.texture import WIDTH, texture
 from tests.autoexpose_daemon.publish.steps import DECISION, SETTING
 
@@ -36,7 +37,9 @@ def view(shift_px: int = 0) -> NDArray[np.uint8]:
 
 
 def pair(image: NDArray[np.uint8], number: int = 1) -> ReceivedPair:
-    return ReceivedPair(Frame(image, 8, number, 0, 0, 0, SETTING), None, 0, number, number, None, 0)
+    left = Frame(image, 8, number, 0, 0, 0, SETTING)
+    responses: dict[Side, ResponseFunction] = {"left": ResponseFunction.linear()}
+    return ReceivedPair(left, None, 0, number, number, None, 0, responses)
 
 
 @pytest.fixture

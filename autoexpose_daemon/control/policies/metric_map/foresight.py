@@ -13,16 +13,16 @@ from numpy.typing import NDArray
 
 from autoexpose_daemon.control.light_ahead import SPREADS, UNPROVEN, WINDOW_FRAMES, LightAhead
 
-SCALE_STOPS = 1.0
+SMOOTHED_FRAMES = 5
+"""Changes are compared by their sums over so many frames: two drives see the same change a frame or two apart."""
+
+SCALE_STOPS = 0.5
 """Scale of the difference between foretold and seen changes of light; its distribution has long tails (Laplace)."""
 
 FORGOTTEN_FRAMES = 300
 """After five seconds at 60 Hz without a series, what the last one foretold says nothing about the next."""
 
 LEAST_BELIEF, MOST_BELIEF = 0.05, 0.95
-
-CLEARLY_STOPS = 20.0
-"""A greater difference counts as much as this one."""
 
 NARROWEST_FRAMES = 0.5
 
@@ -35,7 +35,8 @@ class Foresight:
     """Weighs what an earlier drive saw against light that follows its own recent pattern.
 
     Where exactly the rig is on the route is not known, so each place it may be at is a hypothesis. How well it explains
-    the light of the last second gives its probability, and all of them against unchanged light give the belief.
+    when the light of the last second changed, and by how much, gives its probability, and all of them against unchanged
+    light give the belief.
 
     Attributes
     ----------
@@ -80,26 +81,46 @@ class Foresight:
         reach = math.ceil(SPREADS * ahead.spread_frames)
         aside = np.arange(-reach, reach + 1)
         here = ahead.now + aside
-        window = max(min(WINDOW_FRAMES, len(changes), ahead.now - reach), 0)
-        seen = sum(itertools.islice(changes, len(changes) - window, None))
         levels = np.array(ahead.levels)
-        before, now, then = (levels.take(here + shift, mode="clip") for shift in (-window, 0, frames))
-
         prior = np.exp(-0.5 * (aside / max(ahead.spread_frames, NARROWEST_FRAMES)) ** 2)
-        explained = prior / prior.sum() * _likelihood(seen - (before - now))
-        right, wrong = float(explained.sum()), float(_likelihood(seen))
-        share = self.belief * right / (self.belief * right + (1.0 - self.belief) * wrong)
-        # Every change stays in the window for as many frames as it has, but counts once.
-        self._prove(math.log(right / wrong) / WINDOW_FRAMES)
+        window = max(min(WINDOW_FRAMES, len(changes), ahead.now - reach), 0)
+        misfits, otherwise_misfit = _misfits(levels, here, changes, window)
 
+        fits = np.log(prior / prior.sum()) - misfits
+        likeliest = float(fits.max())
+        explained = np.exp(fits - likeliest)
+        evidence = likeliest + math.log(explained.sum()) + otherwise_misfit
+        share = _shifted(self.belief, evidence)
+        # Every change stays in the window for as many frames as it has, but counts once.
+        self.belief = min(max(_shifted(self.belief, evidence / WINDOW_FRAMES), LEAST_BELIEF), MOST_BELIEF)
+
+        now, then = (levels.take(here + shift, mode="clip") for shift in (0, frames))
         rises, which = np.unique(np.round((now - then) / RISE_STOPS) * RISE_STOPS, return_inverse=True)
-        probabilities = np.bincount(which, explained * (share / right), len(rises))
+        probabilities = np.bincount(which, explained * (share / explained.sum()), len(rises))
         return np.append(rises, otherwise), np.append(probabilities, 1.0 - share)
 
-    def _prove(self, evidence: float) -> None:
-        odds = math.exp(evidence) * self.belief / (1.0 - self.belief)
-        self.belief = min(max(odds / (1.0 + odds), LEAST_BELIEF), MOST_BELIEF)
+
+def _misfits(
+    levels: NDArray[np.float64], here: NDArray[np.int64], changes: Collection[float], window: int
+) -> tuple[NDArray[np.float64], float]:
+    """Negative log likelihoods of the latest changes: of each place, and of unchanged light; 0 if none is foretold."""
+    if window < SMOOTHED_FRAMES:
+        return np.zeros(len(here)), 0.0
+    # Sums that would end after now have fewer changes, so that the newest change is in as many of them as any other.
+    frames = np.minimum(np.arange(-window, SMOOTHED_FRAMES), 0)
+    light = np.cumsum(list(itertools.islice(changes, len(changes) - window, None)))
+    seen = _sums(np.append(0.0, light)[frames + window])
+    foretold = _sums(-levels.take(here[:, None] + frames, mode="clip"))
+    unit = SMOOTHED_FRAMES * SCALE_STOPS
+    return np.abs(foretold - seen).sum(axis=1) / unit, float(np.abs(seen).sum()) / unit
 
 
-def _likelihood(stops: NDArray[np.float64] | float) -> NDArray[np.float64]:
-    return np.exp(-np.minimum(np.abs(stops), CLEARLY_STOPS) / SCALE_STOPS)
+def _sums(light: NDArray[np.float64]) -> NDArray[np.float64]:
+    """By how much light has risen in each `SMOOTHED_FRAMES` frames, along the last axis."""
+    return light[..., SMOOTHED_FRAMES:] - light[..., :-SMOOTHED_FRAMES]
+
+
+def _shifted(probability: float, evidence: float) -> float:
+    """A probability after evidence, a log likelihood ratio."""
+    log_odds = math.log(probability / (1.0 - probability)) + evidence
+    return 0.5 * (1.0 + math.tanh(0.5 * log_odds))

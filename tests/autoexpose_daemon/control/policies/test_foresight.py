@@ -57,6 +57,31 @@ def test_light_that_fell_already_is_not_expected_to_fall_again() -> None:
     assert expected(Foresight(MOST_BELIEF), tunnel(3), fell, 8) == pytest.approx(0.0, abs=0.2)
 
 
+@pytest.mark.parametrize("late_frames", [-4, 0, 4])
+def test_a_change_on_the_way_tells_where_the_rig_is(late_frames: int) -> None:
+    """A shade, half a second before the mouth."""
+    levels = np.full(200, 8.0)
+    levels[BEHIND - 24 : BEHIND - 14] = 10.0
+    levels[BEHIND + 8 :] = 14.0
+    changes = np.zeros(WINDOW_FRAMES)
+    changes[[-25 + late_frames, -15 + late_frames]] = -2.0, 2.0
+    ahead = LightAhead(tuple(levels.tolist()), BEHIND, 3.0)
+    for frames in (4, 6, 10, 12):
+        rise = expected(Foresight(MOST_BELIEF), ahead, changes.tolist(), frames)
+        assert (rise < -3.0) == (frames >= 8 + late_frames), (frames, rise)
+
+
+def test_however_much_speaks_for_a_series_or_against_it_belief_stays_within_bounds() -> None:
+    wild = [50.0, -50.0] * (WINDOW_FRAMES // 2)
+    levels = 50.0 * (np.arange(200) % 2)
+    for series, belief in ((levels, LEAST_BELIEF), (np.zeros(200), MOST_BELIEF)):
+        foresight = Foresight(belief)
+        ahead = LightAhead(tuple(series.tolist()), BEHIND, 2.0)
+        for changes in (wild, STILL):
+            expected(foresight, ahead, changes, 2)
+        assert LEAST_BELIEF <= foresight.belief <= MOST_BELIEF
+
+
 def test_what_has_foretold_nothing_yet_is_believed_less_than_a_half() -> None:
     assert expected(Foresight(), tunnel(8), STILL, 16) == pytest.approx(-6.0 * UNPROVEN, abs=0.2)
 
