@@ -8,8 +8,8 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from autoexpose_daemon.control.policies.metric_map.registration import Registration
 from autoexpose_daemon.control.policy import Look
+from autoexpose_daemon.control.registration import Registration
 from calibration.response import ResponseFunction
 from drivers.exposure import ExposureSetting
 from drivers.frames import Side

@@ -13,6 +13,7 @@ from autoexpose_daemon.client import ReceivedPair, StereoClient
 from autoexpose_daemon.client.status_client import StatusClient
 from autoexpose_daemon.control.light_ahead import LightSeries
 from autoexpose_daemon.messages.registration import RegisteredView
+from autoexpose_daemon.navigation.drive.light_trail import LightTrail
 from autoexpose_daemon.navigation.drive.motion import STANDSTILL, Velocity
 from autoexpose_daemon.navigation.drive.progress import Progress
 from autoexpose_daemon.navigation.drive.repetition import Repetition, View
@@ -22,7 +23,6 @@ from autoexpose_daemon.navigation.drive.steering import Stop
 from autoexpose_daemon.navigation.maps.adaptation import Passing, Strategy
 from autoexpose_daemon.navigation.maps.choice import best
 from autoexpose_daemon.navigation.maps.light import LightMemory, LightRow
-from autoexpose_daemon.navigation.maps.light_trail import LightTrail
 from autoexpose_daemon.navigation.maps.temporal import MODELS
 from autoexpose_daemon.navigation.store import MapError, MapFile, Run, newest_of_hour
 from autoexpose_daemon.navigation.views.detectors import FINDERS

@@ -9,11 +9,11 @@ from pathlib import Path
 from autoexpose_daemon.client import ReceivedPair, StereoClient
 from autoexpose_daemon.client.status_client import StatusClient
 from autoexpose_daemon.navigation.drive.lesson import Lesson
+from autoexpose_daemon.navigation.drive.light_trail import LightTrail
 from autoexpose_daemon.navigation.drive.motion import Velocity
 from autoexpose_daemon.navigation.drive.progress import Progress
 from autoexpose_daemon.navigation.drive.robot import Robot
 from autoexpose_daemon.navigation.drive.source import Source, newest_pair
-from autoexpose_daemon.navigation.maps.light_trail import LightTrail
 from autoexpose_daemon.navigation.store import MapError, MapFile, MapInfo, Run
 from autoexpose_daemon.navigation.views.detectors import FINDERS
 from autoexpose_daemon.publish.session import Endpoints

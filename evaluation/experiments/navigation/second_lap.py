@@ -19,8 +19,8 @@ from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.override import NO_OVERRIDE, Override
 from autoexpose_daemon.control.picture.steering import Steering
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
+from autoexpose_daemon.navigation.drive.light_trail import LightTrail
 from autoexpose_daemon.navigation.maps.light import SPREAD_M, LightMemory
-from autoexpose_daemon.navigation.maps.light_trail import LightTrail
 from calibration.response import ResponseFunction
 from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import StereoPair
@@ -308,7 +308,8 @@ the same speed and other noise, in {LATER:.2g} of the light (past the window {(0
 to two degrees aside of where the first one looked. It is told what the first one saw, by a place that is wrong by
 {SPREAD_M:g} m (standard deviation, wandering within half a second); or is told what it saw {WRONG_M:g} m further on.
 Delay: frames from a decision until a frame shows it; 2 for most cameras, 8 for slow ones. A frame is bad when it is
-worth less than {BAD:g} of what the best exposure gives. Scenes are of those that judge the arena, with other seeds; constants were chosen on four others."""
+worth less than {BAD:g} of what the best exposure gives. Scenes are of those that judge the arena, with other seeds;
+constants were chosen on four others."""
 
 EXPERIMENT = Experiment("second-lap", "Light that was seen before (ours)", jobs, section, data)
 """Not in the papers."""

@@ -22,10 +22,10 @@ from autoexpose_daemon.control.metrics.information import InformationPrediction
 from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
 from autoexpose_daemon.control.policies.fisher_map.balance import BlurPhotonBalance
 from autoexpose_daemon.control.policies.metric_map.memory import MetricMemory, Sighting
-from autoexpose_daemon.control.policies.metric_map.registration import STRIDE, Registration
 from autoexpose_daemon.control.policies.metric_map.search import Probes, worth_of_levels
 from autoexpose_daemon.control.policies.metric_map.view import DELTAS, MetricView, Tones
 from autoexpose_daemon.control.policy import Look
+from autoexpose_daemon.control.registration import STRIDE, Registration
 from calibration.response import ResponseFunction
 from drivers.exposure import ExposureLimits, ExposureSetting
 

@@ -10,8 +10,8 @@ import pytest
 from numpy.typing import NDArray
 
 from autoexpose_daemon.control.light_ahead import LightAhead
+from autoexpose_daemon.navigation.drive.light_trail import LONGEST_UNSETTLED_M, LightTrail
 from autoexpose_daemon.navigation.maps.light import EVERY_M, SLOWEST_M_S, SPREAD_M, LightMemory
-from autoexpose_daemon.navigation.maps.light_trail import LONGEST_UNSETTLED_M, LightTrail
 from autoexpose_daemon.navigation.store import MapFile, Run, newest_of_hour
 from autoexpose_daemon.navigation.store.rows import DAY_S, HOUR_S
 from calibration.response import ResponseFunction

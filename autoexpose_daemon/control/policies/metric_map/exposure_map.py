@@ -17,7 +17,6 @@ from autoexpose_daemon.control.policies.metric_map.forecast import Forecast
 from autoexpose_daemon.control.policies.metric_map.foresight import Foresight
 from autoexpose_daemon.control.policies.metric_map.loop_delay import LoopDelay
 from autoexpose_daemon.control.policies.metric_map.memory import TRUSTED_RISE, MetricMemory, Sighting
-from autoexpose_daemon.control.policies.metric_map.registration import Registration
 from autoexpose_daemon.control.policies.metric_map.search import (
     LONGEST_PROBE,
     Probes,
@@ -30,6 +29,7 @@ from autoexpose_daemon.control.policies.metric_map.search import (
 from autoexpose_daemon.control.policies.metric_map.view import NO_CHANGE, MetricView
 from autoexpose_daemon.control.policies.metric_map.votes import REMARKS, Votes
 from autoexpose_daemon.control.policy import ExposurePolicy, Observation, Target
+from autoexpose_daemon.control.registration import Registration
 from calibration.response import ResponseFunction
 from drivers.exposure import ExposureLimits
 from drivers.frames import SIDES, Side

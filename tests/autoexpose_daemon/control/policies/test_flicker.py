@@ -17,9 +17,9 @@ from autoexpose_daemon.control.parameters import BalanceId, ControlParameters
 from autoexpose_daemon.control.policies.fisher_map.balance import BlurPhotonBalance
 from autoexpose_daemon.control.policies.fisher_map.policy import FisherMap
 from autoexpose_daemon.control.policies.flicker import FRAMES, FlickerWatch
-from autoexpose_daemon.control.policies.metric_map.registration import LightChange
 from autoexpose_daemon.control.policies.metric_map.view import DELTAS
 from autoexpose_daemon.control.policy import Look, Observation
+from autoexpose_daemon.control.registration import LightChange
 from calibration.response import ResponseFunction
 from drivers.exposure import ExposureLimits, ExposureSetting, linear_gain
 from drivers.frames import Frame, StereoPair

@@ -10,7 +10,7 @@ import numpy as np
 
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.light_ahead import MOST_STOPS
-from autoexpose_daemon.control.policies.metric_map.registration import Registration
+from autoexpose_daemon.control.registration import Registration
 from autoexpose_daemon.control.view import View
 from autoexpose_daemon.navigation.maps.light import EVERY_M, LightRow
 from calibration.response import ResponseFunction
