@@ -21,6 +21,9 @@ from calibration.response import ResponseFunction
 from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import Side
 
+MISSED_FRAMES = 12
+"""Frames of a camera that may be lost in a row, a fifth of a second at 60 Hz, before the other decides without it."""
+
 
 @dataclass(frozen=True, slots=True)
 class PastStep:

@@ -97,7 +97,7 @@ def _rows(figures: Mapping[str, Any], steps: Sequence[LightStep]) -> Iterator[tu
     kind = f"{figures['pixel_format']} {figures['width']}x{figures['height']}"
     yield "seen", f"{pairs}, from two fake {_TRANSPORTS[figures['transport']]} cameras, {kind}"
     yield "lost", f"{_lost(figures)}; of {figures['triggers']} triggers on the cameras' wire"
-    unusual = [f"{count} {counter.label}" for counter, count in anomalies(Counts(**figures["counts"]))]
+    unusual = [f"{counter.label}: {count}" for counter, count in anomalies(Counts(**figures["counts"]))]
     if unusual:
         yield "anomalies", ", ".join(unusual)
     if figures["published"] is not None:

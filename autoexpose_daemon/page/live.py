@@ -35,12 +35,12 @@ async def serve_browser(
     if views.crowded:
         return await socket.close(CROWDED)
     asked = asyncio.Event()
-    parts = (
-        _send_numbers(socket, client, views, history, policies),
-        _send_pairs(socket, views, asked),
-        _heed(socket, asked),
-    )
-    with views.watched():
+    with views.watched() as before:
+        parts = (
+            _send_numbers(socket, client, views, history, policies),
+            _send_pairs(socket, views, asked, before),
+            _heed(socket, asked),
+        )
         await _first_of(parts)
 
 
@@ -86,8 +86,8 @@ async def _send_numbers(
         await asyncio.sleep(NUMBERS_PERIOD_S)
 
 
-async def _send_pairs(socket: WebSocket, views: PairViews, asked: asyncio.Event) -> None:
-    number = 0
+async def _send_pairs(socket: WebSocket, views: PairViews, asked: asyncio.Event, number: int) -> None:
+    """Send a pair each time that one is asked for, the first one after that of this number."""
     while True:
         await asked.wait()
         asked.clear()

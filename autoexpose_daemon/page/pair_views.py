@@ -109,20 +109,20 @@ class PairViews:
         return self._watching >= MOST_VIEWERS
 
     @contextmanager
-    def watched(self) -> Iterator[None]:
-        """Count as a viewer while this context is entered."""
+    def watched(self) -> Iterator[int]:
+        """Count as a viewer while this context is entered; its value is the number of the newest pair before that."""
         with self._watched:
             self._watching += 1
             self._watched.notify_all()
         try:
-            yield
+            yield self._newest[0]
         finally:
             with self._watched:
                 self._watching -= 1
 
     async def next_view(self, after: int) -> tuple[int, bytes]:
-        """The newest pair as a message, with its number, as soon as there is one and that exceeds `after`."""
-        while not (newest := self._newest)[1] or newest[0] <= after:
+        """The newest pair as a message, with its number, as soon as that exceeds `after`."""
+        while (newest := self._newest)[0] <= after:
             await self._rung.wait()
         return newest
 
@@ -130,7 +130,7 @@ class PairViews:
         while self._wait_for_viewers():
             with StereoClient(self.rig, self._connect, name=f"page-{os.getpid()}") as self._client:
                 self._follow(self._client)
-                self._newest, self.curve = (self._newest[0], b""), None  # old by the time that someone watches again
+                self.curve = None  # old by the time that someone watches again
 
     def _wait_for_viewers(self) -> bool:
         with self._watched:

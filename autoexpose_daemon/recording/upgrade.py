@@ -9,12 +9,12 @@ import numpy as np
 from autoexpose_daemon.control.light_ahead import UNPROVEN
 from drivers.frames import SIDES
 
-FORMER_FORMATS = tuple(f"autoexpose-control/{number}" for number in range(2, 8))
-"""In the seventh, frames of a camera that were lost in a row were not counted. In the sixth, nothing was bracketed.
-In the fifth, consumers steered nothing, sightings did not know what was black, and no lens had a vignetting. In the
-fourth, gains had even steps, and nothing could override the policy. In the third, no policy knew of light ahead. In
-the second, control had one response, the left camera's, and one history of motion, whichever camera the frames were
-from, and every camera had a vote."""
+FORMER_FORMATS = tuple(f"autoexpose-control/{number}" for number in range(2, 9))
+"""In the eighth, searches did not know whose frames they compared. In the seventh, frames of a camera that were lost in
+a row were not counted. In the sixth, nothing was bracketed. In the fifth, consumers steered nothing, sightings did not
+know what was black, and no lens had a vignetting. In the fourth, gains had even steps, and nothing could override the
+policy. In the third, no policy knew of light ahead. In the second, control had one response, the left camera's, and one
+history of motion, whichever camera the frames were from, and every camera had a vote."""
 
 EACH = "*"
 """In a path of keys: every item of a list, every value of a dictionary."""
@@ -39,7 +39,7 @@ def upgraded_state(state: Any) -> Any:
     """A state of one of `FORMER_FORMATS` as one of the present format; anything else is returned unchanged."""
     if not isinstance(state, dict):
         return state
-    state = _with_foresight(_of_third(state) if "motion" in state else state)
+    state = _with_reference(_with_foresight(_of_third(state) if "motion" in state else state))
     views = ("policy", "memory", "sightings", EACH, "views", EACH)
     state = _with_defaults(state, {"black_share": 0.0, "steered": None}, *views)
     for policy in (("policy",), ("policy", "policy")):  # or that of the frames which a bracket keeps
@@ -52,6 +52,16 @@ def _with_foresight(state: dict[str, Any]) -> dict[str, Any]:
     if not isinstance(policy, dict) or "registration" not in policy or "foresight" in policy:
         return state
     return {**state, "policy": {**policy, "foresight": {"belief": UNPROVEN, "untold_frames": 0}}}
+
+
+def _with_reference(state: dict[str, Any]) -> dict[str, Any]:
+    """The state of whatever has a policy, as a loop or a bracket: a search takes the camera of its next frame."""
+    policy = state.get("policy")
+    if not isinstance(policy, dict):
+        return state
+    if policy.keys() >= {"query", "held"}:
+        policy = {"reference": {"side": None, "missed": 0}, **policy}
+    return {**state, "policy": _with_reference(policy)}
 
 
 def _with_defaults(data: Any, defaults: dict[str, Any], *path: str) -> Any:

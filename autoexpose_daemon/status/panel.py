@@ -56,7 +56,7 @@ def line_of(status: Status) -> str:
     if requested := str(status.requests or ""):
         parts.append(f"requested: {requested}")
     parts += [f"{name} {text}" for name, text in _responses(status)]
-    parts += [f"{count} {counter.label}" for counter, count in anomalies(status.counts)]
+    parts += [f"{counter.label}: {count}" for counter, count in anomalies(status.counts)]
     parts += [f"{name} {text}" for name, text in _outlets(status)]
     if status.frame_to_node_ms.p50_ms is not None:
         parts.append(f"frame to node {status.frame_to_node_ms.p50_ms:.1f}/{status.frame_to_node_ms.p99_ms:.1f} ms")
@@ -119,12 +119,12 @@ def _outlets(status: Status) -> Iterator[tuple[str, str]]:
 
 def _imu(imu: ImuTally) -> str:
     used = "not used" if imu.angular_rate_rad_s is None else f"{imu.angular_rate_rad_s:.2f} rad/s"
-    return f"{used}   {imu.samples} samples, refused: {imu.refused or 'none'}"
+    return f"{used}   samples: {imu.samples}, refused: {imu.refused or 'none'}"
 
 
 def _light_ahead(light: LightTally) -> str:
     used = "not used" if light.belief is None else f"{light.belief:.0%} trusted"
-    return f"{used}   {light.messages} messages, refused: {light.refused or 'none'}"
+    return f"{used}   messages: {light.messages}, refused: {light.refused or 'none'}"
 
 
 def _publishing(publishing: PublishStatus) -> Iterator[tuple[str, str]]:

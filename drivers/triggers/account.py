@@ -190,13 +190,16 @@ class TriggerAccount:
             last = self.grid.last_before(now_ns)
         assert self.grid is not None
         tracks = self._tracks.values()
-        still = all(track.streaming and track.silent for track in tracks)
-        if still and last - max(track.trigger for track in tracks) >= _SILENCE_PERIODS:
-            last = max(track.trigger for track in tracks)
+        still = any(track.streaming for track in tracks) and all(track.silent for track in tracks)
+        newest = max(track.trigger for track in tracks)
+        if still and last - newest >= _SILENCE_PERIODS:
+            last = newest
         self.tally.window_end_ns = round(self.grid.time_of(last) + self.grid.period_ns / 2)
         for side, track in self._tracks.items():
             if track.streaming:
-                self._outcomes.settle(side, last + 1, Fate.MISSING if track.silent and not still else Fate.SHUTDOWN)
+                if track.silent:
+                    self._outcomes.settle(side, (newest if still else last) + 1, Fate.MISSING)
+                self._outcomes.settle(side, last + 1, Fate.SHUTDOWN)
             else:
                 self._settle_unseen(side, last + 1, last)
         self._resolve()

@@ -91,8 +91,10 @@ class RigRecord:
         """Enter any event but a write; returns the pairs that are ready for control, oldest first."""
         match event:
             case FrameArrived(side, IncompleteFrame() as frame):
+                self._start_check.frame(side, frame.host_time_ns)
                 return self._account.incomplete(side, frame)
             case FrameArrived(side, Frame() as frame, stale=True):
+                self._start_check.frame(side, frame.host_time_ns)
                 return self._account.stale(side, frame)
             case FrameArrived(side, Frame() as frame):
                 self._start_check.frame(side, frame.host_time_ns)
@@ -102,6 +104,7 @@ class RigRecord:
             case CameraGone(side):
                 self.unpaced.discard(side)
                 self._writes.gone(side)
+                self._start_check.gone(side)
                 return self._account.gone(side)
             case CameraReady(side) if self._scheduled:
                 self.unpaced.add(side)

@@ -39,21 +39,29 @@ class StartCheck:
         self._sources = sources
         self._by_host = by_host
         self._rate_hz = rate_hz
-        self._ready_ns: dict[Side, int] = {}
+        self._waits_since_ns: dict[Side, int] = {}
+        self._triggered: set[Side] = set()
         self._times_ns: dict[Side, list[int]] = {side: [] for side in sources}
         self._reported: set[str] = set()
         self._done = False
 
     def ready(self, side: Side, now_ns: int) -> None:
         """A camera waits for triggers from now on."""
-        if side in self._sources:
-            self._ready_ns.setdefault(side, now_ns)
+        if side in self._sources and side not in self._triggered:
+            self._waits_since_ns[side] = now_ns
 
-    def frame(self, side: Side, time_ns: int) -> None:
-        """A camera started an exposure."""
-        times_ns = self._times_ns.get(side)
-        if times_ns is not None and len(times_ns) < JUDGED_FRAMES:
-            times_ns.append(time_ns)
+    def gone(self, side: Side) -> None:
+        """A camera is lost, or could not be opened: that it sends nothing is not for want of triggers."""
+        self._waits_since_ns.pop(side, None)
+
+    def frame(self, side: Side, time_ns: int | None) -> None:
+        """A camera started an exposure, whatever became of its frame; None: at an unknown time."""
+        if side not in self._sources:
+            return
+        self._waits_since_ns.pop(side, None)
+        self._triggered.add(side)
+        if time_ns is not None and len(self._times_ns[side]) < JUDGED_FRAMES:
+            self._times_ns[side].append(time_ns)
 
     def findings(self, now_ns: int) -> list[str]:
         """What is wrong, and what to check on the robot; each finding only once."""
@@ -71,10 +79,10 @@ class StartCheck:
             yield from self._skew(*judged.values())
 
     def _without_pulses(self, now_ns: int) -> Iterator[str]:
-        waiting = [side for side, ready_ns in self._ready_ns.items() if now_ns - ready_ns > PATIENCE_NS]
-        silent = [side for side in waiting if not self._times_ns[side]]
-        if silent and len(silent) == len(self._sources):
-            sources = " and ".join(sorted(set(self._sources.values())))
+        waiting = self._waits_since_ns.items()
+        silent = [side for side, since_ns in waiting if now_ns - since_ns > PATIENCE_NS]
+        if silent and len(silent) == len(waiting) and not self._triggered:
+            sources = " and ".join(sorted({self._sources[side] for side in silent}))
             yield (
                 f"no trigger pulse on {sources} for {PATIENCE_NS * 1e-9:g} s: check that the trigger source runs, its "
                 "wires and its voltage"

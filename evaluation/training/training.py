@@ -12,8 +12,9 @@ from zipfile import BadZipFile
 
 import numpy as np
 
+from drivers.config.files import replace_file
 from drivers.errors import AutoexposeError
-from evaluation.training.weights_file import Arrays, weights_bytes, write_atomically
+from evaluation.training.weights_file import Arrays, weights_bytes
 
 
 class Training(Protocol):
@@ -67,7 +68,7 @@ def train(training: Training, seed: int, file: Path, advance: Callable[[int], No
             _write_part(part, key, state, number + 1)
             advance(number + 1)
         content = weights_bytes(training.finish(state, seed))
-        write_atomically(file, content)
+        replace_file(file, content)
         part.unlink()
     except OSError as error:
         raise AutoexposeError(f"{file}: cannot be written ({error.strerror}): choose another --out") from None
@@ -97,4 +98,4 @@ def _resumed(part: Path, key: str) -> tuple[Arrays, int] | None:
 
 
 def _write_part(part: Path, key: str, state: Arrays, done: int) -> None:
-    write_atomically(part, weights_bytes({**state, "_key": np.array(key), "_done": np.array(done)}))
+    replace_file(part, weights_bytes({**state, "_key": np.array(key), "_done": np.array(done)}))

@@ -36,13 +36,6 @@ def weights_bytes(arrays: Mapping[str, NDArray[Any]]) -> bytes:
     return buffer.getvalue()
 
 
-def write_atomically(file: Path, content: bytes) -> None:
-    """Replace a file as a whole; OSError when it cannot be written."""
-    unfinished = file.with_name(file.name + ".new")
-    unfinished.write_bytes(content)
-    unfinished.replace(file)
-
-
 def make_writable(file: Path) -> None:
     """Create the folder of a file and try it; AutoexposeError before minutes of work, not after."""
     try:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from autoexpose_daemon.control.policy import Observation, Target
+from autoexpose_daemon.control.policy import MISSED_FRAMES, Observation, Target
+from drivers.frames import Side
 
 BLIND_SHARE = 0.95
 """A frame with a larger share of black or of saturated pixels shows a search only the direction."""
@@ -53,3 +54,28 @@ class Held:
             return value >= self.expected - WORST_OF_EXPECTED * abs(self.expected)
         moved = abs(value - self.value) > VALUE_CHANGE * abs(self.value) and self.value != 0
         return not moved and abs(mean - self.mean) <= MEAN_FLOOR + MEAN_CHANGE * abs(self.mean)
+
+
+@dataclass(slots=True)
+class Reference:
+    """The camera whose frames a search compares: another one's picture would look like a changed scene.
+
+    Attributes
+    ----------
+    side
+        Which it is; None before the first frame.
+    missed
+        Frames of it that were lost in a row.
+    """
+
+    side: Side | None = None
+    missed: int = 0
+
+    def while_lost(self, observation: Observation) -> Target | None:
+        """What was decided last, while a frame of the camera is lost; None: the search may look at this frame."""
+        lost = self.side is not None and all(look.side != self.side for look in observation.looks)
+        if lost and self.missed < MISSED_FRAMES:
+            self.missed += 1
+            return replace(observation.past[-1].target, reason="held: a camera's frame is lost")
+        self.side, self.missed = observation.side, 0
+        return None

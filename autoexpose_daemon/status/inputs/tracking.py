@@ -57,4 +57,4 @@ class TrackingTally:
         """Who steers, in words, and what was refused."""
         used = "by nobody" if self.age_s is None else f"by {', '.join(self.by)}, age {self.age_s:.1f} s"
         refused = ", ".join(f"{count} {reason}" for reason, count in self.refused.items() if count)
-        return f"{used}   {self.reports} reports, refused: {refused or 'none'}"
+        return f"{used}   reports: {self.reports}, refused: {refused or 'none'}"

@@ -23,6 +23,11 @@ from .scene import FRAME_NS, LIMITS, radiance
 STEREO_POLICIES = ["metric-map", "fisher-map"]
 """Those that look at both cameras."""
 
+SEARCHES = ["lu2010", "kim2018", "shin2019"]
+"""Those that compare the frames of one."""
+
+LOST = "held: a camera's frame is lost"
+
 SHAPE = (136, 180)
 SCENES: dict[Side, NDArray[np.float32]] = {
     "left": radiance(1, 1.2, SHAPE).astype(np.float32),
@@ -219,3 +224,39 @@ def test_a_camera_that_is_gone_is_not_waited_for(policy_id: str, only: Side) -> 
     rig.run(20)
     rig.run(40, light=LIGHT + 3.0, only=only)
     assert np.mean(rig.metrics(only, -10)) > 0.9 * healthy_metric(policy_id, only, False, LIGHT + 3.0)
+
+
+@pytest.mark.parametrize("policy_id", SEARCHES)
+def test_a_search_that_rests_goes_on_resting_when_frames_of_its_camera_are_lost(policy_id: str) -> None:
+    rig, undisturbed = Rig(policy_id, moving=False), Rig(policy_id, moving=False)
+    undisturbed.run(140)
+    rig.run(100)
+    rig.run(3, only="right")
+    rig.run(37)
+    assert [decision.reason for decision in rig.decisions[100:103]] == [LOST] * 3
+    assert rig.settings == undisturbed.settings
+
+
+@pytest.mark.parametrize("policy_id", SEARCHES)
+def test_a_search_learns_nothing_from_a_frame_of_the_other_camera(policy_id: str) -> None:
+    rig = Rig(policy_id, moving=False)
+    rig.run(6)
+    before = rig.loop.state()["policy"]
+    rig.run(1, only="right")
+    after = rig.loop.state()["policy"]
+    assert isinstance(before, dict) and isinstance(after, dict)
+    assert after == {**before, "reference": {"side": "left", "missed": 1}}
+    assert rig.settings[-1] == rig.settings[-2]
+
+
+@pytest.mark.parametrize("policy_id", SEARCHES)
+def test_a_search_goes_on_with_the_camera_that_is_left(policy_id: str) -> None:
+    rig = Rig(policy_id, moving=False)
+    rig.run(100)
+    rig.run(12, light=LIGHT + 3.0, only="right")
+    assert rig.decisions[-1].reason == LOST
+    rig.run(120, light=LIGHT + 3.0, only="right")
+    assert all(decision.reason != LOST for decision in rig.decisions[112:])
+    assert rig.settings[-1].level - rig.settings[101].level == pytest.approx(3.0, abs=1.2)
+    rig.run(1, light=LIGHT + 3.0)
+    assert rig.decisions[-1].reason != LOST

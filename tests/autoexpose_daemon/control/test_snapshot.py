@@ -126,13 +126,13 @@ def test_the_state_is_what_its_format_says() -> None:
     map_names = ["ahead", "densities", "forecast", "latency", "memory", "motion_px", "registration", "sides", "target"]
     map_names += ["votes", "foresight"]
     map_names.sort()
-    assert STATE_FORMAT == "autoexpose-control/8"
+    assert STATE_FORMAT == "autoexpose-control/9"
     assert set(states["fixed"].state()) == {"past", "motions", "motion_side", "motion_px", "policy", "flicker"}
     assert names == {
         "neves2009": ["previous_error"],
-        "lu2010": ["best_level", "best_value", "held", "query", "step", "turned"],
-        "kim2018": ["held", "levels", "query", "values"],
-        "shin2019": ["held", "queries", "query", "search"],
+        "lu2010": ["best_level", "best_value", "held", "query", "reference", "step", "turned"],
+        "kim2018": ["held", "levels", "query", "reference", "values"],
+        "shin2019": ["held", "queries", "query", "reference", "search"],
         "begin2022-code": ["scores"],
         "majer2018-standard": ["frames", "level"],
         "majer2018-full": ["frames", "level"],
@@ -157,7 +157,7 @@ def _policy_state(loop: ControlLoop) -> dict[str, Plain]:
         ("levels", [1.0, "two"], "'two' is no float"),
         ("levels", {"a": 1.0}, "a dict is no list"),
         ("query", {"level": 1.0}, "Target needs level, reason, predicted_metric, exposure_time_us, not level"),
-        ("surprise", 1, "Kim2018 needs query, levels, values, held, not .*surprise"),
+        ("surprise", 1, "Kim2018 needs query, levels, values, held, reference, not .*surprise"),
     ],
 )
 def test_a_state_that_does_not_fit_is_refused(key: str, value: Plain, complaint: str) -> None:

@@ -68,7 +68,7 @@ def test_every_figure_has_a_unit_and_a_meaning() -> None:
 def test_anomalies_are_listed_if_any() -> None:
     counts = {"mismatched_pairs": 2, "late_writes": 3, "pairs_without_decision": 1}
     rows = said(counts=counts, native=False, published=7)
-    assert rows["anomalies"] == "1 pairs without a decision, 2 mismatched pairs, 3 late writes"
+    assert rows["anomalies"] == "pairs without a decision: 1, mismatched pairs: 2, late writes: 3"
     assert rows["published"] == "7 stereo pairs, for other processes"
     assert "its C part was not compiled" in rows["this machine"]
 

@@ -78,16 +78,35 @@ def test_nobody_sees_a_picture_from_before_they_watched(monkeypatch: pytest.Monk
 
 async def watched_twice() -> None:
     with PairViews("rig", (), StatusClient(), History()) as views:
-        with views.watched():
-            number, picture = await asyncio.wait_for(views.next_view(0), PATIENCE_S)
+        with views.watched() as before:
+            number, picture = await asyncio.wait_for(views.next_view(before), PATIENCE_S)
             await until(lambda: views.curve is not None)
         assert (number, bool(picture)) == (1, True)
         await until(lambda: views.curve is None)
-        with pytest.raises(asyncio.TimeoutError):
-            await asyncio.wait_for(views.next_view(0), 0.1)
-        with views.watched():
-            number, picture = await asyncio.wait_for(views.next_view(0), PATIENCE_S)
+        with views.watched() as before:
+            number, picture = await asyncio.wait_for(views.next_view(before), PATIENCE_S)
         assert (number, bool(picture)) == (2, True)
+
+
+def test_nor_does_who_watches_beside_another_or_just_after(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(pair_views, "StereoClient", Following)
+    asyncio.run(watched_by_two())
+
+
+async def watched_by_two() -> None:
+    """The one pair of `Following` arrives while only the first watches."""
+    with PairViews("rig", (), StatusClient(), History()) as views:
+        with views.watched() as first:
+            await asyncio.wait_for(views.next_view(first), PATIENCE_S)
+            with views.watched() as beside:
+                await nothing_to_see(views, beside)
+        with views.watched() as after:  # before the thread has noticed that nobody watched
+            await nothing_to_see(views, after)
+
+
+async def nothing_to_see(views: PairViews, after: int) -> None:
+    with pytest.raises(asyncio.TimeoutError):
+        await asyncio.wait_for(views.next_view(after), 0.1)
 
 
 async def until(condition: Callable[[], bool]) -> None:

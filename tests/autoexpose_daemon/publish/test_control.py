@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 import zenoh
+from zenoh.handlers import RingChannel
 
 from autoexpose_daemon import cli
 from autoexpose_daemon.client import ReceivedPair, StereoClient
@@ -20,12 +21,13 @@ from autoexpose_daemon.config.publish import PublishConfig
 from autoexpose_daemon.config.request import LARGEST_REQUEST_BYTES, Request
 from autoexpose_daemon.messages.keys import control_key
 from autoexpose_daemon.publish import control as control_module
+from autoexpose_daemon.publish.control import WAITING_REQUESTS, ControlDoor
 from autoexpose_daemon.publish.publisher import Publisher
 from autoexpose_daemon.publish.session import Endpoints, open_session
 from autoexpose_daemon.recording.recorder import ContinuousRecorder
 from autoexpose_daemon.runtime.daemon import Daemon
 from autoexpose_daemon.status.describe import describe
-from autoexpose_daemon.status.inputs.requests import LARGEST_ANSWER_BYTES, Answer, Shot
+from autoexpose_daemon.status.inputs.requests import LARGEST_ANSWER_BYTES, Answer, RequestTally, Shot
 from autoexpose_daemon.status.panel import line_of
 from drivers.errors import AutoexposeError, ConfigurationError
 from drivers.exposure import ExposureSetting
@@ -187,6 +189,43 @@ def test_control_that_does_not_respond_is_named_and_what_it_did_not_begin_is_wit
             control.lock()
         (answer,) = waiting
         assert answer.cancelled()
+
+
+def test_a_request_that_waited_too_long_for_an_earlier_one_is_not_passed_on() -> None:
+    """Its sender may have given up by the time it would take effect."""
+    at, begun, now_s, closed = endpoint(), list[Future[Answer]](), [100.0], threading.Event()
+
+    def ask(_: Request) -> Future[Answer]:
+        begun.append(Future())
+        begun[-1].set_running_or_notify_cancel()
+        return begun[-1]
+
+    door = ControlDoor(ask, closed, now_s=lambda: now_s[0])
+    with (
+        open_session("peer", Endpoints(listen=[at])) as daemon,
+        daemon.declare_queryable(control_key("rig"), RingChannel(WAITING_REQUESTS)) as queries,
+        open_session("client", Endpoints(connect=[at])) as session,
+    ):
+        serving = threading.Thread(target=door.serve, args=(queries,))
+        serving.start()
+        shot = session.get(control_key("rig"), payload=b'{"by": "ana"}')
+        wait_until(lambda: begun, "the first request")
+        late = session.get(control_key("rig"), payload=b'{"by": "bob", "locked": true}')
+        wait_until(lambda: door._waiting, "the second request")
+        now_s[0] += 6.0
+        fresh = session.get(control_key("rig"), payload=b'{"by": "cid", "locked": false}')
+        wait_until(lambda: len(door._waiting) == 2, "the third request")
+        begun[0].set_result(Answer("fixed", RequestTally()))
+        assert shot.recv().ok is not None
+        refusal = late.recv().err
+        assert refusal is not None
+        assert refusal.payload.to_string() == "control was busy with earlier requests: nothing has changed"
+        wait_until(lambda: len(begun) == 2, "the third request to be passed on")
+        begun[1].set_result(Answer("fixed", RequestTally()))
+        assert fresh.recv().ok is not None
+        closed.set()
+    serving.join()
+    assert len(begun) == 2
 
 
 def test_a_daemon_that_stops_answers_who_still_waits() -> None:

@@ -97,6 +97,29 @@ def test_brackets_go_on_with_the_policy_of_their_kept_frames() -> None:
     assert [again.step(pair) for pair in pairs[8:]] == [loop.step(pair) for pair in pairs[8:]]
 
 
+@pytest.mark.parametrize("bracket", [None, Bracketing(2, 2.0, keep=True)])
+@pytest.mark.parametrize("policy_id", ["lu2010", "kim2018", "shin2019"])
+def test_a_search_of_the_eighth_format_goes_on_with_the_camera_of_its_next_frame(
+    policy_id: str, bracket: Bracketing | None
+) -> None:
+    pairs = list(itertools.islice(VirtualRun(policy_id).pairs(), 12))
+    loop = ControlLoop(policy_id, ResponseFunction.linear(), LIMITS, START, ControlParameters(bracket=bracket))
+    for pair in pairs[:8]:
+        loop.step(pair)
+    again = loop.setup.loop()
+    again.restore(upgraded_state(from_json(to_json(_of_eighth(loop.state())))))
+    assert [again.step(pair) for pair in pairs[8:]] == [loop.step(pair) for pair in pairs[8:]]
+
+
+def _of_eighth(state: Any) -> Any:
+    """The state of a loop or a bracket as the eighth format had it."""
+    policy = state["policy"]
+    if "policy" in policy:
+        return {**state, "policy": _of_eighth(policy)}
+    assert "reference" in policy
+    return {**state, "policy": {key: policy[key] for key in policy if key != "reference"}}
+
+
 def test_anything_else_is_left_to_whoever_reads_it() -> None:
     for other in (None, 3, [], {}, {"policy": 1}, {"policy": {"memory": {"sightings": [1, {"views": [2]}]}}}):
         assert upgraded_setup(other) == other

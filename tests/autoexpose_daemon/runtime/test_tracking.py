@@ -45,7 +45,7 @@ def test_a_report_on_a_frame_that_control_has_seen_steers() -> None:
     assert steering is not None and (steering.by, steering.age_s) == (("slam",), 0.5)
     assert run.tracking.tally.reports == 1
     run.tracking.decided(steering)
-    assert str(run.tracking.tally) == "by slam, age 0.5 s   1 reports, refused: none"
+    assert str(run.tracking.tally) == "by slam, age 0.5 s   reports: 1, refused: none"
     assert run.tracking(NOW_NS + round(FORGOTTEN_S * SECOND)) is None
 
 

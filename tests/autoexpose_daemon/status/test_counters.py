@@ -44,7 +44,7 @@ def test_a_new_line_of_the_table_shows_wherever_counters_do(anomaly: bool) -> No
     metrics = exposition("rig", status).decode()
     assert "# HELP autoexpose_flashes_total Flashes of lightning.\n" in metrics
     assert 'autoexpose_flashes_total{rig="rig"} 3.0\n' in metrics
-    assert ("3 flashes of lightning" in line_of(status)) == anomaly
+    assert ("flashes of lightning: 3" in line_of(status)) == anomaly
     assert bool(re.search(r"flashes of lightning +3", text_of(status))) == anomaly
 
 

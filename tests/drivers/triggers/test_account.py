@@ -336,6 +336,28 @@ def test_a_trigger_that_stops_at_the_end_is_not_a_loss() -> None:
     assert rig.account.tally.triggers == 5
 
 
+@pytest.mark.parametrize("goes", ["before the stop", "during the stop"])
+def test_a_trigger_that_stops_at_the_end_while_one_camera_is_gone_is_not_a_loss(goes: str) -> None:
+    rig = FakeRig()
+    rig.pulses(5)
+    rig.pulse(left="goes" if goes == "before the stop" else "frame")
+    rig.pulse(left="absent" if goes == "before the stop" else "goes", right="silent")
+    rig.pulses(1000, left="absent", right="ignored")
+    lost = rig.close()
+    assert lost == ({"camera_gone": 1} if goes == "before the stop" else {})
+    assert rig.account.tally.triggers == 6
+
+
+def test_a_camera_that_fell_silent_before_the_trigger_stopped_is_not_excused() -> None:
+    rig = FakeRig()
+    rig.pulses(5)
+    rig.pulse(right="silent")
+    rig.pulses(9, right="absent")
+    rig.pulse(left="silent", right="ignored")
+    rig.pulses(1000, left="ignored", right="ignored")
+    assert rig.close() == {"right_missing": 10}
+
+
 @pytest.mark.parametrize("periods", [50, 400, 1400])
 def test_a_silent_camera_is_not_excused_by_the_shutdown(periods: int) -> None:
     rig = FakeRig()

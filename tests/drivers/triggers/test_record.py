@@ -11,6 +11,7 @@ from drivers.frames import SIDES, Frame, Side
 from drivers.rig.events import CameraGone, CameraReady, FrameArrived, WriteFailed, Written
 from drivers.triggers.account import LossReason
 from drivers.triggers.record import RigRecord
+from drivers.triggers.start import JUDGED_FRAMES, PATIENCE_NS
 
 MS = 1_000_000
 PERIOD_NS = 20 * MS
@@ -47,6 +48,24 @@ def test_frames_become_pairs_and_every_trigger_is_accounted_for() -> None:
     assert arrive(record, 3) == [3]
     record.close(3 * PERIOD_NS + 10 * MS)
     assert (record.tally.pairs, dict(record.tally.lost)) == (3, {LossReason.INCOMPLETE: 1})
+
+
+def test_frames_that_control_cannot_use_and_lost_cameras_say_nothing_against_the_wire() -> None:
+    record = RigRecord(SIDES, dict.fromkeys(SIDES, "Line0"), 50.0, 0)
+    for side in SIDES:
+        record.take(CameraReady(side, CameraDescription("V", "M", side), LIMITS), 0)
+    record.take(FrameArrived("left", IncompleteFrame(1, None)), MS)
+    for trigger in range(JUDGED_FRAMES):
+        record.take(FrameArrived("right", frame(trigger), stale=True), PERIOD_NS)
+    assert record.findings(PATIENCE_NS + 1) == []
+
+    record = RigRecord(SIDES, dict.fromkeys(SIDES, "Line0"), 50.0, 0)
+    for side in SIDES:
+        record.take(CameraReady(side, CameraDescription("V", "M", side), LIMITS), 0)
+    record.take(CameraGone("left", CameraLostError("unplugged"), final=False), MS)
+    for trigger in range(JUDGED_FRAMES):
+        arrive(record, trigger, "right")
+    assert record.findings(PATIENCE_NS + 1) == []
 
 
 def test_triggers_count_from_the_beginning_unless_they_wait_for_the_first_paced_camera() -> None:

@@ -55,6 +55,48 @@ def test_one_camera_without_pulses_is_named() -> None:
     assert finding.startswith("the right camera gets no trigger pulse")
 
 
+def test_a_camera_whose_frames_have_holes_gets_its_pulses() -> None:
+    judge = check()
+    feed(judge, "left")
+    judge.frame("right", None)
+    assert judge.findings(PATIENCE_NS + 1) == []
+
+
+def test_where_every_frame_has_holes_there_are_pulses() -> None:
+    judge = check()
+    for side in SIDES:
+        judge.frame(side, None)
+    assert judge.findings(PATIENCE_NS + 1) == []
+
+
+def test_a_camera_that_is_lost_before_its_first_frame_says_nothing_about_its_wire_until_it_has_waited_again() -> None:
+    judge = check()
+    feed(judge, "left")
+    judge.gone("right")
+    assert judge.findings(PATIENCE_NS + 1) == []
+    judge.ready("right", 10 * PATIENCE_NS)
+    assert judge.findings(11 * PATIENCE_NS) == []
+    (finding,) = judge.findings(11 * PATIENCE_NS + 1)
+    assert finding.startswith("the right camera gets no trigger pulse")
+
+
+def test_a_camera_that_is_left_alone_still_misses_the_pulses() -> None:
+    judge = check()
+    judge.gone("right")
+    assert judge.findings(PATIENCE_NS) == []
+    (finding,) = judge.findings(PATIENCE_NS + 1)
+    assert "no trigger pulse on Line0 for 3 s" in finding
+
+
+def test_a_camera_that_comes_back_after_its_frames_is_not_waited_for() -> None:
+    judge = check()
+    feed(judge, "left")
+    feed(judge, "right", frames=3)
+    judge.gone("right")
+    judge.ready("right", PATIENCE_NS)
+    assert judge.findings(3 * PATIENCE_NS) == []
+
+
 def test_cameras_at_another_rate_are_not_reported_as_starting_apart() -> None:
     judge = check()
     feed(judge, "left", period_ns=25 * MS)
@@ -92,6 +134,16 @@ def test_cameras_that_the_host_triggers_are_sent_to_no_wire() -> None:
     feed(judge, "right", offset_ns=5 * MS)
     (finding,) = judge.findings(PATIENCE_NS + 3)
     assert "5.0 ms apart" in finding and "too busy" in finding
+
+
+def test_pulses_that_the_other_camera_gives_may_be_missing() -> None:
+    """In the mode "primary", the left camera runs freely and has no source."""
+    judge = StartCheck({"right": "Line0"}, 50.0)
+    for side in SIDES:
+        judge.ready(side, 0)
+    feed(judge, "left")
+    (finding,) = judge.findings(PATIENCE_NS + 1)
+    assert "no trigger pulse on Line0 for 3 s" in finding
 
 
 def test_free_running_cameras_are_not_judged() -> None:

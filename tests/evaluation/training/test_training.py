@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import os
 from collections.abc import Callable
 from pathlib import Path
 
@@ -134,11 +136,15 @@ def test_what_cannot_be_done_gets_one_sentence(
     assert words.replace(".it is a folder.", "(it is a folder)") in str(result.exception)
 
 
-def test_a_disk_that_fails_midway_ends_with_a_sentence(tmp_path: Path) -> None:
-    file = tmp_path / "weights.npz"
+def test_a_disk_that_is_full_midway_ends_with_a_sentence_and_keeps_what_was_done(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(_descriptor: int) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     def fill(_done: int) -> None:
-        (tmp_path / "weights.npz.part.new").mkdir(exist_ok=True)
+        monkeypatch.setattr(os, "fsync", full)
 
-    with pytest.raises(AutoexposeError, match=r"weights.npz: cannot be written .Is a directory.: choose another --out"):
-        train(TINY["berthold2013"](), 1, file, fill)
+    with pytest.raises(AutoexposeError, match=r"weights.npz: cannot be written .No space left on device.: choose"):
+        train(TINY["berthold2013"](), 1, tmp_path / "weights.npz", fill)
+    assert [path.name for path in tmp_path.iterdir()] == ["weights.npz.part"]

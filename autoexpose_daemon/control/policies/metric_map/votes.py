@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autoexpose_daemon.control.policies.metric_map.glance import Glance, glance_at
-from autoexpose_daemon.control.policy import Look
+from autoexpose_daemon.control.policy import MISSED_FRAMES, Look
 from calibration.response import ResponseFunction
 from drivers.frames import Side
 
@@ -34,9 +34,6 @@ LONGEST_RISE = 1.0
 REPEATS, FEWEST_PIXELS = 12, 30
 """Frames that repeat an earlier one to the last pixel, while another camera's differ. Noise does not repeat, except in
 the few pixels of a small region."""
-
-MISSED_FRAMES = 12
-"""Frames of a camera that may be lost in a row, a fifth of a second at 60 Hz, before the others decide without it."""
 
 RETURN_FRAMES = 12
 """Frames in a row that must show something before a vote returns: a fifth of a second at 60 Hz."""

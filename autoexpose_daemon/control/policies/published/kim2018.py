@@ -12,7 +12,7 @@ from autoexpose_daemon.control.balance import Balance, FixedGain
 from autoexpose_daemon.control.metrics.entropy_weighted_gradient import entropy_weighted_gradient
 from autoexpose_daemon.control.policy import ExposurePolicy, Observation, PolicySetup, Target
 from autoexpose_daemon.control.search.gaussian_process import GaussianProcess
-from autoexpose_daemon.control.search.query import Held, way_out
+from autoexpose_daemon.control.search.query import Held, Reference, way_out
 from drivers.exposure import DB_PER_STOP, ExposureLimits
 from drivers.python310 import Self
 
@@ -57,9 +57,11 @@ class Kim2018(ExposurePolicy):
         The samples: levels (stops), M_ewg.
     held
         The result while the search rests.
+    reference
+        The camera whose frames it compares.
     """
 
-    STATE: ClassVar[tuple[str, ...]] = ("query", "levels", "values", "held")
+    STATE: ClassVar[tuple[str, ...]] = ("query", "levels", "values", "held", "reference")
 
     balance: Balance
     gain_db: float
@@ -67,6 +69,7 @@ class Kim2018(ExposurePolicy):
     levels: list[float] = field(default_factory=list)
     values: list[float] = field(default_factory=list)
     held: Held | None = None
+    reference: Reference = field(default_factory=Reference)
 
     @classmethod
     def build(cls, setup: PolicySetup) -> Self:
@@ -75,6 +78,9 @@ class Kim2018(ExposurePolicy):
 
     def decide(self, observation: Observation) -> Target:
         """The level to be learnt next, or the best one."""
+        last = self.reference.while_lost(observation)
+        if last is not None:
+            return last
         if self.query is None or self.held is not None:
             blind = way_out(observation)
             if blind is not None:

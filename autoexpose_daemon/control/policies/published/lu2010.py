@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import ClassVar
 
 from autoexpose_daemon.control.balance import Balance, FixedRatio
 from autoexpose_daemon.control.metrics.entropy import entropy
 from autoexpose_daemon.control.policy import ExposurePolicy, Observation, PolicySetup, Target
-from autoexpose_daemon.control.search.query import Held, way_out
+from autoexpose_daemon.control.search.query import Held, Reference, way_out
 from drivers.python310 import Self
 
 FIRST_STEP_STOPS = 1.0
@@ -43,9 +43,11 @@ class Lu2010(ExposurePolicy):
         Whether the other direction from the best level has been tried with this step.
     held
         The result while the search rests.
+    reference
+        The camera whose frames it compares.
     """
 
-    STATE: ClassVar[tuple[str, ...]] = ("query", "best_level", "best_value", "step", "turned", "held")
+    STATE: ClassVar[tuple[str, ...]] = ("query", "best_level", "best_value", "step", "turned", "held", "reference")
 
     balance: Balance
     query: Target | None = None
@@ -54,6 +56,7 @@ class Lu2010(ExposurePolicy):
     step: float = FIRST_STEP_STOPS
     turned: bool = False
     held: Held | None = None
+    reference: Reference = field(default_factory=Reference)
 
     @classmethod
     def build(cls, setup: PolicySetup) -> Self:
@@ -62,6 +65,9 @@ class Lu2010(ExposurePolicy):
 
     def decide(self, observation: Observation) -> Target:
         """The level whose entropy is to be learnt next, or the best one."""
+        last = self.reference.while_lost(observation)
+        if last is not None:
+            return last
         blind = way_out(observation)
         if blind is not None:
             self.query = self.held = None

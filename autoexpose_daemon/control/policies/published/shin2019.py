@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import ClassVar
 
 from autoexpose_daemon.control.balance import Balance, ExposurePriority
 from autoexpose_daemon.control.metrics.quality import CombinedQuality
 from autoexpose_daemon.control.policy import ExposurePolicy, Observation, PolicySetup, Target
 from autoexpose_daemon.control.search.nelder_mead import NelderMead, Point
-from autoexpose_daemon.control.search.query import Held, way_out
+from autoexpose_daemon.control.search.query import Held, Reference, way_out
 from drivers.exposure import DB_PER_STOP
 from drivers.python310 import Self, exp2
 
@@ -41,9 +41,11 @@ class Shin2019(ExposurePolicy):
         Frames this search has measured.
     held
         The result while the search rests.
+    reference
+        The camera whose frames it compares.
     """
 
-    STATE: ClassVar[tuple[str, ...]] = ("search", "query", "queries", "held")
+    STATE: ClassVar[tuple[str, ...]] = ("search", "query", "queries", "held", "reference")
 
     quality: CombinedQuality
     balance: Balance
@@ -51,6 +53,7 @@ class Shin2019(ExposurePolicy):
     query: Target | None = None
     queries: int = 0
     held: Held | None = None
+    reference: Reference = field(default_factory=Reference)
 
     @classmethod
     def build(cls, setup: PolicySetup) -> Self:
@@ -60,6 +63,9 @@ class Shin2019(ExposurePolicy):
 
     def decide(self, observation: Observation) -> Target:
         """The setting whose quality is to be learnt next, or the best one."""
+        last = self.reference.while_lost(observation)
+        if last is not None:
+            return last
         if self.search is None or self.held is not None:
             blind = way_out(observation)
             if blind is not None:
