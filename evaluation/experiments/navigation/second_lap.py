@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import product
 from pathlib import Path
-from typing import Final, Literal
+from typing import Any, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,21 +68,12 @@ class Remembering(ControlLoop):
 
     def __init__(self, response: ResponseFunction, limits: ExposureLimits, start: ExposureSetting) -> None:
         super().__init__(DEFAULT_POLICY, response, limits, start)
-        self._trail, self._frame = LightTrail(), 0
+        self._trail = LightTrail()
 
-    def step(
-        self,
-        pair: StereoPair,
-        angular_rate_rad_s: float | None = None,
-        light_ahead: LightAhead | None = None,
-        override: Override = NO_OVERRIDE,
-        steering: Steering | None = None,
-    ) -> Decision:
+    def step(self, pair: StereoPair, *given: Any, **named: Any) -> Decision:
         """The next decision."""
-        decision = super().step(pair, angular_rate_rad_s, light_ahead, override, steering)
-        distance_m = self._frame / RATE_HZ * SPEED_M_S
-        self._trail.see(distance_m, pair.frames["left"], decision, self.setup.responses["left"])
-        self._frame += 1
+        decision = super().step(pair, *given, **named)
+        self._trail.see(_driven_m(pair), pair.frames["left"], decision, self.setup.responses["left"])
         return decision
 
     def memory(self) -> LightMemory:
@@ -102,7 +93,7 @@ class Told(ControlLoop):
         start: ExposureSetting,
     ) -> None:
         super().__init__(DEFAULT_POLICY, response, limits, start)
-        self._memory, self._error_m, self._frame = memory, error_m, 0
+        self._memory, self._error_m = memory, error_m
 
     def step(
         self,
@@ -113,11 +104,15 @@ class Told(ControlLoop):
         steering: Steering | None = None,
     ) -> Decision:
         """The next decision."""
-        distance_m = self._frame / RATE_HZ * SPEED_M_S + float(self._error_m[self._frame])
+        distance_m = _driven_m(pair) + float(self._error_m[pair.trigger])
         series = self._memory.series(distance_m, SPEED_M_S)
-        self._frame += 1
         told = None if series is None else series.in_frames(0.0, RATE_HZ)
         return super().step(pair, angular_rate_rad_s, light_ahead or told, override, steering)
+
+
+def _driven_m(pair: StereoPair) -> float:
+    """How far along the path a pair was taken; triggers count frames from 0."""
+    return pair.trigger / RATE_HZ * SPEED_M_S
 
 
 @dataclass(frozen=True, slots=True)

@@ -103,7 +103,7 @@ class Foresight:
 def _misfits(
     levels: NDArray[np.float64], here: NDArray[np.int64], changes: Collection[float], window: int
 ) -> tuple[NDArray[np.float64], float]:
-    """Negative log likelihoods of the latest changes: of each place, and of unchanged light; 0 if none is foretold."""
+    """Negative log likelihoods of the latest changes: of each place, and of unchanged light; 0 if too few are known."""
     if window < SMOOTHED_FRAMES:
         return np.zeros(len(here)), 0.0
     # Sums that would end after now have fewer changes, so that the newest change is in as many of them as any other.
