@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from autoexpose_daemon.control.metrics.contrast import Contrast, GreyBins
 from autoexpose_daemon.control.metrics.extension import extension as _native
 from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
-from autoexpose_daemon.control.metrics.unseen import DEPTHS, SHADE, BinLevels, expected_unseen
 from calibration.response import GREY_LEVELS, ResponseFunction
 
 FRONT_END_DN = 6.0
@@ -45,8 +44,7 @@ class InformationPrediction:
     The mean over 8x8 cells of the root of ``sum |grad I|^2 / (var(I) + q^2)``, the precision with which the cell could
     be aligned, by its mean pixel; because of the root, one bright patch cannot outweigh the rest. var is the variance
     from shot noise, read noise and quantisation, q is `FRONT_END_DN`. What noise adds to the gradients is subtracted
-    first, and saturated pixels count nothing; what they may show at less exposure is estimated, as is the contrast of
-    the darkest pixels at more: see unseen.py. Motion blur: see `sharpness`. If the vignetting is known, images count as
+    first, and saturated pixels count nothing. Motion blur: see `sharpness`. If the vignetting is known, images count as
     they are after it is divided out, which scales contrast and noise alike: q then is `FRONT_END_DN` times the relative
     light of the cell.
 
@@ -70,31 +68,19 @@ class InformationPrediction:
         self.bins = GreyBins(response)
         black, saturated = self.bins.black, self.bins.saturated
         levels, slopes = response.inverse(greys), _slopes(response)
-        full = levels[response.saturation]
+        predicted = response.intensity(levels[:, None] + deltas)
+        predicted_slopes = np.interp(predicted, greys, slopes)
         readable = (greys > black) & (greys < saturated)
+        kept = readable[:, None] & (predicted > black) & (predicted < saturated)
         of_bin = self.bins.of == np.arange(self.bins.count)[:, None]
         mean = of_bin / of_bin.sum(axis=1, keepdims=True)
+        gain = np.where(kept, (predicted_slopes / slopes[:, None]) ** 2, 0.0)
+        full = levels[response.saturation]
         now = noise.variance_factors(slopes, np.exp2(levels - full))
-        # By bin: share of readable greys, shot and read noise, squared slope, stops above saturation.
-        self._now = np.ascontiguousarray(np.stack([readable, *now, slopes**2, levels - full]) @ mean.T)
-        self._levels = BinLevels(self._now[0], self._now[3], self._now[4])
-
-        def then(of: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
-            """What a squared stop of contrast becomes, shot and read noise, by level of the present image."""
-            predicted = response.intensity(of[:, None] + deltas)
-            slopes_then = np.interp(predicted, greys, slopes)
-            kept = (predicted > black) & (predicted < saturated)
-            light = np.exp2(response.inverse_between(predicted) - full)
-            return np.where(kept, slopes_then**2, 0.0), *noise.variance_factors(slopes_then, light)
-
-        contrast, shot, read = then(levels)
-        contrast *= (readable / slopes**2)[:, None]  # of a squared grey level
-        shaded = slice(black + 1, black + 1 + SHADE)
-        unseen = [np.concatenate(each) for each in zip(then(levels[shaded]), then(full + DEPTHS), strict=True)]
-        unseen[0][:SHADE, deltas <= 0] = 0.0  # what is shown now was measured
-        # By bin, then by what is unseen, and exposure: gain of contrast, and both noises.
-        seen = (mean @ each for each in (contrast, shot, read))
-        self._then = np.stack([np.concatenate(each) for each in zip(seen, unseen, strict=True)])
+        then = noise.variance_factors(predicted_slopes, np.exp2(response.inverse_between(predicted) - full))
+        # By bin: share of readable greys, shot and read noise; by exposure, too: gain of contrast, and both noises.
+        self._now = np.stack([mean @ readable, mean @ now[0], mean @ now[1]])
+        self._then = np.stack([mean @ gain, mean @ then[0], mean @ then[1]])
 
     def curve(
         self,
@@ -158,13 +144,12 @@ class InformationPrediction:
         cell_weights: NDArray[np.float64] | None,
     ) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
         """What the C extension does."""
-        readable, shot_now, read_now = self._now[:3]
+        readable, shot_now, read_now = self._now
         noise = variance_of(shot_now * gain + read_now * gain**2, pixels)
         weight, expected, by_cell = (seen.count @ np.stack([readable, noise * readable, np.ones_like(noise)], 1)).T
         share = _share_of_noise(seen.energy @ readable / 4, expected, weight, by_cell)
         signal = seen.energy / 4
         signal -= seen.count * (share * noise)
-        signal = np.hstack([signal, expected_unseen(signal, seen.count, self._levels)])
         information = self._information(signal, share, pixels, gains, relative_light)
         pixels_seen, cells = max(float(by_cell.sum()), 1.0), max(int(np.count_nonzero(by_cell)), 1)
         of_cells = np.sqrt(np.maximum(information, 0.0) * (cells / pixels_seen))

@@ -12,9 +12,8 @@ PyDoc_STRVAR(predict_information_doc,
              "predict_information(energy, count, now, then, pixels, gain, gains, sharper, relative_light, cell_weights,\n"
              "                    curve, steered)\n--\n\n"
              "The curves of InformationPrediction, which also has the parameters; written, float64 (n,).\n\n"
-             "energy, count: those of Contrast. now: float64 (5, bins), readable share, factors of shot and read noise, squared\n"
-             "slope, stops above saturation. then: float64 (3, rows, n), factors of contrast, shot and read noise by bin and\n"
-             "by what is unseen, see unseen.py. relative_light, cell_weights: float64\n"
+             "energy, count: those of Contrast. now: float64 (3, bins), readable share and factors of shot and read noise.\n"
+             "then: float64 (3, bins, n), factors of contrast, shot and read noise. relative_light, cell_weights: float64\n"
              "(64,), or None. steered: None without cell_weights.");
 
 static PyObject *information_into(Held *held, PyObject *const objects[10], double pixels, double gain)
@@ -25,27 +24,21 @@ static PyObject *information_into(Held *held, PyObject *const objects[10], doubl
     double *curve, *steered = NULL;
     if (!(now = hold_doubles(held, objects[NOW], -1, "now")))
         return NULL;
-    const Py_ssize_t bins = held_numbers(held) / 5;
+    const Py_ssize_t bins = held_numbers(held) / 3;
     if (!(gains = hold_doubles(held, objects[GAINS], -1, "gains")))
         return NULL;
     const Py_ssize_t n = held_numbers(held), cells = ALL_CELLS;
     if (!(energy = hold_doubles(held, objects[ENERGY], cells * bins, "energy")) ||
         !(count = hold_doubles(held, objects[COUNT], cells * bins, "count")) ||
-        !(then = hold_doubles(held, objects[THEN], -1, "then")))
-        return NULL;
-    const Py_ssize_t rows = n ? held_numbers(held) / (3 * n) : 0;
-    if (bins <= SHADE || rows < bins + SHADE || held_numbers(held) != 3 * rows * n)
-        return PyErr_Format(PyExc_ValueError, "then must have the shape (3, rows, n), at least %d rows more than bins, "
-                                              "of which there are at least %d", SHADE, SHADE + 1);
-    if (!(sharper = hold_doubles(held, objects[SHARPER], n, "sharper")) ||
+        !(then = hold_doubles(held, objects[THEN], 3 * bins * n, "then")) ||
+        !(sharper = hold_doubles(held, objects[SHARPER], n, "sharper")) ||
         (has_light && !(light = hold_doubles(held, objects[LIGHT], cells, "relative_light"))) ||
         (is_steered && !(weights = hold_doubles(held, objects[WEIGHTS], cells, "cell_weights"))) ||
         !(curve = hold_result(held, objects[CURVE], n, "curve")) ||
         (is_steered && !(steered = hold_result(held, objects[STEERED], n, "steered"))))
         return NULL;
-    const BinLevels levels = {(size_t)bins, now, now + 3 * bins, now + 4 * bins};
-    const Prediction prediction = {(size_t)rows, (size_t)n, levels, now + bins, now + 2 * bins,
-                                   then, then + rows * n, then + 2 * rows * n};
+    const Prediction prediction = {(size_t)bins, (size_t)n, now, now + bins, now + 2 * bins,
+                                   then, then + bins * n, then + 2 * bins * n};
     const Exposures taken = {pixels, gain, gains, sharper, light, weights};
     if (predict_information(&prediction, &taken, energy, count, curve, steered))
         return PyErr_NoMemory();

@@ -16,10 +16,10 @@ enum { ALL = CELLS * CELLS, TILE = 8 };
 
 /* Rows of exposures have the length `padded`, the least multiple of TILE. */
 typedef struct {
-    size_t bins, rows, exposures, padded;
+    size_t bins, exposures, padded;
     double *noise;            /* [bin], of the present image */
-    double *signal;           /* [cell][row], energy of gradients without that of noise */
-    double *variance, *worth; /* [row][exposure] */
+    double *signal;           /* [cell][bin], energy of gradients without that of noise */
+    double *variance, *worth; /* [bin][exposure] */
     double *information;      /* [cell][exposure] */
 } Tables;
 
@@ -37,8 +37,8 @@ static int ascending(const void *a, const void *b)
 static Cell cell_of(const Prediction *prediction, const double *noise, const double *energy, const double *count)
 {
     Cell sums = {0.0, 0.0, 0.0, 0.0};
-    for (size_t bin = 0; bin < prediction->levels.bins; bin++) {
-        const double readable = prediction->levels.readable[bin];
+    for (size_t bin = 0; bin < prediction->bins; bin++) {
+        const double readable = prediction->readable[bin];
         sums.shown += energy[bin] / 4 * readable;
         sums.expected += count[bin] * (noise[bin] * readable);
         sums.readable += count[bin] * readable;
@@ -67,7 +67,7 @@ static double share_of_noise(const Cell cells[ALL])
 VECTORISED static void subtract_noise(const Tables *tables, double share, const double *energy, const double *count)
 {
     double *restrict signal = tables->signal;
-    for (size_t cell = 0; cell < ALL; cell++, energy += tables->bins, count += tables->bins, signal += tables->rows)
+    for (size_t cell = 0; cell < ALL; cell++, energy += tables->bins, count += tables->bins, signal += tables->bins)
         for (size_t bin = 0; bin < tables->bins; bin++)
             signal[bin] = energy[bin] / 4 - count[bin] * (share * tables->noise[bin]);
 }
@@ -77,10 +77,10 @@ VECTORISED static void predict_variance(const Tables *tables, const Prediction *
                                         double share)
 {
     const double factor = share / taken->pixels;
-    for (size_t row = 0; row < tables->rows; row++) {
-        const double *shot = prediction->shot + row * tables->exposures;
-        const double *read = prediction->read + row * tables->exposures;
-        double *restrict variance = tables->variance + row * tables->padded;
+    for (size_t bin = 0; bin < tables->bins; bin++) {
+        const double *shot = prediction->shot + bin * tables->exposures;
+        const double *read = prediction->read + bin * tables->exposures;
+        double *restrict variance = tables->variance + bin * tables->padded;
         for (size_t i = 0; i < tables->exposures; i++)
             variance[i] = shot[i] * (factor * taken->gains[i]) + read[i] * (factor * (taken->gains[i] * taken->gains[i]));
     }
@@ -89,10 +89,10 @@ VECTORISED static void predict_variance(const Tables *tables, const Prediction *
 /* What a squared grey level of contrast tells, with so much lost besides noise. */
 VECTORISED static void find_worth(const Tables *tables, const Prediction *prediction, double lost)
 {
-    for (size_t row = 0; row < tables->rows; row++) {
-        const double *contrast = prediction->contrast + row * tables->exposures;
-        const double *variance = tables->variance + row * tables->padded;
-        double *restrict worth = tables->worth + row * tables->padded;
+    for (size_t bin = 0; bin < tables->bins; bin++) {
+        const double *contrast = prediction->contrast + bin * tables->exposures;
+        const double *variance = tables->variance + bin * tables->padded;
+        double *restrict worth = tables->worth + bin * tables->padded;
         for (size_t i = 0; i < tables->exposures; i++)
             worth[i] = contrast[i] / (variance[i] + lost);
     }
@@ -101,10 +101,10 @@ VECTORISED static void find_worth(const Tables *tables, const Prediction *predic
 /* The information of a cell at each exposure: rows are a multiple of TILE, which compilers unroll. */
 VECTORISED static void inform(const Tables *tables, size_t cell)
 {
-    const double *signal = tables->signal + cell * tables->rows, *worth = tables->worth;
+    const double *signal = tables->signal + cell * tables->bins, *worth = tables->worth;
     double *restrict information = tables->information + cell * tables->padded;
-    for (size_t row = 0; row < tables->rows; row++, worth += tables->padded) {
-        const double energy = signal[row];
+    for (size_t bin = 0; bin < tables->bins; bin++, worth += tables->padded) {
+        const double energy = signal[bin];
         if (energy == 0.0)
             continue;
         for (size_t first = 0; first < tables->padded; first += TILE)
@@ -169,7 +169,6 @@ static void predict(const Tables *tables, const Prediction *prediction, const Ex
         cells[cell] = cell_of(prediction, tables->noise, energy + cell * tables->bins, count + cell * tables->bins);
     const double share = share_of_noise(cells);
     subtract_noise(tables, share, energy, count);
-    expect_unseen(&prediction->levels, count, tables->rows - tables->bins - SHADE, tables->rows, tables->signal);
     predict_variance(tables, prediction, taken, share);
     inform_cells(tables, prediction, taken->relative_light, share * variance_of(0.0, taken->pixels));
     finish(tables, taken, cells, NULL, curve);
@@ -180,20 +179,19 @@ static void predict(const Tables *tables, const Prediction *prediction, const Ex
 int predict_information(const Prediction *prediction, const Exposures *taken, const double *energy,
                         const double *count, double *curve, double *steered)
 {
-    const size_t bins = prediction->levels.bins, rows = prediction->rows;
-    const size_t padded = (prediction->exposures + TILE - 1) / TILE * TILE, table = rows * padded;
-    double *noise = calloc(bins + ALL * rows + 2 * table + ALL * padded, sizeof *noise);
+    const size_t bins = prediction->bins, padded = (prediction->exposures + TILE - 1) / TILE * TILE;
+    const size_t table = bins * padded;
+    double *noise = calloc(bins + ALL * bins + 2 * table + ALL * padded, sizeof *noise);
     if (!noise)
         return -1;
     const Tables tables = {.bins = bins,
-                           .rows = rows,
                            .exposures = prediction->exposures,
                            .padded = padded,
                            .noise = noise,
                            .signal = noise + bins,
-                           .variance = noise + bins + ALL * rows,
-                           .worth = noise + bins + ALL * rows + table,
-                           .information = noise + bins + ALL * rows + 2 * table};
+                           .variance = noise + bins + ALL * bins,
+                           .worth = noise + bins + ALL * bins + table,
+                           .information = noise + bins + ALL * bins + 2 * table};
     predict(&tables, prediction, taken, energy, count, curve, steered);
     free(noise);
     return 0;

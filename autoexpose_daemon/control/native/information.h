@@ -4,15 +4,11 @@
 
 #include <stddef.h>
 
-#include "unseen.h"
-
-/* What follows from response and noise, by bin of grey levels, or by row and exposure. Rows are the bins and what is
-   unseen, at least SHADE. */
+/* What follows from response and noise, by bin of grey levels, or by bin and exposure. */
 typedef struct {
-    size_t rows, exposures;
-    BinLevels levels;
-    const double *shot_now, *read_now;    /* [bin] */
-    const double *contrast, *shot, *read; /* [row][exposure] */
+    size_t bins, exposures;
+    const double *readable, *shot_now, *read_now; /* [bin] */
+    const double *contrast, *shot, *read;         /* [bin][exposure] */
 } Prediction;
 
 /* The present image and those at other exposures: parameters of `InformationPrediction.curves`. */

@@ -246,8 +246,8 @@ def test_decisions_are_the_same_but_for_their_last_bits(change: float) -> None:
             assert one.setting.level == pytest.approx(other.setting.level, abs=1e-9)
 
 
-GREYS, NUMBERS, NOW = np.zeros((9, 9), np.uint8), np.zeros(29), np.zeros((5, 67))
-TABLE, PREDICTED = np.zeros((64, 67)), np.zeros((3, 69, 29))
+GREYS, NUMBERS, NOW = np.zeros((9, 9), np.uint8), np.zeros(29), np.zeros((3, 67))
+TABLE, PREDICTED = np.zeros((64, 67)), np.zeros((3, 67, 29))
 SINGLE = np.zeros(256, np.float32)
 
 
@@ -269,7 +269,7 @@ SINGLE = np.zeros(256, np.float32)
             (
                 TABLE,
                 TABLE[:, 1:].copy(),
-                NOW,
+                np.zeros((3, 67)),
                 PREDICTED,
                 4.0,
                 1.0,
@@ -285,17 +285,6 @@ SINGLE = np.zeros(256, np.float32)
             "predict_information",
             (TABLE, TABLE, NOW, PREDICTED, 4.0, 1.0, NUMBERS, NUMBERS, NUMBERS, None, NUMBERS, None),
             "relative_light must have 64",
-        ),
-        (
-            "predict_information",
-            (TABLE, TABLE, NOW, PREDICTED[:, :67].copy(), 4.0, 1.0, NUMBERS, NUMBERS, None, None, NUMBERS, None),
-            "at least 2 rows more than bins",
-        ),
-        (
-            "predict_information",
-            (TABLE[:, :2].copy(),) * 2
-            + (NOW[:, :2].copy(), PREDICTED, 4.0, 1.0, *[NUMBERS] * 2, *[None] * 2, NUMBERS, None),
-            "there are at least 3",
         ),
         (
             "predict_metrics",
