@@ -89,15 +89,14 @@ class RigRecord:
         now_ns: int,
     ) -> list[StereoPair]:
         """Enter any event but a write; returns the pairs that are ready for control, oldest first."""
+        if isinstance(event, FrameArrived):
+            self._start_check.frame(event.side, event.frame.host_time_ns)
         match event:
             case FrameArrived(side, IncompleteFrame() as frame):
-                self._start_check.frame(side, frame.host_time_ns)
                 return self._account.incomplete(side, frame)
             case FrameArrived(side, Frame() as frame, stale=True):
-                self._start_check.frame(side, frame.host_time_ns)
                 return self._account.stale(side, frame)
             case FrameArrived(side, Frame() as frame):
-                self._start_check.frame(side, frame.host_time_ns)
                 return self._account.frame(side, frame)
             case CameraSilent(side):
                 return self._account.silent(side)
