@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import statistics
-from collections.abc import Iterator, Mapping
+from collections import deque
+from collections.abc import Iterable, Iterator, Mapping
 from itertools import pairwise
 
 from drivers.frames import Side
@@ -14,7 +15,8 @@ PATIENCE_NS = 3_000_000_000
 """Cameras that have waited this long have no trigger."""
 
 JUDGED_FRAMES = 20
-"""Per camera: enough for a verdict that a lost frame or two does not change."""
+"""The latest of each camera: enough for a verdict that a lost frame or two does not change, and so few that a trigger
+generator a little off its rate does not drift by `SKEW_TOLERANCE`."""
 
 SKEW_TOLERANCE = 0.1
 """Part of a period by which left and right may start apart; on one trigger wire it is a few microseconds."""
@@ -41,7 +43,7 @@ class StartCheck:
         self._rate_hz = rate_hz
         self._waits_since_ns: dict[Side, int] = {}
         self._triggered: set[Side] = set()
-        self._times_ns: dict[Side, list[int]] = {side: [] for side in sources}
+        self._times_ns: dict[Side, deque[int]] = {side: deque(maxlen=JUDGED_FRAMES) for side in sources}
         self._reported: set[str] = set()
         self._done = False
 
@@ -60,7 +62,7 @@ class StartCheck:
             return
         self._waits_since_ns.pop(side, None)
         self._triggered.add(side)
-        if time_ns is not None and len(self._times_ns[side]) < JUDGED_FRAMES:
+        if time_ns is not None:
             self._times_ns[side].append(time_ns)
 
     def findings(self, now_ns: int) -> list[str]:
@@ -100,11 +102,11 @@ class StartCheck:
                 else f"no frame from the {side} camera although it is triggered: check its cable"
             )
 
-    def _at_rate(self, times_ns: list[int]) -> bool:
+    def _at_rate(self, times_ns: Iterable[int]) -> bool:
         period_ns = mean_period_ns([later - earlier for earlier, later in pairwise(times_ns)])
         return wrong_rate(period_ns, self._rate_hz) is None
 
-    def _skew(self, left_ns: list[int], right_ns: list[int]) -> Iterator[str]:
+    def _skew(self, left_ns: Iterable[int], right_ns: Iterable[int]) -> Iterator[str]:
         period_ns = 1e9 / self._rate_hz
         skews_ns = [abs(math.remainder(right - left, period_ns)) for left, right in zip(left_ns, right_ns, strict=True)]
         skew_ns = statistics.median(skews_ns)

@@ -113,6 +113,16 @@ def test_cameras_that_start_apart_are_reported(offset_ms: int) -> None:
     assert f"{min(abs(offset_ms), 20 - abs(offset_ms)):.1f} ms apart" in finding
 
 
+def test_a_camera_that_starts_a_minute_later_at_a_rate_a_little_off_is_not_reported_as_apart() -> None:
+    judge = check()
+    period_ns = 20 * MS + 2_000  # 100 ppm
+    feed(judge, "left", period_ns, frames=3000)
+    for number in range(3000, 3000 + JUDGED_FRAMES):
+        for side in SIDES:
+            judge.frame(side, number * period_ns)
+    assert judge.findings(PATIENCE_NS) == []
+
+
 def test_cameras_on_a_grid_of_milliseconds_are_judged() -> None:
     judge = check(60.0)
     for number in range(JUDGED_FRAMES):
