@@ -7,10 +7,8 @@ import contextlib
 import dataclasses
 import gc
 import json
-import signal
 import sys
 import tempfile
-import threading
 import time
 from functools import partial
 from pathlib import Path
@@ -31,6 +29,7 @@ from fake_camera.options import parse_arguments, rate_of
 from fake_camera.ptp import host_master
 from fake_camera.ptp.messages import clock_identity
 from fake_camera.ptp.port import EVENT_PORT
+from fake_camera.signals import stopped_by_signals, wait_for
 from fake_camera.usb3.run import ShimError, run, shim_path
 from fake_camera.usb3.usbip.server import Usb3Server
 from fake_camera.warm_up import Unpainted, frame_s, warm_up
@@ -173,19 +172,6 @@ def _sentence(error: Exception) -> str:
     return str(error)
 
 
-def stopped_by_signals() -> threading.Event:
-    """Set at SIGTERM and SIGINT; on another thread, as the interrupted one may be holding its lock."""
-    stop = threading.Event()
-
-    def end(*_: object) -> None:
-        if not stop.is_set():  # else this process may be ending, and begins no thread
-            threading.Thread(target=stop.set).start()
-
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, end)
-    return stop
-
-
 def main(arguments: list[str] | None = None) -> int:
     """Run a camera until SIGTERM or SIGINT, or until the command of --exec ends.
 
@@ -213,7 +199,7 @@ def main(arguments: list[str] | None = None) -> int:
             status, begun_s = 0, time.process_time()
             if options.exec:
                 status = run(options.exec, [options.socket], stop)
-            stop.wait()
+            wait_for(stop)
         except (AddressTakenError, OSError, ShimError, ValueError, WireError) as error:
             print(f"fake camera {options.serial} {where}: {_sentence(error)}", file=sys.stderr)
             return 2

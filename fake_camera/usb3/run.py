@@ -9,6 +9,8 @@ import threading
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from fake_camera.signals import wait_for
+
 CAMERAS_VARIABLE = "FAKE_CAMERA_USB3"
 """The environment variable that lists the cameras' sockets for the shim, separated by colons."""
 
@@ -66,7 +68,7 @@ def run(command: Sequence[str], sockets: Sequence[Path], stop: threading.Event) 
 
     waiting = threading.Thread(target=wait, name="exec", daemon=True)
     waiting.start()
-    stop.wait()
+    wait_for(stop)
     process.terminate()
     waiting.join()
     return process.returncode if process.returncode >= 0 else 128 - process.returncode

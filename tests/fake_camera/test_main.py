@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from fake_camera.__main__ import main, stopped_by_signals
+from fake_camera.__main__ import main
 from fake_camera.device.line0 import Line0
 from tests.fakes import fake_camera, run_camera, usb3_camera
 from tests.xml_cameras import xml_camera
@@ -32,19 +32,6 @@ def test_says_when_it_is_ready_and_ends_cleanly(tmp_path: Path, monkeypatch: pyt
         _, errors = camera.communicate(timeout=10)
     assert (camera.returncode, errors) == (0, "")
     assert [path.name for path in tmp_path.iterdir()] == ["truth.jsonl"]
-
-
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
-def test_a_signal_may_come_while_its_event_is_locked(number: signal.Signals) -> None:
-    before = {known: signal.getsignal(known) for known in (signal.SIGTERM, signal.SIGINT)}
-    try:
-        stop = stopped_by_signals()
-        with stop._cond:  # as within its wait()
-            signal.raise_signal(number)
-        assert stop.wait(10)
-    finally:
-        for known, handler in before.items():
-            signal.signal(known, handler)
 
 
 @pytest.mark.wire
