@@ -19,7 +19,8 @@ from tests.command_lines import readmes_rig, table
 
 SESSIONS: dict[str, Any] = table()["sessions"]
 PATIENCE_S = 90.0
-BASH = ("bash", "-euo", "pipefail", "-c")
+BASH = ("env", "--default-signal=INT", "bash", "-euo", "pipefail", "-c")
+"""A shell ignores SIGINT in what it starts in the background, and so would these commands if it started the tests."""
 
 
 class Terminal:
