@@ -87,7 +87,11 @@ def export(file: File, folder: Annotated[Path, typer.Argument(help="A new folder
             picture = _drawn(map_file, place)
             if not cv2.imwrite(str(folder / f"{index:04}.png"), picture):
                 raise MapError(f"{folder / f'{index:04}.png'} cannot be written: is the disk full?")
-            (folder / f"{index:04}.json").write_text(json.dumps(_plain(place), indent=1) + "\n", encoding="utf-8")
+            features = folder / f"{index:04}.json"
+            try:
+                features.write_text(json.dumps(_plain(place), indent=1) + "\n", encoding="utf-8")
+            except OSError as error:
+                raise MapError(f"{features} cannot be written: {error.strerror}") from error
     typer.echo(f"{len(places)} local maps written to {folder}")
 
 
@@ -96,7 +100,7 @@ def prune(
     file: File,
     keep: Annotated[int, typer.Option(min=0, help="How many of the newest drives to remember.")],
 ) -> None:
-    """Forget observations of old drives, and features that were removed in them; the path stays as it is."""
+    """Forget observations and light of old drives, and features that were removed in them; the path stays as it is."""
     with MapFile(file, writable=True) as map_file:
         before = file.stat().st_size
         gone = map_file.forget_all_runs_but(keep)

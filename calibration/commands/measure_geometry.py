@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
@@ -176,6 +177,8 @@ def _check_output(folder: Path) -> None:
         folder.mkdir(exist_ok=True)
     except OSError as error:
         raise ConfigurationError(f"{folder}: cannot be made ({error.strerror}): choose another folder") from error
+    if not os.access(folder, os.W_OK):
+        raise ConfigurationError(f"{folder}: cannot be written: name a folder that you may write to")
     for side, name in (*FILES.items(), ("left", CAMCHAIN)):
         if (folder / name).exists():
             try:

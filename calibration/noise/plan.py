@@ -38,9 +38,9 @@ def plan_noise(camera: StaticCamera, gain_db: float) -> SweepPlan:
 
 def default_gains_db(limits: ExposureLimits) -> tuple[float, ...]:
     """The lowest gain, the highest one, and two between them."""
-    return tuple(
-        float(gain_db) for gain_db in np.unique(np.linspace(limits.min_gain_db, limits.max_gain_db, 4).round(1))
-    )
+    low_db, high_db = limits.min_gain_db, limits.max_gain_db
+    spread_db = np.linspace(low_db, high_db, 4).round(1).clip(low_db, high_db)  # an end that is rounded may lie outside
+    return tuple(float(gain_db) for gain_db in np.unique(spread_db))
 
 
 def half_exposure_us(camera: StaticCamera, gain_db: float, first_us: float) -> float:

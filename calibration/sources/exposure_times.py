@@ -69,8 +69,11 @@ def _in_folder(folder: Path) -> list[TimedFile]:
 
 
 def image_paths(folder: Path) -> list[Path]:
-    """The image files of a folder, by name."""
-    return sorted(path for path in folder.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES)
+    """The image files of a folder, by name; raises ConfigurationError."""
+    try:
+        return sorted(path for path in folder.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES)
+    except OSError as error:
+        raise ConfigurationError(f"{folder}: cannot be read ({error.strerror}): check its access") from error
 
 
 def seconds_in_name(path: Path) -> float | None:
@@ -153,14 +156,15 @@ def _exif_number(path: Path, tag: int) -> float | None:
     if isinstance(value, tuple):
         value = value[0] if value else None
     try:
-        return None if value is None else float(value)
+        number = math.nan if value is None else float(value)
     except (TypeError, ValueError, ZeroDivisionError):
         return None
+    return number if math.isfinite(number) else None  # cameras write 0/0 for what they do not know
 
 
 def _exif_seconds(path: Path) -> float | None:
     value = _exif_number(path, _EXPOSURE_TIME)
-    return value if value is not None and 0 < value < math.inf else None
+    return value if value is not None and value > 0 else None
 
 
 def _require_one(paths: list[Path], tag: int, name: str) -> None:

@@ -191,7 +191,12 @@ def test_noise_is_measured_in_the_deepest_format(offered: PixelFormat, monkeypat
 
 @pytest.mark.parametrize(
     ("lowest_db", "highest_db", "gains_db"),
-    [(0.0, 0.0, (0.0,)), (0.0, 48.0, (0.0, 16.0, 32.0, 48.0)), (-1.0, 23.0, (-1.0, 7.0, 15.0, 23.0))],
+    [
+        (0.0, 0.0, (0.0,)),
+        (0.0, 48.0, (0.0, 16.0, 32.0, 48.0)),
+        (-1.0, 23.0, (-1.0, 7.0, 15.0, 23.0)),
+        (0.04, 47.994, (0.04, 16.0, 32.0, 47.994)),
+    ],
 )
 def test_gains_are_spread_over_what_the_camera_has(
     lowest_db: float, highest_db: float, gains_db: tuple[float, ...]

@@ -8,8 +8,10 @@ import cv2
 import numpy as np
 import pytest
 from PIL import Image
+from PIL.TiffImagePlugin import IFDRational
 
 from calibration.solver.solve import solve_response
+from calibration.sources.exposure_times import image_paths
 from calibration.sources.images import read_images
 from drivers.errors import ConfigurationError
 from tests.calibration.sweeps import TIMES_US, Bench
@@ -22,7 +24,7 @@ def write(path: Path, pixels: np.typing.NDArray[np.uint8] | np.typing.NDArray[np
     return path
 
 
-def write_exif(path: Path, seconds: float, f_number: float = 2.8, iso: int = 100) -> None:
+def write_exif(path: Path, seconds: float, f_number: float | IFDRational = 2.8, iso: int = 100) -> None:
     image = Image.fromarray(GREY)
     exif = image.getexif()
     exif.get_ifd(0x8769).update({0x829A: seconds, 0x829D: f_number, 0x8827: iso})
@@ -52,6 +54,12 @@ def test_exif_tells_times_in_the_order_of_names(tmp_path: Path) -> None:
     for name, seconds in (("b.jpg", 0.5), ("a.jpg", 2.0), ("c.png", 0.001)):
         write_exif(tmp_path / name, seconds)
     assert times_us(tmp_path) == pytest.approx([2e6, 5e5, 1e3])
+
+
+def test_an_f_number_that_the_camera_does_not_know_is_the_same_in_all_images(tmp_path: Path) -> None:
+    for name, seconds in (("a.jpg", 0.5), ("b.jpg", 0.25)):
+        write_exif(tmp_path / name, seconds, f_number=IFDRational(0, 0))
+    assert times_us(tmp_path) == pytest.approx([5e5, 2.5e5])
 
 
 def test_a_list_of_names_and_times_goes_by_its_own_order(tmp_path: Path) -> None:
@@ -111,6 +119,11 @@ def test_mistakes_in_lists_are_named(tmp_path: Path, text: str, message: str) ->
     with pytest.raises(ConfigurationError, match=message) as error:
         read_images(tmp_path / "list.txt")
     assert "\n" not in str(error.value)
+
+
+def test_a_folder_that_cannot_be_read_is_refused_in_a_sentence(tmp_path: Path) -> None:
+    with pytest.raises(ConfigurationError, match=r"gone: cannot be read \(No such file or directory\)"):
+        image_paths(tmp_path / "gone")
 
 
 def test_mistakes_in_folders_are_named(tmp_path: Path) -> None:

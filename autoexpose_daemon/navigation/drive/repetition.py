@@ -123,8 +123,7 @@ class Repetition:
         self._distances_m = np.array([place.distance_m for place in places])
         self._nearest_view: View | None = None
         self._last_passed = -1
-        # A lesson that was killed has local maps after its last change of speed.
-        self._rule = StopRule(max(path.length_m, float(self._distances_m[-1])))
+        self._rule = StopRule(path.length_m)
 
     @property
     def length_m(self) -> float:
@@ -152,8 +151,11 @@ class Repetition:
             way_m = driven_m - self._driven_to_registration_m
             self._driven_to_registration_m = driven_m
             if self.obeyed:
-                self._steering.see(self.view.shift_px, way_m)
-            self.correction_m += -math.expm1(-CORRECTION_PER_M * max(way_m, 0.0)) * self._ahead_m(self.view)
+                forward_m_s, _ = self._path.at(distance_m)
+                self._steering.see(self.view.shift_px, math.copysign(way_m, forward_m_s))
+            correction_m = -math.expm1(-CORRECTION_PER_M * max(way_m, 0.0)) * self._ahead_m(self.view)
+            self.correction_m += correction_m
+            self._rule.registered_m += correction_m  # or corrections could take a lost robot further than `LOST_M`
         return self._keep_nearest(self.view)
 
     def end(self) -> tuple[int, Passing] | None:

@@ -61,7 +61,7 @@ class Steering:
     drift_rad_per_m: float = 0.0
 
     def see(self, shift_px: float, way_m: float) -> None:
-        """A view was registered `way_m` after the one before."""
+        """A view was registered `way_m` after the one before, negative if the robot drove backwards."""
         shift_rad = _within(math.atan2(shift_px, self.focal_length_px), LARGEST_SHIFT_RAD)
         drift_rad_per_m = self.drift_rad_per_m + DRIFT_PER_M2 * shift_rad * _within(way_m, LONGEST_WAY_M)
         self.drift_rad_per_m = _within(drift_rad_per_m, LARGEST_DRIFT_RAD_PER_M)

@@ -75,10 +75,11 @@ class Teacher:
         """Close the map; returns the length of the path (m), 0 if none was begun."""
         if self._file is None or self._run is None:
             return 0.0
-        length_m = distance_m - self._start_m
         with self._turn:
+            speeds = self._lesson.new_speeds()  # the last of them may have come after `distance_m` was read
+            length_m = max([distance_m - self._start_m, *(driven_m for driven_m, _, _ in speeds)])
             self._lesson.drive(Velocity(0.0, 0.0), length_m)
-            self._file.add_speeds([*self._lesson.new_speeds(), (length_m, 0.0, 0.0)])
+            self._file.add_speeds([*speeds, *self._lesson.new_speeds(), (length_m, 0.0, 0.0)])
         self._file.add_light(self._run, self._trail.new_rows())
         self._file.close()
         return length_m

@@ -96,9 +96,10 @@ def _plan(path: TaughtPath, places: Sequence[Place]) -> tuple[NDArray[np.float64
         return np.zeros((1, 2)), np.zeros((len(places), 2))
     distances_m = np.arange(0.0, path.length_m + _STEP_M, _STEP_M)
     speeds = np.array([path.at(distance_m) for distance_m in distances_m])
-    forward = np.where(np.abs(speeds[:, 0]) > 1e-3, speeds[:, 0], np.inf)
-    heading = np.pi / 2 + np.concatenate([[0.0], np.cumsum(speeds[:, 1] / forward * _STEP_M)[:-1]])
-    steps = _STEP_M * np.column_stack([np.cos(heading), np.sin(heading)])
+    fast = np.where(np.abs(speeds[:, 0]) > 1e-3, np.abs(speeds[:, 0]), np.inf)
+    heading = np.pi / 2 + np.concatenate([[0.0], np.cumsum(speeds[:, 1] / fast * _STEP_M)[:-1]])
+    ahead_m = np.copysign(_STEP_M, speeds[:, :1])
+    steps = ahead_m * np.column_stack([np.cos(heading), np.sin(heading)])
     plan_m = np.concatenate([[[0.0, 0.0]], np.cumsum(steps, axis=0)[:-1]])
     marks = [place.distance_m for place in places]
     return plan_m, np.column_stack([np.interp(marks, distances_m, axis) for axis in plan_m.T])

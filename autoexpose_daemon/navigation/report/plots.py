@@ -24,12 +24,14 @@ def pictures(found: Findings) -> list[Picture]:
         shown += [
             _picture(
                 "Seen again",
-                "Share of the features of each local map that were matched correctly, by drive. White: not registered.",
+                "Share of the features of each local map that were matched correctly, by drive. White: not registered, "
+                "or pruned.",
                 found, _seen,
             ),
             _picture(
                 "What stays",
-                "Features after each drive: all of them, and those that were taught and are still there.",
+                "Features after each drive: all of them, and those that were taught and are still there. Those that "
+                "were pruned are missing.",
                 found, _stays,
             ),
         ]  # fmt: skip

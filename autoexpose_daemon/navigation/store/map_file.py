@@ -63,12 +63,17 @@ class MapFile:
     def __init__(self, path: Path, info: MapInfo | None = None, *, writable: bool = False) -> None:
         self.path = path
         self._lock: BinaryIO | None = None
+        if info is not None:
+            try:
+                info.check()
+            except RowError as error:
+                raise MapError(f"{path} cannot be created for {error}: correct it") from error
         self._connection = database.connect(path, writable=writable) if info is None else database.create(path)
         try:
             if writable or info is not None:
                 self._lock = database.lock(path)
             if info is not None:
-                self._write("INSERT INTO meta VALUES (?, ?, ?, ?, ?)", *_values(info.check()))
+                self._write("INSERT INTO meta VALUES (?, ?, ?, ?, ?)", *_values(info))
             self.info = self._read_info()
         except BaseException:
             self.close()
@@ -164,7 +169,12 @@ class MapFile:
         return Place(place.number, place.distance_m, place.setting, next_feature, after)
 
     def forget_all_runs_but(self, newest: int) -> int:
-        """Drop what is known of all but the newest drives, and features removed before; returns how many rows."""
+        """Drop what is known of all but the newest drives, and features removed before.
+
+        Returns
+        -------
+            How many observations and features are gone.
+        """
         numbers = [run.number for run in self.runs()]
         if newest >= len(numbers):
             return 0
@@ -172,7 +182,7 @@ class MapFile:
         with self._transaction() as connection:
             gone = connection.execute("DELETE FROM observation WHERE run < ?", (first_kept,)).rowcount
             gone += connection.execute("DELETE FROM feature WHERE removed < ?", (first_kept,)).rowcount
-            gone += connection.execute("DELETE FROM light WHERE run < ?", (first_kept,)).rowcount
+            connection.execute("DELETE FROM light WHERE run < ?", (first_kept,))
         self._write("VACUUM")
         self._write("PRAGMA wal_checkpoint(TRUNCATE)")
         return gone
@@ -186,6 +196,9 @@ class MapFile:
         """The speeds of the path; it is as long as the last local map and the last speed are far."""
         with self._checking():
             rows = self._read("SELECT distance_m, forward_m_s, turn_rad_s FROM speed ORDER BY id")
+            ((furthest_m,),) = self._read("SELECT MAX(distance_m) FROM place")
+            if rows and furthest_m is not None and furthest_m > rows[-1][0]:
+                rows.append((furthest_m, *rows[-1][1:]))  # the lesson was killed after its last change of speed
             return taught_path(rows)
 
     def places(self) -> list[Place]:

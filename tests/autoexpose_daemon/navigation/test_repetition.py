@@ -17,6 +17,7 @@ from autoexpose_daemon.navigation.drive.lesson import EVERY_M, Lesson
 from autoexpose_daemon.navigation.drive.motion import STANDSTILL, Pose, Velocity
 from autoexpose_daemon.navigation.drive.odometer import Odometer
 from autoexpose_daemon.navigation.drive.repeat import Repeater
+from autoexpose_daemon.navigation.drive.repetition import FURTHEST_M, Repetition
 from autoexpose_daemon.navigation.drive.steering import Stop
 from autoexpose_daemon.navigation.drive.teach import Teacher
 from autoexpose_daemon.navigation.maps.temporal import MODELS
@@ -166,6 +167,44 @@ def test_a_single_view_that_seems_right_does_not_keep_a_lost_robot_driving(
         for number in range(13):
             repeater.look(pair(view() if number in registered else blank, number), 0.2 * number)
         assert repeater.repetition.velocity(2.4, odometry_ns=0, now_ns=0)[1] is stop
+
+
+def test_corrections_do_not_take_a_lost_robot_further(taught: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every other view seems right by chance, and seems to lie half a metre behind."""
+    blank = np.full_like(view(), 128)
+    with MapFile(taught, writable=True) as file:
+        repetition = Repeater(file, "static").repetition
+        monkeypatch.setattr(Repetition, "_ahead_m", lambda *_: -FURTHEST_M)
+        for number in range(12):
+            repetition.look(view() if number % 2 else blank, 0.2 * number, 0)
+        assert repetition.velocity(2.2, odometry_ns=0, now_ns=0)[1] is Stop.LOST
+
+
+@pytest.mark.parametrize("forward_m_s", [-0.5, 0.5])
+def test_drift_is_learnt_along_the_way_that_is_driven(tmp_path: Path, forward_m_s: float) -> None:
+    path = tmp_path / "lap.map"
+    place = Lesson(FINDERS["fast-orb"]()).look(view(), SETTING, 0.0)
+    assert place is not None
+    with MapFile(path, MapInfo(720, 540, 600.0, "fast-orb", "")) as file:
+        file.add_place(file.begin_run("teach", 0.0), place, [(0.0, forward_m_s, 0.0)])
+        file.add_speeds([(1.0, 0.0, 0.0)])
+        repetition = Repeater(file, "static").repetition
+        turns_rad_s = []
+        for driven_m in (0.0, 0.2, 0.4):
+            repetition.look(view(15), driven_m, 0)
+            turns_rad_s.append(repetition.velocity(driven_m, odometry_ns=0, now_ns=0)[0].turn_rad_s)
+    assert turns_rad_s == sorted(turns_rad_s, reverse=True)  # more to the right, the longer it is turned to the left
+    assert turns_rad_s[0] > turns_rad_s[-1]
+
+
+def test_a_velocity_that_arrives_at_the_end_of_a_lesson_does_not_spoil_it(tmp_path: Path) -> None:
+    path = tmp_path / "lap.map"
+    teacher = Teacher(path, 600.0, "fast-orb")
+    teacher.look(pair(view()), 0.0, "fisher-map")
+    teacher.drive(Velocity(0.4, 0.0), 1.21)
+    assert teacher.end(1.2) == pytest.approx(1.21)
+    with MapFile(path) as file:
+        assert file.taught_path().length_m == pytest.approx(1.21)
 
 
 def test_an_odometer_at_rest_adds_no_noise() -> None:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import math
+import os
 import re
 from pathlib import Path
 
@@ -15,7 +17,7 @@ from autoexpose_daemon.navigation.drive.motion import Velocity
 from autoexpose_daemon.navigation.drive.repeat import Repeater
 from autoexpose_daemon.navigation.map_commands import map_app
 from autoexpose_daemon.navigation.report.findings import Findings, findings
-from autoexpose_daemon.navigation.store import MapFile, MapInfo
+from autoexpose_daemon.navigation.store import MapError, MapFile, MapInfo
 from autoexpose_daemon.navigation.views.detectors import FINDERS
 from tests.autoexpose_daemon.navigation.test_repetition import pair, view
 from tests.autoexpose_daemon.publish.steps import SETTING
@@ -59,6 +61,15 @@ def test_the_path_is_drawn_as_it_was_driven(found: Findings) -> None:
     assert np.hypot(*np.diff(found.marks_m, axis=0).T) == pytest.approx(0.2, abs=0.051)
 
 
+def test_a_path_that_was_driven_backwards_is_drawn_behind_the_start(tmp_path: Path) -> None:
+    with MapFile(tmp_path / "lap.map", MapInfo(720, 540, 600.0, "fast-orb", "")) as file:
+        file.begin_run("teach", 0.0)
+        file.add_speeds([(0.0, -0.5, 0.5 * math.pi / 2 / LENGTH_M), (LENGTH_M, 0.0, 0.0)])
+        plan_m = findings(file).plan_m
+    radius_m = LENGTH_M / (math.pi / 2)
+    assert plan_m[-1] == pytest.approx([radius_m, -radius_m], abs=0.05)  # its front turns left, so its back goes right
+
+
 def test_each_passing_has_its_share_of_features_seen_again(found: Findings) -> None:
     assert found.seen_share.shape == (DRIVES, len(found.marks_m))
     assert np.isnan(found.seen_share[:, -1]).all()  # never left behind
@@ -94,6 +105,18 @@ def test_info_is_a_few_lines(driven: Path) -> None:
     assert result.exit_code == 0, result.output
     assert re.search(r"^path +2\.0 m, \d+ local maps", result.output, re.MULTILINE)
     assert "repeated  6 times" in result.output
+
+
+def test_an_export_to_a_full_disk_ends_in_a_sentence(
+    driven: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full_disk(*_: object, **__: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(Path, "write_text", full_disk)
+    result = CliRunner().invoke(map_app, ["export", str(driven), str(tmp_path / "out")])
+    assert isinstance(result.exception, MapError)
+    assert str(result.exception).endswith("0000.json cannot be written: No space left on device")
 
 
 def test_a_map_that_was_never_repeated_has_a_page_too(tmp_path: Path) -> None:

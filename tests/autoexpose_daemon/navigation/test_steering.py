@@ -55,12 +55,19 @@ def test_a_robot_aside_of_a_straight_path_comes_back_to_it(depth_m: float, aside
     assert abs(aside) < 1.5 * abs(aside_m) * math.exp(-3) + 0.02
 
 
+@pytest.mark.parametrize("drift_deg_per_m", [-2.0, 2.0])
+def test_a_robot_that_drives_backwards_learns_its_drift_too(drift_deg_per_m: float) -> None:
+    """Learnt with the sign of a way forwards, it would turn the robot by 4 degrees, and no longer come back."""
+    _, heading = drive(0.0, 20.0, 10.0, math.radians(drift_deg_per_m), -0.5)
+    assert abs(heading) < math.radians(1.0)
+
+
 def drive(
     aside: float, depth_m: float, way_m: float, drift_rad_per_m: float, speed_m_s: float = 0.3
 ) -> tuple[float, float]:
     """How far aside of a straight path, and how turned, a robot is that saw landmarks at one depth."""
     steering, heading, dt_s = Steering(FOCAL_LENGTH_PX), math.radians(5.0), 0.05
-    for _ in range(round(way_m / speed_m_s / dt_s)):
+    for _ in range(round(way_m / abs(speed_m_s) / dt_s)):
         bearing = -math.atan2(aside, depth_m) - heading  # of a landmark that was straight ahead
         shift_px = -FOCAL_LENGTH_PX * math.tan(bearing)  # a bearing to the left is at the left of the picture
         steering.see(shift_px, speed_m_s * dt_s)

@@ -135,6 +135,31 @@ def test_a_map_that_cannot_be_written_from_the_start_leaves_no_file(
     assert not list(tmp_path.iterdir())
 
 
+def test_a_lesson_that_was_killed_is_as_long_as_its_local_maps(tmp_path: Path) -> None:
+    path = tmp_path / "lap.map"
+    with MapFile(path, INFO) as file:
+        run = file.begin_run("teach", START_S)
+        for place in range(4):
+            speeds = [(0.0, 0.5, 0.1)] if place == 0 else []
+            file.add_place(run, TaughtPlace(0.2 * place, b"jpeg", SETTING, features(place)), speeds)
+    with MapFile(path) as file:
+        driven = file.taught_path()
+    assert driven.length_m == pytest.approx(0.6) and driven.at(0.5) == (0.5, 0.1)
+
+
+def test_a_map_for_a_lens_that_cannot_be_is_refused_in_a_sentence(tmp_path: Path) -> None:
+    with pytest.raises(MapError, match=r"lap\.map cannot be created for a focal length of 1e\+06 pixels"):
+        MapFile(tmp_path / "lap.map", MapInfo(720, 540, 1e6, "fast-orb", ""))
+    assert not list(tmp_path.iterdir())
+
+
+def test_light_does_not_count_as_an_observation_that_is_forgotten(tmp_path: Path) -> None:
+    with taught(tmp_path / "lap.map") as file:
+        file.add_light(file.runs()[0], [(0.01 * number, 9.0) for number in range(100)])
+        assert file.forget_all_runs_but(0) == 0
+        assert not file.light(file.runs()[0])
+
+
 def test_old_runs_are_forgotten(tmp_path: Path) -> None:
     path = tmp_path / "lap.map"
     with taught(path) as file:

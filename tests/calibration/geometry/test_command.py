@@ -129,6 +129,16 @@ def test_another_file_is_not_replaced(pictures: Path, tmp_path: Path) -> None:
     assert (tmp_path / "left.yaml").read_text() == "cameras: {}"
 
 
+def test_a_folder_that_cannot_be_written_is_refused_before_anything_is_measured(
+    pictures: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(os, "access", lambda _path, mode: mode != os.W_OK)  # root may write anywhere
+    code, output = from_folders(pictures, tmp_path)
+    assert code == 1
+    assert output.endswith("cannot be written: name a folder that you may write to")
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.mark.parametrize("name", ["board.pdf", "board.png"])
 def test_a_board_is_drawn_to_scale(tmp_path: Path, name: str) -> None:
     code, output = calibrate("board", str(tmp_path / name), "--squares", "7x5", "--square-mm", "40")
