@@ -97,6 +97,7 @@ class AravisCamera:
         self._setting: ExposureSetting | None = self._dialect.read(nodes)
         self._ledger = SettingLedger(self._setting)
         self._frame_ids = FrameIdUnwrapper()
+        self._last_frame_id = -1
         self._unreadable = False
         self._stream = create_stream(camera, nodes, setup)
         self._chunks = camera.create_chunk_parser()
@@ -228,7 +229,8 @@ class AravisCamera:
         if status in _HOLES and not device_time_ns:
             return None  # its leader was lost, and with it its id: the gap in the ids will show it
         frame_id = self._frame_ids.unwrap(buffer.get_frame_id())
-        host_time_ns = self._clock.host_time_ns(device_time_ns, arrival_time_ns)
+        in_order, self._last_frame_id = frame_id > self._last_frame_id, frame_id
+        host_time_ns = self._clock.host_time_ns(device_time_ns, arrival_time_ns, in_order)
         if status in _HOLES or host_time_ns is None:
             return IncompleteFrame(frame_id, host_time_ns)
         try:

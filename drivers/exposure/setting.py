@@ -13,7 +13,7 @@ DB_PER_STOP = 20.0 * math.log10(2.0)
 """A factor of two in linear gain, 6.02 dB: machine-vision gain is an amplitude ratio, hence 20 and not 10."""
 
 
-_LONGEST_TIME_US = 3.6e9
+_SHORTEST_TIME_US, _LONGEST_TIME_US = 1e-3, 3.6e9
 _HIGHEST_GAIN_DB = 200.0
 
 SAME_GAIN_DB = 0.1
@@ -39,8 +39,9 @@ class ExposureSetting:
 
     @property
     def is_physical(self) -> bool:
-        """Whether a frame could be taken with it (up to an hour and 200 dB): other processes may send anything."""
-        return 0 < self.exposure_time_us <= _LONGEST_TIME_US and abs(self.gain_db) <= _HIGHEST_GAIN_DB
+        """Whether a frame could be taken with it (1 ns to an hour, 200 dB): other processes may send anything."""
+        in_time = _SHORTEST_TIME_US <= self.exposure_time_us <= _LONGEST_TIME_US
+        return in_time and abs(self.gain_db) <= _HIGHEST_GAIN_DB
 
     def agrees_with(self, other: ExposureSetting) -> bool:
         """Whether the two are equal within the rounding of cameras (1 % of time, 0.1 dB)."""

@@ -32,8 +32,11 @@ NANOSECONDS = 1_000_000_000
 class DeviceClock(Protocol):
     """Maps device time to host time."""
 
-    def host_time_ns(self, device_time_ns: int, arrival_time_ns: int) -> int | None:
-        """Host time of a frame's time stamp, the frame having arrived at `arrival_time_ns`; None: unknown."""
+    def host_time_ns(self, device_time_ns: int, arrival_time_ns: int, in_order: bool = True) -> int | None:
+        """Host time of a frame's time stamp, the frame having arrived at `arrival_time_ns`; None: unknown.
+
+        `in_order` says whether the frame was taken after the last one, according to their numbers.
+        """
 
     def latch(self) -> int | None:
         """Measure the mapping again, if the camera allows it; returns host time minus device time (ns)."""
@@ -83,9 +86,9 @@ class LatchedClock:
         device_ns = ticks * NANOSECONDS // self._tick_frequency_hz
         return round_trip_ns, before_ns + round_trip_ns // 2 - device_ns
 
-    def host_time_ns(self, device_time_ns: int, arrival_time_ns: int) -> int | None:
+    def host_time_ns(self, device_time_ns: int, arrival_time_ns: int, in_order: bool = True) -> int | None:
         """Host time of a time stamp; the arrival shows whether the clock has jumped."""
-        jumped_back = device_time_ns < self._newest_ns - OUT_OF_ORDER_NS
+        jumped_back = _jumped_back(device_time_ns, self._newest_ns, in_order)
         self._newest_ns = device_time_ns
         in_the_future = device_time_ns + self._offset_ns > arrival_time_ns + LATCH_ERROR_NS
         if jumped_back or (in_the_future and self._since_jump is None):
@@ -115,9 +118,9 @@ class ArrivalClock:
         self._newest_ns = 0  # the last time stamp
         self._arrived_ns = 0  # when the last frame arrived
 
-    def host_time_ns(self, device_time_ns: int, arrival_time_ns: int) -> int:
+    def host_time_ns(self, device_time_ns: int, arrival_time_ns: int, in_order: bool = True) -> int:
         """Host time of a frame's time stamp; never later than its arrival."""
-        jumped_back = device_time_ns < self._newest_ns - OUT_OF_ORDER_NS  # which would count as a delay
+        jumped_back = _jumped_back(device_time_ns, self._newest_ns, in_order)  # which would count as a delay
         if jumped_back or arrival_time_ns - self._arrived_ns > LONG_PAUSE_NS:
             self._offsets_ns.clear()
         self._newest_ns, self._arrived_ns = device_time_ns, arrival_time_ns
@@ -126,6 +129,11 @@ class ArrivalClock:
 
     def latch(self) -> None:
         """Does nothing: the mapping comes from frames alone."""
+
+
+def _jumped_back(device_time_ns: int, last_ns: int, in_order: bool) -> bool:
+    """Whether a clock has jumped back between two frames that arrived one after the other."""
+    return device_time_ns < last_ns - (0 if in_order else OUT_OF_ORDER_NS)
 
 
 class JumpWatch:

@@ -9,7 +9,7 @@ from drivers.errors import ConfigurationError, NodeError, UnsupportedCameraError
 from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.exposure.gain_scale import GainScale
 from drivers.genicam.nodes import NodeMap
-from drivers.genicam.quantity import DECIBELS, MICROSECONDS, Quantity, find_quantity, is_number
+from drivers.genicam.quantity import DECIBELS, EXACT, MICROSECONDS, Quantity, find_quantity, is_number
 
 TIME_NODES = ("ExposureTime", "ExposureTimeAbs")
 """SFNC 2 and SFNC 1 names."""
@@ -20,6 +20,10 @@ RAW_GAIN = "GainRaw"
 UNDRIVEN_TIME_NODES = (RAW_TIME, "ExposureValue", "Shutter", "ShutterTime")
 """Other names seen in the field: known, so that the refusal can say what the camera offers instead."""
 
+LEAST_TIME_US = 1.0
+"""Of a camera that declares no exposure time above 0 as its least, and no increment."""
+LOWEST_GAIN_DB = -200.0
+"""Of a camera that declares no least gain."""
 TIME_ROUNDING = 0.1
 GAIN_ROUNDING_DB = 0.5
 """Cameras round exposure time to sensor lines and gain to steps without declaring it; more than a tenth of the time
@@ -39,12 +43,17 @@ class ExposureDialect:
 
     def limits(self, nodes: NodeMap) -> ExposureLimits:
         """Bounds and increments as the camera's nodes give them now."""
-        time_us, time_step_us = self.time.bounds(nodes), self.time.increment(nodes)
+        (min_time_us, max_time_us), time_step_us = self.time.bounds(nodes), self.time.increment(nodes)
+        if min_time_us <= 0:  # none is declared, or one that is no exposure time
+            min_time_us = time_step_us or LEAST_TIME_US
         if self.gain is None:
-            return ExposureLimits(*time_us, 0.0, 0.0, time_step_us)
+            return ExposureLimits(min_time_us, max_time_us, 0.0, 0.0, time_step_us)
         uneven_db = self.gain.uneven_steps(nodes)
         gain_step_db = 0.0 if uneven_db else self.gain.increment(nodes)
-        return ExposureLimits(*time_us, *self.gain.bounds(nodes), time_step_us, gain_step_db, uneven_db)
+        min_gain_db, max_gain_db = self.gain.bounds(nodes)
+        if min_gain_db <= -EXACT:  # none is declared: steps count from 0
+            min_gain_db = LOWEST_GAIN_DB // gain_step_db * gain_step_db if gain_step_db else LOWEST_GAIN_DB
+        return ExposureLimits(min_time_us, max_time_us, min_gain_db, max_gain_db, time_step_us, gain_step_db, uneven_db)
 
     def read(self, nodes: NodeMap) -> ExposureSetting:
         """The setting that the nodes hold now."""

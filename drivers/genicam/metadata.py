@@ -95,7 +95,8 @@ def enable_chunks(nodes: NodeMap, gain_node: str | None) -> tuple[ChunkNodes | N
     try:
         if nodes.exists("ChunkSelector") and nodes.available("ChunkModeActive"):
             nodes.write_boolean("ChunkModeActive", True)  # first: some selectors exist only while it is on
-            if set(wanted) <= set(nodes.entries("ChunkSelector")):
+            named = all(nodes.exists(f"Chunk{chunk}") for chunk in wanted)
+            if named and set(wanted) <= set(nodes.entries("ChunkSelector")):
                 for chunk in wanted:
                     nodes.write_entry("ChunkSelector", chunk)
                     nodes.write_boolean("ChunkEnable", True)

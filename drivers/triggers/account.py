@@ -8,7 +8,7 @@ not take), and the trigger period (how many triggers an outage swallowed).
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from typing import Final, Literal
 
@@ -54,6 +54,9 @@ _HOLD_PERIODS = 8
 
 _NEXT_PERIODS = 0.75
 """No trigger follows a frame on the grid sooner: a frame in between could be paired with another instant's."""
+
+_INSTANT_PERIODS = 0.4
+"""Frames that start further apart are of different instants: both may be near one trigger of a grid that has moved."""
 
 _SURPLUS = -1
 """In place of a trigger number, for a surplus frame."""
@@ -219,6 +222,8 @@ class TriggerAccount:
                 track.frame_id += 1  # one of those since the last trigger's; the others were lost
             elif frame_id < track.frame_id - _REORDERED_FRAMES:
                 track.frame_id = frame_id  # the camera counts from the beginning again
+            if track.trigger < self._held_from:
+                return self.silent(side)  # all it sends is surplus: no partner for the other one's frames
             return []
         self._explain_gap(side, track, trigger, frame_id)
         self._outcomes.settle(side, trigger + 1, outcome)
@@ -243,6 +248,7 @@ class TriggerAccount:
             return None
         if self.grid is None:
             opened_ns = time_ns if self._opened_ns is None else self._opened_ns
+            self._on_grid_ns = time_ns
             return self._open_grid(time_ns, max(int((time_ns - opened_ns) // self._period_ns), 0))
         if self.grid.off_phase(time_ns):
             if time_ns - self._on_grid_ns < _NEXT_PERIODS * self.grid.period_ns:
@@ -285,7 +291,7 @@ class TriggerAccount:
         pairs: list[StereoPair] = []
         for trigger, count, outcomes in self._outcomes.close():
             frames = {side: outcome for side, outcome in outcomes.items() if isinstance(outcome, Frame)}
-            if len(frames) == len(self._tracks):
+            if len(frames) == len(self._tracks) and self._of_one_instant(frames.values()):
                 self.tally.pairs += 1
                 pairs.append(StereoPair(trigger, frames))
             elif not _stopped(outcomes):
@@ -293,11 +299,16 @@ class TriggerAccount:
                 pairs += self._alone(trigger, frames)
         return pairs
 
+    @property
+    def _held_from(self) -> int:
+        """Frames from this trigger on wait for a partner."""
+        return max(track.trigger for track in self._tracks.values()) - _HOLD_PERIODS
+
     def _release_lone(self) -> list[StereoPair]:
         """Frames whose partner is silent, handed out alone; their trigger stays open."""
         if not any(track.silent for track in self._tracks.values()):
             return []
-        held_from = max(track.trigger for track in self._tracks.values()) - _HOLD_PERIODS
+        held_from = self._held_from
         pairs: list[StereoPair] = []
         for side, run in self._outcomes.waiting(self._lone_from):
             trigger, frame = run.until - 1, run.outcome
@@ -307,6 +318,10 @@ class TriggerAccount:
                 run.outcome = Fate.TAKEN
         self._lone_from = max(self._lone_from, held_from)
         return pairs
+
+    def _of_one_instant(self, frames: Collection[Frame]) -> bool:
+        times_ns = [frame.host_time_ns for frame in frames]
+        return max(times_ns) - min(times_ns) < _INSTANT_PERIODS * self._period_ns
 
     def _alone(self, trigger: int, frames: dict[Side, Frame]) -> list[StereoPair]:
         """At most one frame as a pair of its own, unless it was handed out before."""
@@ -333,7 +348,7 @@ def _reason(outcomes: dict[Side, Outcome]) -> LossReason:
             return LossReason.LEFT_MISSING
         case ["right"]:
             return LossReason.RIGHT_MISSING
-        case []:  # the frame arrived after its partner had been used alone
+        case []:  # the frame arrived after its partner had been used alone, or is of another instant
             return LossReason.STALE
         case _:
             return LossReason.BOTH_MISSING

@@ -131,3 +131,12 @@ def test_a_long_table_of_gains_is_searched_as_thoroughly_as_a_short_one(level: f
     realised = limits.realise(level, time_us)
     assert realised.gain_db in table and limits.contain(realised)
     assert realised.level == pytest.approx(limits.clamp_level(level), abs=0.06)
+
+
+@pytest.mark.parametrize(
+    ("time_us", "gain_db", "physical"),
+    [(20.0, 0.0, True), (3.6e9, -200.0, True), (5e-324, 0.0, False), (0.0, 0.0, False), (math.inf, 0.0, False),
+     (math.nan, 0.0, False), (20.0, 201.0, False), (20.0, math.nan, False)],
+)  # fmt: skip
+def test_what_no_camera_could_have_taken_is_not_physical(time_us: float, gain_db: float, physical: bool) -> None:
+    assert ExposureSetting(time_us, gain_db).is_physical is physical

@@ -43,6 +43,7 @@ def test_it_is_written_as_in_the_docs() -> None:
         ("- DeviceUserID: 2026-01-01", "in quotes"),
         ("- Gamma: .nan", "Gamma is set to nan: give a number of at most 64 bits"),
         ("- Width: 99999999999999999999999", "give a number of at most 64 bits"),
+        (f"- Width: 1{'0' * 400}", "give a number of at most 64 bits"),
         ('- DeviceUserID: "a\\nb"', "printable"),
     ],
 )

@@ -144,6 +144,38 @@ def test_a_clock_that_jumps_keeps_its_frames_in_place(jump_ns: int, latched: boo
         assert max(map(abs, known[-80:])) < 300_000
 
 
+@pytest.mark.parametrize("jump_ns", [-17_000_000, -50_000_000, -99_000_000])
+@pytest.mark.parametrize("latched", [True, False])
+def test_a_small_jump_back_keeps_its_frames_in_place(jump_ns: int, latched: bool) -> None:
+    """Without a latch the frames before it would be compared for 10 s; with one, until the next latch."""
+    wire = Wire(offset_ns=-(10**11))
+    clock = LatchedClock(wire.nodes, "Latch", "Value", 10**9, wire.now_ns) if latched else ArrivalClock()
+    errors_ns = []
+    for number in range(60):
+        if number == 20:
+            wire.offset_ns -= jump_ns
+        wire.host_ns += 16_666_667
+        host_ns = clock.host_time_ns(wire.host_ns - wire.offset_ns, wire.host_ns + 9_000_000)
+        errors_ns.append(None if host_ns is None else host_ns - wire.host_ns)
+    assert [number for number, error_ns in enumerate(errors_ns) if error_ns is None] == [20, 21, 22, 23] * latched
+    known = [error_ns for error_ns in errors_ns if error_ns is not None]
+    assert max(known) - min(known) < 1_000_000
+
+
+@pytest.mark.parametrize("latched", [True, False])
+def test_a_frame_that_arrives_after_newer_ones_is_no_jump(latched: bool) -> None:
+    wire = Wire()
+    clock = LatchedClock(wire.nodes, "Latch", "Value", 10**9, wire.now_ns) if latched else ArrivalClock()
+    errors_ns = []
+    for number in (1, 2, 3, 6, 4, 7, 8):
+        true_ns = 10**12 + number * 16_666_667
+        arrival_ns = true_ns + (60_000_000 if number == 4 else 9_000_000)
+        host_ns = clock.host_time_ns(true_ns - wire.offset_ns, arrival_ns, in_order=number != 4)
+        assert host_ns is not None
+        errors_ns.append(host_ns - true_ns)
+    assert max(errors_ns) == min(errors_ns)
+
+
 def test_a_jump_is_reported_once_and_a_returning_camera_has_not_jumped() -> None:
     watch = JumpWatch()
 

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import sys
+
 import pytest
 
 from drivers.errors import NodeError, UnsupportedCameraError
@@ -86,6 +88,37 @@ def test_integer_exposure_times_take_the_nearest_increment() -> None:
     assert dialect.write(nodes, ExposureSetting(1000.0, 3.0), None).exposure_time_us == 20 + 140 * 7
     boundless = sfnc2(ExposureTime=IntegerNode(5000, -(1 << 63)))
     assert find_dialect(boundless).write(boundless, ExposureSetting(1234.4, 3.0), None).exposure_time_us == 1234
+
+
+@pytest.mark.parametrize(
+    ("time", "least_us"),
+    [
+        (FloatNode(5000.0, 0.0, 1e5, "us"), 1.0),
+        (FloatNode(5000.0, -sys.float_info.max, 1e5, "us"), 1.0),
+        (FloatNode(5.0, 0.0, 100.0, "ms", 0.01), 10.0),
+        (IntegerNode(5000, -(1 << 63), increment=5), 5.0),
+    ],
+)
+def test_a_camera_that_declares_no_least_exposure_time_is_driven(time: Node, least_us: float) -> None:
+    nodes = sfnc2(ExposureTime=time)
+    limits = find_dialect(nodes).limits(nodes)
+    assert limits.min_time_us == pytest.approx(least_us)
+    assert find_dialect(nodes).write(nodes, limits.darkest, None).exposure_time_us == pytest.approx(least_us)
+
+
+@pytest.mark.parametrize(
+    "gain",
+    [
+        FloatNode(0.0, -sys.float_info.max, 24.0, "dB", 0.4),
+        FloatNode(0.0, -sys.float_info.max, 24.0, "dB"),
+        IntegerNode(0, -(1 << 63), 24, "dB", 2),
+    ],
+)
+def test_a_camera_that_declares_no_least_gain_is_driven_within_the_configured_limits(gain: Node) -> None:
+    nodes = sfnc2(Gain=gain)
+    limits = find_dialect(nodes).limits(nodes).within(ExposureLimits(20.0, 7500.0, 4.0, 20.0))
+    assert limits.min_gain_db == pytest.approx(4.0)
+    assert find_dialect(nodes).write(nodes, limits.darkest, None).gain_db == pytest.approx(4.0)
 
 
 def test_a_count_of_known_length_is_driven() -> None:

@@ -85,6 +85,8 @@ def test_chunks_are_switched_on(gain_node: str | None, chunk: str | None) -> Non
             "ChunkModeActive": BooleanNode(),
             "ChunkSelector": EnumerationNode("Image", ("Image", "ExposureTime", "Gain", "GainAll")),
             "ChunkEnable": BooleanNode(),
+            "ChunkExposureTime": FloatNode(0.0),
+            "ChunkGain": FloatNode(0.0),
             "ChunkGainAll": IntegerNode(0),
         }
     )
@@ -106,6 +108,21 @@ def test_missing_chunks_are_reported() -> None:
     assert enable_chunks(nodes, "Gain") == lacking
     assert nodes.writes[-1] == ("ChunkModeActive", False)
     assert enable_chunks(MemoryNodes({}), "Gain") == lacking
+
+
+def test_a_chunk_without_a_node_of_its_own_is_missing() -> None:
+    entries = ("Image", "ExposureTime")
+    nodes = MemoryNodes(
+        {
+            "ChunkModeActive": BooleanNode(),
+            "ChunkSelector": EnumerationNode("Image", entries),
+            "ChunkEnable": BooleanNode(),
+        }
+    )
+    chunks, (limitation,) = enable_chunks(nodes, None)
+    assert chunks is None
+    assert limitation.startswith("no chunk data of ExposureTime")
+    assert nodes.writes[-1] == ("ChunkModeActive", False)
 
 
 def test_a_chunk_of_another_unit_is_read_in_microseconds() -> None:

@@ -216,6 +216,28 @@ def test_a_doubled_trigger_never_pairs_one_instant_with_another(lost: str | None
     assert rig.account.tally.surplus_frames >= 38
 
 
+def test_the_first_frames_are_not_paired_if_they_are_of_different_instants() -> None:
+    rig = FakeRig(period_ns=0.4 * PERIOD_NS)
+    rig.pulse(right="missing")
+    rig.pulse(left="missing")
+    assert rig.account.tally.pairs == 0
+    assert rig.account.tally.surplus_frames == 1
+
+
+def test_a_doubled_trigger_pairs_no_instants_of_a_camera_whose_frames_arrive_late() -> None:
+    """A lost frame moves the grid while frames of the camera that lags behind are on their way."""
+    account = TriggerAccount(("left", "right"), PERIOD_NS, OPENED_NS)
+    pairs: list[StereoPair] = []
+    for number in range(200):
+        for side, shown in (("right", number), ("left", number - 4)):
+            if shown < 0 or (side, shown % 50) in (("right", 20), ("left", 16)):
+                continue
+            pairs += account.frame(side, frame(shown, PHASE_NS + shown * PERIOD_NS // 2))  # type: ignore[arg-type]
+    complete = [pair for pair in pairs if len(pair.frames) == 2]
+    assert len(complete) > 30
+    assert all(pair.frames["left"].frame_id == pair.frames["right"].frame_id for pair in complete)
+
+
 def test_frames_of_a_doubled_trigger_lost_on_the_way_are_not_ignored_triggers() -> None:
     rig = FakeRig(period_ns=PERIOD_NS / 2)
     rig.pulses(20)
@@ -453,4 +475,25 @@ def test_frames_handed_out_alone_are_not_kept_for_a_partner_that_never_comes() -
         alive += [weakref.ref(pair.frames["left"].pixels) for pair in rig.released]
         rig.released.clear()
     assert len(alive) >= 100
+    assert sum(pixels() is not None for pixels in alive) < 12
+
+
+def test_no_frame_waits_for_a_camera_whose_frames_all_start_between_those_of_the_other() -> None:
+    """As on two trigger wires, once a lost frame has made the other camera's frames those of the grid."""
+    rig = FakeRig(period_ns=PERIOD_NS / 2)
+    alive: list[weakref.ref[np.ndarray]] = []
+    waited: list[int] = []
+    for number in range(200):
+        if number == 100:
+            rig.pulse(left="missing", right="absent")
+        else:
+            rig.pulse(right="absent")
+        rig.pulse(left="absent")
+        rights = [pair.frames["right"] for pair in rig.released if "right" in pair.frames]
+        rig.released.clear()
+        waited += [number + 1 - shown.frame_id for shown in rights]
+        alive += [weakref.ref(shown.pixels) for shown in rights]
+    assert len(waited) == 100
+    assert max(waited) < 12
+    assert set(waited[20:]) == {0}
     assert sum(pixels() is not None for pixels in alive) < 12
