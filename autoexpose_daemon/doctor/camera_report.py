@@ -169,7 +169,8 @@ def _in_words(about: dict[str, Any]) -> str:
     if "not_opened" in about or "failed" in about:
         return f"  {about.get('not_opened') or about['failed']}"
     if not about["frames"]:
-        return "  no frames arrived"
+        incomplete = about["incomplete"]
+        return f"  no whole frame arrived, {incomplete} incomplete ones did" if incomplete else "  no frames arrived"
     return (
         f"  {about['frames']} frames, {about['incomplete']} incomplete, {about['missing_ids']} missing; "
         f"{about['exposure_end_to_arrival_ms']['p50']:.1f} ms from the end of exposure to memory, "

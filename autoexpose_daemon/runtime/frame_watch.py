@@ -77,4 +77,5 @@ class FrameWatch:
         for watch in (self._rates, self._jumps):
             watch.gone(side)
         self._effects[side].gone()
+        self._incomplete[side] = 0
         self._with_metadata.discard(side)

@@ -98,7 +98,7 @@ class RigControl:
         *,
         now_ns: Callable[[], int] = time.monotonic_ns,
     ) -> None:
-        self.telemetry = Telemetry()
+        self.telemetry = Telemetry(period_s=1.0 / config.trigger.rate_hz)
         self.outlets: list[Outlet] = []
         self.angular_rate: Callable[[], float | None] = lambda: None
         self.light_ahead: Callable[[int], LightAhead | None] = lambda _: None

@@ -7,6 +7,7 @@ import os
 import socket
 import time
 
+from drivers.config.readable import readable
 from drivers.python310 import Self
 
 log = logging.getLogger(__name__)
@@ -50,7 +51,7 @@ class Notifier:
 
     def status(self, text: str) -> None:
         """The state in one line, for `systemctl status`; sent if it differs from the last."""
-        line = text.replace("\n", " ")
+        line = readable(text.replace("\n", " "))  # file names may be no UTF-8
         if line != self._status and self._send(f"STATUS={line}"):
             self._status = line
 

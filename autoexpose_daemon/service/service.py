@@ -79,7 +79,7 @@ class Service:
         self._last_exposure = last_exposure or LastExposure(None)
         self._announcer = Announcer(notifier or Notifier(None))
         self._config = config
-        self._former: Config | None = None  # to fall back on if the cameras refuse the new one
+        self._former: Config | None = None  # that exposed: to fall back on if the cameras refuse the new one
         self._dead: list[BaseException] = []
         self.daemon = self._make(config)
 
@@ -147,8 +147,7 @@ class Service:
     def _take_note(self) -> None:
         if self._announcer.health.state is not State.STARTING:
             self._former = None
-        if self._announcer.health.state is State.EXPOSING:
-            self._last_exposure.keep(self.daemon.telemetry, time.monotonic())
+        self._last_exposure.keep(self.daemon.telemetry, time.monotonic())
 
     def _look_for_reload(self, new_config: NewConfig) -> None:
         try:
@@ -186,7 +185,8 @@ class Service:
             log.info("what was requested ends with it: %s", requested)
         self._end()
         self._raise_failure()
-        self._former, self._config, self.daemon = self._config, config, daemon
+        self._former = self._former or self._config  # a second reload may come while the first one's cameras open
+        self._config, self.daemon = config, daemon
         self._begin()
 
 

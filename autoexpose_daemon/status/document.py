@@ -67,7 +67,7 @@ class CameraStatus:
     camera
         Model and serial; None while it is not open.
     applied
-        The setting of its newest frame; None before the first.
+        The setting of its newest frame; None before the first, and if another camera alone sends frames.
     drift_grey
         Error of its response (grey levels rms); None without a verdict.
     misfit

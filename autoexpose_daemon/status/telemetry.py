@@ -25,7 +25,9 @@ from drivers.triggers.history import Command
 from drivers.triggers.record import RigRecord
 
 _KEPT = 1 << 14  # four and a half minutes at 60 Hz
-_PAUSE_NS = 1_000_000_000
+_PAUSE_S = 1.0
+_PAUSE_PERIODS = 5.0
+"""What has not come for longer than both has stopped."""
 
 GONE = "gone"
 """In `Telemetry.cameras`: not open; opening it is retried."""
@@ -73,6 +75,8 @@ class Telemetry:
 
     Attributes
     ----------
+    period_s
+        Time between two triggers.
     opened_ns
         When the daemon began to open the cameras (CLOCK_MONOTONIC): all counts begin then.
     failure
@@ -90,7 +94,8 @@ class Telemetry:
     misfits
         Why a camera's calibration does not fit, in words, for each such camera.
     applied, newest
-        The setting of the newest frame that control saw, and of the newest frame of each camera.
+        The setting of the newest frame that control saw, and of the newest frame of each camera, without those that
+        have stopped sending while another goes on.
     pairing_ms, decision_ms, held_ms, write_ms, frame_to_node_ms, command_to_effect_ms, skew_ms
         See `DURATIONS`.
     publishing, recorder
@@ -107,6 +112,7 @@ class Telemetry:
         What was requested of control while it runs.
     """
 
+    period_s: float = 0.0
     opened_ns: int | None = None
     failure: str | None = None
     counts: Counts = field(default_factory=Counts)
@@ -171,10 +177,16 @@ class Telemetry:
         if len(pair.frames) > 1:
             self.skew_ms.add_ns(skew_ns)
         self.applied = pair.reference.setting
-        self.newest.update({side: frame.setting for side, frame in pair.frames.items()})
+        arrival_ns = max(frame.arrival_time_ns for frame in pair.frames.values())
+        since_ns = arrival_ns - self._pause_ns
+        going_on = {side: it for side, it in self.newest.items() if self.last_frame_ns.get(side, 0) >= since_ns}
+        self.newest = going_on | {side: frame.setting for side, frame in pair.frames.items()}
         if complete:
-            self._recent_ns.append(pair.reference.host_time_ns)
-            self.last_pair_ns = max(frame.arrival_time_ns for frame in pair.frames.values())
+            start_ns = pair.reference.host_time_ns
+            if self._recent_ns and start_ns - self._recent_ns[-1] > self._pause_ns:
+                self._recent_ns.clear()  # the pause is no part of the present rate
+            self._recent_ns.append(start_ns)
+            self.last_pair_ns = arrival_ns
 
     def decided(self, decision: Decision, limits: ExposureLimits) -> None:
         """Note a decision made within limits."""
@@ -185,11 +197,15 @@ class Telemetry:
             self.counts.decisions_at_brightest_limit += 1
 
     def rate_hz(self, now_ns: int) -> float:
-        """Complete pairs per second over the last two seconds at 60 Hz; 0 if none arrived for a second."""
+        """Complete pairs per second over the last two seconds at 60 Hz; 0 if they have stopped."""
         times_ns = list(self._recent_ns)
-        if len(times_ns) < 2 or times_ns[-1] <= times_ns[0] or now_ns - times_ns[-1] > _PAUSE_NS:
+        if len(times_ns) < 2 or times_ns[-1] <= times_ns[0] or now_ns - times_ns[-1] > self._pause_ns:
             return 0.0
         return (len(times_ns) - 1) * 1e9 / (times_ns[-1] - times_ns[0])
+
+    @property
+    def _pause_ns(self) -> float:
+        return max(_PAUSE_S, _PAUSE_PERIODS * self.period_s) * 1e9
 
     def brief(self, now_ns: int) -> str:
         """Rate and exposure in a few words."""

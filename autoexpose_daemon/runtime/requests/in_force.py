@@ -83,6 +83,7 @@ class Requests:
             log.info("the configuration replaces what was requested: %s", words)
         self._configured = self._active.tuning
         self._tally.locked, self._tally.ev_stops, self._tally.changed = None, 0.0, ()
+        self._note_bounds()
         self._give_up("the configuration was reloaded meanwhile")
 
     def override(self, pair: StereoPair) -> Override:
@@ -104,8 +105,6 @@ class Requests:
                 self._tally.locked = decision.setting  # within bounds that may have changed
         elif self.shot is not None:
             self.shot.decided(written_to, present)
-        if self._active.loop is not None:
-            self._tally.bounds = Bounds.of(self._active.loop.setup.limits)
         found = None if self.shot is None else self.shot.found()
         if self.shot is not None and found is not None:
             log.info("the shot is trigger %d, %s", found.trigger, found.setting)
@@ -124,6 +123,7 @@ class Requests:
 
     def look(self, now_ns: int) -> None:
         """To be called at least ten times a second."""
+        self._note_bounds()
         if self.shot is not None and now_ns > self.shot.deadline_ns:
             self._give_up(self.shot.shortfall)
 
@@ -174,6 +174,11 @@ class Requests:
         self._tally.latest = f"{request.words}, asked by {request.by}"
         self.fresh = (*self.fresh, self._tally.latest)[-_MOST_FRESH:]
         log.info("%s", self._tally.latest)
+
+    def _note_bounds(self) -> None:
+        """Also without decisions: a camera may open, or a reload may change them, while there are no triggers."""
+        if self._active.loop is not None:
+            self._tally.bounds = Bounds.of(self._active.loop.setup.limits)
 
     def _give_up(self, why: str) -> None:
         if self.shot is not None:

@@ -49,3 +49,10 @@ def test_what_went_wrong_is_told_without_address_and_serial(monkeypatch: pytest.
     about, description = camera_report._examined(found, 1.0)
     assert about["not_opened"] == "camera S: Can't connect to device at address 'A' from A:3956 (USB3)"
     assert description == ""
+
+
+@pytest.mark.parametrize(
+    ("incomplete", "words"), [(0, "no frames arrived"), (600, "no whole frame arrived, 600 incomplete ones did")]
+)
+def test_frames_with_holes_have_arrived(incomplete: int, words: str) -> None:
+    assert camera_report._in_words({"frames": 0, "incomplete": incomplete}).strip() == words

@@ -232,6 +232,15 @@ def test_a_reload_puts_back_the_configuration_and_says_so(run: Rig, caplog: pyte
         waiting.result(0)
     answer = run.request().result(0)
     assert str(answer.requests) == ""
+    assert answer.requests.bounds is not None and answer.requests.bounds.max_gain_db == 30.0
+
+
+def test_the_bounds_are_known_from_when_a_camera_is_open() -> None:
+    control = virtual.VirtualRig(7, lambda *_: None, lambda *_: None, tuning(START_US)).control
+    description = CameraDescription("Maker", "Model", "L", pixel_format=PixelFormat.MONO8, size=(720, 540))
+    control.take([CameraReady("left", description, ExposureLimits(20.0, 5000.0, 0.0, 30.0))])
+    assert control.telemetry.requests.bounds is not None
+    assert control.telemetry.requests.bounds.max_time_us == 5000.0
 
 
 def test_reset_does_the_same_and_what_else_is_asked_for_comes_after_it(run: Rig) -> None:

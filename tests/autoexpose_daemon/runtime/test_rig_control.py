@@ -1,4 +1,4 @@
-"""Which pairs control decides on, and what becomes of the others."""
+"""Which pairs control decides on, what becomes of the others, and what is shown of the cameras meanwhile."""
 
 from __future__ import annotations
 
@@ -7,16 +7,28 @@ from dataclasses import replace
 import numpy as np
 
 from autoexpose_daemon.config.document import Config
+from autoexpose_daemon.runtime.frame_watch import INCOMPLETE_FRAMES
 from autoexpose_daemon.runtime.rig_control import RigControl
-from drivers.camera import CameraDescription
+from autoexpose_daemon.status.describe import describe
+from autoexpose_daemon.status.panel import newest_setting
+from drivers.camera import CameraDescription, IncompleteFrame
+from drivers.errors import CameraLostError
 from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import SIDES, Frame, Side
 from drivers.pixels.formats import PixelFormat
-from drivers.rig.events import CameraReady, CameraSilent, FrameArrived
+from drivers.rig.events import CameraGone, CameraReady, CameraSilent, FrameArrived
 from drivers.rig.pace import Slots
 
 PERIOD_NS = 20_000_000
 SETTING = ExposureSetting(1000.0, 0.0)
+READY = {
+    side: CameraReady(
+        side,
+        CameraDescription("ours", "scripted", side, pixel_format=PixelFormat.MONO8, size=(90, 68)),
+        ExposureLimits(20.0, 15_000.0, 0.0, 30.0),
+    )
+    for side in SIDES
+}
 
 
 class NoCameras:
@@ -37,15 +49,19 @@ def arrived(side: Side, trigger: int) -> FrameArrived:
     return FrameArrived(side, Frame(np.full((68, 90), 99, np.uint8), 8, trigger, time_ns, time_ns, time_ns, SETTING))
 
 
-def test_a_pair_of_which_one_frame_was_decided_on_alone_is_counted_and_goes_out_once() -> None:
+def rig_of_two() -> RigControl:
+    """Control of two cameras that are ready."""
     cameras = {side: {"serial": side} for side in SIDES}
     config = Config.model_validate({"cameras": cameras, "trigger": {"rate_hz": 50}, "control": {"policy": "fixed"}})
     control = RigControl(config, NoCameras(), now_ns=lambda: 3 * PERIOD_NS)
+    control.take(list(READY.values()))
+    return control
+
+
+def test_a_pair_of_which_one_frame_was_decided_on_alone_is_counted_and_goes_out_once() -> None:
+    control = rig_of_two()
     seen: list[tuple[int, int, bool]] = []
     control.outlets.append(lambda pair, decision: seen.append((pair.trigger, len(pair.frames), decision is not None)))
-    described = CameraDescription("ours", "scripted", "", pixel_format=PixelFormat.MONO8, size=(90, 68))
-    limits = ExposureLimits(20.0, 15_000.0, 0.0, 30.0)
-    control.take([CameraReady(side, replace(described, serial=side), limits) for side in SIDES])
     control.take([arrived(side, 1) for side in SIDES])
     control.take([arrived("left", 2), CameraSilent("right")])
     control.take([arrived("right", 2)])
@@ -53,3 +69,24 @@ def test_a_pair_of_which_one_frame_was_decided_on_alone_is_counted_and_goes_out_
     assert seen == [(first, 2, True), (first + 1, 1, True)]
     assert control.telemetry.counts.pairs_without_decision == 1
     assert control.record.tally.pairs == 2
+
+
+def test_the_exposure_that_is_shown_is_not_that_of_a_camera_which_is_gone() -> None:
+    control = rig_of_two()
+    control.take([arrived(side, 1) for side in SIDES])
+    control.take([CameraGone("left", CameraLostError("unplugged"), final=False)])
+    alone = ExposureSetting(2 * SETTING.exposure_time_us, SETTING.gain_db)
+    event = arrived("right", 60)
+    control.take([replace(event, frame=replace(event.frame, setting=alone))])
+    status = describe(control.telemetry, control.active.tuning.config)
+    assert (status.cameras["left"].applied, status.cameras["right"].applied) == (None, alone)
+    assert newest_setting(status) == alone
+
+
+def test_holes_before_a_camera_was_lost_are_not_held_against_it_afterwards() -> None:
+    control = rig_of_two()
+    holes = FrameArrived("left", IncompleteFrame(1, None))
+    control.take([holes] * INCOMPLETE_FRAMES)
+    assert ("left", "incomplete") in control.telemetry.complaints
+    control.take([CameraGone("left", CameraLostError("unplugged"), final=False), READY["left"], holes])
+    assert not control.telemetry.complaints

@@ -54,6 +54,18 @@ def test_a_picture_that_shows_little_is_no_reason_to_remember(file: Path, bad: d
     assert not file.exists()
 
 
+def test_an_exposure_without_a_new_frame_grows_old(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    now_s = time.time()
+    monkeypatch.setattr("autoexpose_daemon.service.last_exposure.time.time", lambda: now_s)
+    last, stopped = LastExposure(file), seen()
+    last.keep(stopped, 0.0)
+    now_s += LONGEST_AGE_S + 1.0
+    last.keep(stopped, LONGEST_AGE_S)
+    assert last.recall(LIMITS) is None
+    last.keep(seen(), LONGEST_AGE_S)
+    assert last.recall(LIMITS) == SETTING
+
+
 def test_a_pipe_in_its_place_is_no_exposure(file: Path, caplog: pytest.LogCaptureFixture) -> None:
     os.mkfifo(file)
     assert LastExposure(file).recall(LIMITS) is None
@@ -78,6 +90,20 @@ def test_it_is_written_seldom(file: Path) -> None:
 def test_one_of_another_time_is_not_used(file: Path, age_s: float) -> None:
     write(file, unix_time_s=time.time() - age_s)
     assert LastExposure(file).recall(LIMITS) is None
+
+
+def test_it_grows_old_while_nothing_better_is_seen(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    now_s = time.time()
+    monkeypatch.setattr("autoexpose_daemon.service.last_exposure.time.time", lambda: now_s)
+    LastExposure(file).keep(seen(), 0.0)
+    now_s += 0.9 * LONGEST_AGE_S
+    last = LastExposure(file)
+    assert last.recall(LIMITS) == SETTING
+    last.keep(seen(black=0.9), 0.0)
+    last.save(0.0)  # as every process does at its end
+    now_s += 0.2 * LONGEST_AGE_S
+    assert LastExposure(file).recall(LIMITS) is None
+    assert last.recall(LIMITS) is None  # nor at a reload
 
 
 @pytest.mark.parametrize("changes", [{"exposure_time_us": 8000.0}, {"exposure_time_us": -1.0}, {"gain_db": 31.0}])

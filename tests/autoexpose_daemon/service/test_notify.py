@@ -46,6 +46,12 @@ def test_a_status_is_one_line_and_is_not_said_twice(manager: tuple[socket.socket
     assert listener.recv(99) == b"STATUS=failed: no camera"
 
 
+def test_a_status_may_name_a_file_whose_name_is_no_text(manager: tuple[socket.socket, str]) -> None:
+    listener, address = manager
+    Notifier(address).status(f"failed: {os.fsdecode(b'rig-%s.yaml' % bytes([0xFF]))}: cannot be read")
+    assert listener.recv(99) == rb"STATUS=failed: rig-\udcff.yaml: cannot be read"
+
+
 def test_what_this_process_starts_does_not_speak_for_it(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("NOTIFY_SOCKET", str(tmp_path / "nobody"))
     notifier = Notifier.from_environment()

@@ -126,6 +126,19 @@ def test_a_stopped_trigger_and_a_lost_camera_degrade_and_feed_the_watchdog(runni
     assert manager.heard.count("READY=1") == 1
 
 
+def test_the_exposure_of_one_camera_alone_is_remembered(running: RunningService) -> None:
+    running.rig.right.lost = True
+    running.manager.wait_until(lambda message: "right camera gone" in message, "the right camera being gone")
+    running.reload(config(control={"policy": "fixed", "start": {"exposure_time_us": 777}}))
+    limits, last = config().exposure.limits(), running.service._last_exposure
+
+    def remembered(_message: str) -> bool:
+        setting = last.recall(limits)
+        return setting is not None and setting.agrees_with(ExposureSetting(777.0, 0.0))
+
+    running.manager.wait_until(remembered, "the exposure of the left camera")
+
+
 @pytest.mark.parametrize(("sections", "why"), IMPOSSIBLE)
 def test_a_reload_that_cannot_be_leaves_all_as_it_was(
     running: RunningService, caplog: pytest.LogCaptureFixture, sections: dict[str, Any], why: str
@@ -134,6 +147,20 @@ def test_a_reload_that_cannot_be_leaves_all_as_it_was(
     wait_for_words(running, caplog, "configuration rejected")
     assert why in next(line for line in caplog.text.splitlines() if "configuration rejected" in line)
     running.manager.wait_until(lambda _: running.service.status().state is State.EXPOSING, "exposing again")
+
+
+def test_two_reloads_in_a_row_go_back_to_what_has_exposed(
+    running: RunningService, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("autoexpose_daemon.status.states.START_PATIENCE_NS", round(LONG_S * 1e9))
+    running.rig.left.lost = running.rig.right.lost = True
+    running.reload(config(trigger={"line": "Line8"}))
+    running.manager.wait_for("STATUS=starting")
+    running.reload(config(trigger={"line": "Line9"}))
+    wait_for_words(running, caplog, "going back to the old one")
+    running.rig.left.lost = running.rig.right.lost = False
+    running.manager.wait_for("STATUS=exposing")
+    assert running.service.daemon.tuning.config.trigger.line == "Line0"
 
 
 def test_a_failure_that_is_not_over_when_it_is_seen_leaves_all_as_it_was(

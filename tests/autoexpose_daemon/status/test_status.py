@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import logging
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import fields, replace
 
 import numpy as np
@@ -41,6 +41,8 @@ from autoexpose_daemon.status.telemetry import DurationSamples, Telemetry
 from calibration.response import ResponseFunction
 from calibration.vignetting.model import MOST_NODES, Vignetting
 from drivers.exposure import ExposureLimits, ExposureSetting
+from drivers.frames import Frame, StereoPair
+from drivers.triggers.record import RigRecord
 from tests.autoexpose_daemon.statuses import EXPOSING
 
 CONFIG = Config.model_validate({"cameras": {"left": {"serial": "L"}, "right": {"serial": "R"}}})
@@ -180,6 +182,18 @@ def test_decisions_at_a_bound_are_counted() -> None:
         telemetry.decided(Decision(LIMITS.realise(level, 1000.0), level, "", 0.1, 0.0, 0.0, 0.0), LIMITS)
     counts = telemetry.counts
     assert (counts.decisions_at_darkest_limit, counts.decisions_at_brightest_limit) == (1, 2)
+
+
+@pytest.mark.parametrize(("rate_hz", "triggers"), [(1.0, range(3)), (60.0, (*range(100), *range(9000, 9010)))])
+def test_the_rate_holds_between_slow_triggers_and_after_a_pause(rate_hz: float, triggers: Iterable[int]) -> None:
+    telemetry, record = Telemetry(period_s=1 / rate_hz), RigRecord(["left"], {}, rate_hz, 0)
+    for number in triggers:
+        start_ns = round(number * 1e9 / rate_hz)
+        frame = Frame(np.zeros((2, 2), np.uint8), 8, number, start_ns, start_ns, start_ns, ExposureSetting(1e3, 0.0))
+        telemetry.delivered(StereoPair(number, {"left": frame}), record, 0, complete=True)
+    soon_ns = start_ns + round(1.05e9 / rate_hz)  # when the next pair is in memory
+    assert telemetry.rate_hz(soon_ns) == pytest.approx(rate_hz)
+    assert telemetry.rate_hz(soon_ns + 10_000_000_000) == 0.0
 
 
 def test_all_durations_count_and_the_latest_make_the_percentiles() -> None:
