@@ -119,5 +119,6 @@ def side_of(key: str) -> Side | None:
 
 
 def last_but(key: str, parts: int) -> str:
-    """The part of a key that is followed by `parts` others."""
-    return key.split("/")[-1 - parts]
+    """The part of a key that is followed by `parts` others; empty if it has none: anyone may send to `**`."""
+    names = key.split("/")
+    return names[-1 - parts] if parts < len(names) else ""

@@ -15,6 +15,9 @@ from autoexpose_daemon.messages.types import REGISTRATION, TYPESTORE, header, se
 MOST_MATCHES: Final = 5000
 """A frame has some 500 features."""
 
+FURTHEST_SHIFT_PX: Final = 1 << 16
+"""No frame is wider; the page draws bars for all shifts up to the furthest."""
+
 LARGEST_REGISTRATION_BYTES: Final = 13 * MOST_MATCHES + 1024
 _LONGEST_REASON: Final = 200
 
@@ -100,6 +103,8 @@ def read_registration(data: bytes) -> RegisteredView:
     if not (np.isfinite(numbers).all() and all(np.isfinite(values).all() for values in of_matches)):
         raise DamagedMessageError("a Registration with numbers that are not finite")
     x_px, y_px, shifts_px = of_matches
+    if (np.abs(shifts_px) > FURTHEST_SHIFT_PX).any():
+        raise DamagedMessageError(f"a Registration with a match that is shifted by more than {FURTHEST_SHIFT_PX} px")
     return RegisteredView(
         stamp_ns(message), float(message.distance_m), float(message.length_m), int(message.local_map),
         float(message.shift_px) if message.registered else None, x_px, y_px, shifts_px, agreed,

@@ -6,6 +6,7 @@ import asyncio
 import logging
 import os
 import threading
+import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -28,6 +29,9 @@ log = logging.getLogger(__name__)
 MOST_VIEWERS = 32
 PICTURE_PERIOD_NS = 250_000_000
 CURVE_PERIOD_NS = 1_000_000_000
+STALE_S = 2.0
+"""Without a pair for this long, what is known of the newest one is old, as in `page.js`."""
+
 _PATIENCE_S = 0.25
 _JOIN_S = 3.0
 _LINEAR = ResponseFunction.linear()
@@ -66,7 +70,7 @@ class PairViews:
     rig
         Its name.
     curve
-        None before the first, and once nobody watches.
+        None before the first, once nobody watches, and once pairs no longer come.
     pair_s
         When the newest pair arrived, from CLOCK_MONOTONIC; 0 before the first.
     """
@@ -142,6 +146,8 @@ class PairViews:
         while self._watching and not self._closed:
             pair = client.next_pair(_PATIENCE_S)
             if pair is None:
+                if time.monotonic() - self.pair_s > STALE_S:
+                    self.curve = None  # old for who begins to watch now
                 continue
             self.pair_s = pair.received_ns * 1e-9
             self._history.add(self.pair_s, pair.left.setting, pair.decision)
@@ -152,7 +158,7 @@ class PairViews:
                 if pair.received_ns >= curve_ns:
                     curve_ns = pair.received_ns + CURVE_PERIOD_NS
                     self.curve = self._curve(pair)
-            except ConfigurationError as error:  # the frames are too small
+            except ConfigurationError as error:  # the frames are too small or narrow
                 if str(error) != self._complaint:
                     self._complaint = str(error)
                     log.warning("no pictures: %s", error)

@@ -13,6 +13,7 @@ from autoexpose_daemon.control.metrics.gradient import ExtremeShares, GradientMe
 from autoexpose_daemon.control.picture.image import ImagePreparation, Shrinking, fit
 from calibration.response import ResponseFunction
 from calibration.response.prediction import prediction_tables
+from drivers.errors import ConfigurationError
 from drivers.frames import Frame
 
 DISPLAY_SIZE = (720, 720)
@@ -20,6 +21,9 @@ DISPLAY_SIZE = (720, 720)
 
 DELTA_LEVELS = np.linspace(-2.0, 2.0, 17)
 """Changes of level (stops) at which the metric is predicted: the range of algorithm 1."""
+
+_LONGEST_STRIP = 100
+"""Length to width of a frame: nothing of the width of a much longer one is left at the size that control uses."""
 
 _SATURATED_BGR, _BLACK_BGR = (45, 35, 240), (255, 110, 20)
 _MOST_BALANCE = 4.0
@@ -63,17 +67,23 @@ class PictureMaker:
         self._tables = PackedTables(prediction_tables(response, DELTA_LEVELS.tolist()))
 
     def picture(self, frame: Frame) -> Picture:
-        """The picture of a frame, in its colours; ConfigurationError if it is too small for control."""
+        """The picture of a frame, in its colours; ConfigurationError if it is too small for control, or too narrow."""
         grey = frame.grey8(self.response.saturation)
-        image = self._preparation.prepare(grey)
+        image = self._prepared(grey)
         saturated, black = self._shares.measure(image)
         jpeg = self._marked(in_colours(frame), image)
         return Picture(jpeg, grey.shape[1], self._metric.measure(image), saturated, black)
 
     def curve(self, frame: Frame) -> list[float]:
         """M_g at each of `DELTA_LEVELS`, as the response predicts it (eq. 20); at 0 it is the frame's own."""
-        image = self._preparation.prepare(frame.grey8(self.response.saturation))
+        image = self._prepared(frame.grey8(self.response.saturation))
         return [float(m) for m in self._metric.measure_predictions(image, self._tables)]
+
+    def _prepared(self, grey: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        height, width = grey.shape
+        if max(height, width) > _LONGEST_STRIP * min(height, width):
+            raise ConfigurationError(f"frames of {width}x{height} pixels are too narrow")
+        return self._preparation.prepare(grey)
 
     def _marked(self, colours: NDArray[np.uint8], image: NDArray[np.uint8]) -> bytes:
         """`colours` (BGR) as JPEG, marked where the shares count pixels of its prepared `image`."""

@@ -97,9 +97,12 @@ def _run(server: uvicorn.Server, listener: socket.socket) -> None:
         dead.append(death.thread.name if death.thread is not None else "?")
         server.should_exit = True
 
+    def stop(*_: object) -> None:
+        server.should_exit = True  # before uvicorn listens to signals; those that it took it raises again at its end
+
     former_hook, threading.excepthook = threading.excepthook, on_dead_thread
     for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda *_: None)  # uvicorn stops at them, then raises them again
+        signal.signal(number, stop)
     try:
         server.run(sockets=[listener])
     finally:

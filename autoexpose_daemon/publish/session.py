@@ -130,7 +130,8 @@ class SessionHolder:
         self.closed.set()
         until_s = time.monotonic() + _JOIN_S  # for all of them: systemd waits for 15 s
         for thread in self._threads:
-            thread.join(max(until_s - time.monotonic(), 0.0))
+            if thread is not threading.current_thread():  # any of them may collect, and so close, a forgotten client
+                thread.join(max(until_s - time.monotonic(), 0.0))
         return not any(thread.is_alive() for thread in self._threads)
 
     def send(self, key: str, data: bytes, *, waits: bool = False, attachment: bytes | None = None) -> None:

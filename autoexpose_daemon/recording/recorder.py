@@ -237,7 +237,8 @@ class LastSecondsRecorder(Recorder):
                 closing = entry is None
                 if entry is not None:
                     self._ring.append(entry)
-            if self._save_asked or closing:
+            # Steps that came while the file before was written are among the last seconds, too.
+            if closing or (self._save_asked and self._queue.empty()):
                 self._save_asked = False
                 self._write(last_seconds(list(self._ring), self._last_s))
 

@@ -75,7 +75,7 @@ function steered(tracking) {
 
 export function showDecision(decision) {
   byId("decision-reason").textContent = decision ? decision.reason : "none: control skipped this pair for a newer one";
-  if (!decision) return;
+  if (!decision) return define(byId("decision-values"), []);
   define(byId("decision-values"), [
     ["next", `${format.micros(decision.exposure_time_us)}, ${format.decibels(decision.gain_db)}`],
     ["level", `${format.stops(decision.level)} stops`],

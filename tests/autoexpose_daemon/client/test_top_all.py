@@ -157,6 +157,7 @@ def test_messages_that_are_no_statuses_are_passed_over() -> None:
         def spoken() -> bool:
             for key, text in (("scout", ""), ("scout", "{}"), ("1st", said), ("mule", said), ("big", " " * (2 << 20))):
                 stranger.put(status_key(key), text)
+            stranger.put("**", said)  # arrives under this key
             stranger.put(status_key("scout"), said)
             return client.heard.is_set()
 

@@ -9,14 +9,21 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from autoexpose_daemon.messages.read import DamagedMessageError
-from autoexpose_daemon.messages.registration import MOST_MATCHES, RegisteredView, read_registration, registration
+from autoexpose_daemon.messages.registration import (
+    FURTHEST_SHIFT_PX,
+    MOST_MATCHES,
+    RegisteredView,
+    read_registration,
+    registration,
+)
 from tests.autoexpose_daemon.messages.registered_view import registered_view
 
 finite = st.floats(allow_nan=False, allow_infinity=False, width=32)
+shifts = st.floats(-FURTHEST_SHIFT_PX, FURTHEST_SHIFT_PX, width=32)
 
 
 @given(
-    st.lists(st.tuples(finite, finite, finite, st.booleans()), max_size=20), st.none() | finite, finite, st.text("abc ")
+    st.lists(st.tuples(finite, finite, shifts, st.booleans()), max_size=20), st.none() | finite, finite, st.text("abc ")
 )
 def test_a_view_arrives(
     matches: list[tuple[float, float, float, bool]], shift_px: float | None, turn_rad_s: float, stopped: str
@@ -38,6 +45,7 @@ def test_a_view_arrives(
         (dict.fromkeys(("x_px", "y_px", "shifts_px", "agreed"), np.zeros(MOST_MATCHES + 1)), "values for its matches"),
         ({"distance_m": math.nan}, "not finite"),
         ({"shifts_px": np.full(40, math.inf)}, "not finite"),
+        ({"shifts_px": np.full(40, -1e9)}, "shifted by more than 65536 px"),
     ],
 )
 def test_what_is_not_credible_is_refused(change: dict[str, object], reason: str) -> None:

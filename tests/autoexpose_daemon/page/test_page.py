@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import math
 import subprocess
 import sys
@@ -16,6 +17,7 @@ from websockets.sync.client import connect
 
 from autoexpose_daemon.client import StereoClient
 from autoexpose_daemon.config.publish import PublishConfig
+from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.messages.keys import response_key, status_key
 from autoexpose_daemon.messages.report import ConsumerTally
 from autoexpose_daemon.messages.response import response_to_json
@@ -28,7 +30,7 @@ from calibration.response import ResponseFunction
 from tests.autoexpose_daemon.messages.registered_view import registered_view
 from tests.autoexpose_daemon.page.browser import SHRUNK, Tab, browser
 from tests.autoexpose_daemon.page.server import PageProcess, running_page
-from tests.autoexpose_daemon.publish.steps import DECISION, endpoint, publishing, wait_until
+from tests.autoexpose_daemon.publish.steps import DECISION, endpoint, nothing, pair, publishing, wait_until
 from tests.autoexpose_daemon.statuses import EXPOSING
 
 pytestmark = [pytest.mark.wire, pytest.mark.needs("chromium")]
@@ -168,6 +170,22 @@ def test_a_robot_that_repeats_a_path_is_shown_on_it(tab: Tab, page: PageProcess,
     assert tab.complaints == []
 
 
+def test_a_pair_that_control_skipped_comes_without_the_decision_before(tab: Tab, page: PageProcess, at: str) -> None:
+    tab.open(page.url)
+    numbers = itertools.count(1)
+    with Publisher(PublishConfig(listen=(at,)), 2, nothing) as publisher:
+
+        def shown(decision: Decision | None, reason: str) -> bool:
+            publisher(pair(next(numbers)), decision)
+            return tab.text("decision-reason").startswith(reason)
+
+        wait_until(lambda: shown(DECISION, DECISION.reason), "a decision")
+        assert "stops" in tab.text("decision-values")
+        wait_until(lambda: shown(None, "none: control skipped this pair"), "a pair without one")
+        assert tab.text("decision-values") == ""
+    assert tab.complaints == []
+
+
 def consumers(publisher: Publisher) -> list[str]:
     """Pages among them."""
     return [name for name in publisher.tally.consumers.listed(time.monotonic_ns()) if name.startswith("page-")]
@@ -214,6 +232,21 @@ serve("rig", ["{at}"], "127.0.0.1", 0, None)
     assert died.returncode == 1
     assert "TypeError: 'NoneType' object is not callable" in died.stderr
     assert "the thread pairs died" in died.stderr
+
+
+def test_it_stops_at_a_signal_that_comes_before_the_first_request(at: str) -> None:
+    early = f"""
+import signal, uvicorn
+from autoexpose_daemon.page.serve import serve
+run = uvicorn.Server.run
+def run_late(*server, **options):
+    signal.raise_signal(signal.SIGTERM)
+    run(*server, **options)
+uvicorn.Server.run = run_late
+serve("rig", ["{at}"], "127.0.0.1", 0, None)
+"""
+    stopped = subprocess.run([sys.executable, "-c", early], capture_output=True, text=True, timeout=60, check=False)
+    assert (stopped.returncode, "Traceback" in stopped.stderr) == (0, False)
 
 
 def test_an_operator_logs_in(tab: Tab, at: str, tmp_path: Path) -> None:

@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -32,6 +33,13 @@ def test_frames_too_small_to_show_do_not_end_the_page(caplog: pytest.LogCaptureF
         "size: 180x136)"
         for size in ("1x1", "90x67")
     ]
+
+
+@pytest.mark.parametrize("shape", [(68, 20_000), (68, 60_000), (20_000, 90)])
+def test_nor_do_frames_too_narrow(shape: tuple[int, int], caplog: pytest.LogCaptureFixture) -> None:
+    shown = asyncio.run(followed(received(shape, (540, 720))))
+    assert shown == 1
+    assert caplog.messages == [f"no pictures: frames of {shape[1]}x{shape[0]} pixels are too narrow"]
 
 
 async def followed(pairs: Iterator[ReceivedPair]) -> int:
@@ -65,7 +73,8 @@ class Following(contextlib.nullcontext[None]):
         following = next(self._pairs, None)
         if following is None:
             time.sleep(timeout_s)
-        return following
+            return None
+        return replace(following, received_ns=time.monotonic_ns())
 
     def close(self) -> None:
         """Nothing to do."""
@@ -102,6 +111,19 @@ async def watched_by_two() -> None:
                 await nothing_to_see(views, beside)
         with views.watched() as after:  # before the thread has noticed that nobody watched
             await nothing_to_see(views, after)
+
+
+def test_the_prediction_of_a_pair_long_ago_is_not_shown(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(pair_views, "StereoClient", Following)
+    monkeypatch.setattr(pair_views, "STALE_S", 0.3)
+    asyncio.run(watched_on())
+
+
+async def watched_on() -> None:
+    """After the one pair of `Following` the daemon is silent."""
+    with PairViews("rig", (), StatusClient(), History()) as views, views.watched():
+        await until(lambda: views.curve is not None)
+        await until(lambda: views.curve is None)
 
 
 async def nothing_to_see(views: PairViews, after: int) -> None:

@@ -26,6 +26,18 @@ class StuckThread(threading.Thread):
         threading.Event().wait(timeout)
 
 
+def test_a_client_may_be_closed_by_any_of_its_threads() -> None:
+    """By the one in which the garbage collector finds it forgotten."""
+    closed_in_time: list[bool] = []
+    holder = SessionHolder("peer", Endpoints(), lambda _session: None, lambda _trouble: None)
+    thread = threading.Thread(target=lambda: closed_in_time.append(holder.close()))
+    holder._threads = [thread]
+    thread.start()
+    thread.join()
+    assert closed_in_time
+    assert holder.closed.is_set()
+
+
 def test_threads_that_are_stuck_are_waited_for_together(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(session, "_JOIN_S", 0.1)
     holder = SessionHolder("peer", Endpoints(), lambda _session: None, lambda _trouble: None)

@@ -220,6 +220,16 @@ def test_a_decision_that_differs_is_shown(tmp_path: Path, monkeypatch: pytest.Mo
     assert said[-1].endswith("replayed with opencv 9.9.9") or "replayed with 9.9.9" in said[-1]
 
 
+def test_the_last_seconds_are_those_before_the_request_however_many_steps_wait(tmp_path: Path) -> None:
+    run = VirtualRun("neves2009")
+    recorder = LastSecondsRecorder(tmp_path / "run.mcap", rate_hz=30, frames=PublishConfig(), last_s=1.0)
+    run.feed(recorder, 20)  # as while the recorder's thread writes another file
+    recorder.save()
+    with recorder:
+        pass
+    assert replayed(tmp_path / "run-1.mcap")[-1].step.pair.trigger == run.trigger
+
+
 def test_the_last_seconds_are_kept_and_begin_with_a_snapshot(tmp_path: Path) -> None:
     run = VirtualRun()
     recorder = LastSecondsRecorder(tmp_path / "run.mcap", rate_hz=30, frames=PublishConfig(), last_s=1.0)
