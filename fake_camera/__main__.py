@@ -9,6 +9,7 @@ import gc
 import json
 import sys
 import tempfile
+import threading
 import time
 from functools import partial
 from pathlib import Path
@@ -29,7 +30,7 @@ from fake_camera.options import parse_arguments, rate_of
 from fake_camera.ptp import host_master
 from fake_camera.ptp.messages import clock_identity
 from fake_camera.ptp.port import EVENT_PORT
-from fake_camera.signals import stopped_by_signals, wait_for
+from fake_camera.signals import stopped_by_signals, wait_for, wait_for_input
 from fake_camera.usb3.run import ShimError, run, shim_path
 from fake_camera.usb3.usbip.server import Usb3Server
 from fake_camera.warm_up import Unpainted, frame_s, warm_up
@@ -42,7 +43,13 @@ from fake_camera.world.steered import Steered
 _LONGEST_DESCRIPTION_BYTES = 1 << 24
 
 
-def _run(options: argparse.Namespace, resources: contextlib.ExitStack) -> tuple[Device, XmlCamera | None]:
+class _StoppedError(Exception):
+    """A signal came before the camera was ready."""
+
+
+def _run(
+    options: argparse.Namespace, resources: contextlib.ExitStack, stop: threading.Event
+) -> tuple[Device, XmlCamera | None]:
     """Start the camera; closing `resources` stops it."""
     light = LightScript.from_file(options.light) if options.light else LightScript.default()
     steered = Steered() if options.steered else None
@@ -65,7 +72,7 @@ def _run(options: argparse.Namespace, resources: contextlib.ExitStack) -> tuple[
         )
         warm_up(source, options.pixel_format)
         if options.line0_rate_hz is None:
-            options.line0_rate_hz = _ask_for_rate(source, options.pixel_format)
+            options.line0_rate_hz = _ask_for_rate(source, options.pixel_format, stop)
     line0 = truth = None
     if options.line0 is not None:
         line0 = Line0.join(options.line0, options.line0_rate_hz)
@@ -77,6 +84,7 @@ def _run(options: argparse.Namespace, resources: contextlib.ExitStack) -> tuple[
             raise WireError("--truth writes a line for each pulse of Line0: add --line0 NAME")
         truth = TruthFile(options.truth, source.lux, line0)
         resources.callback(truth.close)
+    switch = _switch(options, resources)
     device = _device(options, source, line0, truth)
     resources.callback(device.close)
     if options.line1 is not None:
@@ -90,8 +98,13 @@ def _run(options: argparse.Namespace, resources: contextlib.ExitStack) -> tuple[
     xml = None
     if options.xml is not None:
         xml = XmlCamera(_description(options.xml, options.usb3), device, options.raw_gain or "decibels")
-    _serve(options, device, xml, resources)
+    _serve(options, device, xml, switch, resources)
     return device, xml
+
+
+def _switch(options: argparse.Namespace, resources: contextlib.ExitStack) -> Switch | None:
+    """The switch, if there is one; to be opened before the device, which sends through it until it is closed."""
+    return None if options.switch is None else resources.enter_context(Switch(*options.switch))
 
 
 def _device(
@@ -111,14 +124,17 @@ def _device(
     )
 
 
-def _serve(options: argparse.Namespace, device: Device, xml: XmlCamera | None, resources: contextlib.ExitStack) -> None:
+def _serve(
+    options: argparse.Namespace,
+    device: Device,
+    xml: XmlCamera | None,
+    switch: Switch | None,
+    resources: contextlib.ExitStack,
+) -> None:
     """Serve the camera until `resources` are closed."""
     if options.usb3:
         resources.callback(Usb3Server(device, options.socket, options.tcp, xml).close)
     else:
-        switch = None
-        if options.switch is not None:
-            switch = resources.enter_context(Switch(*options.switch))
         server = GigeServer(device, options.address, xml, switch, ptp_event_port=options.ptp or EVENT_PORT)
         server.start()
         resources.callback(server.close)
@@ -126,15 +142,18 @@ def _serve(options: argparse.Namespace, device: Device, xml: XmlCamera | None, r
 
 def _be_found(options: argparse.Namespace, meanwhile: contextlib.ExitStack) -> None:
     """Answer searches, which take a second, already while the room is being painted."""
+    switch = _switch(options, meanwhile)
     device = _device(options, Unpainted(options.size))
     meanwhile.callback(device.close)
-    _serve(options, device, None, meanwhile)
+    _serve(options, device, None, switch, meanwhile)
     print(json.dumps({"can_be_found": True}), flush=True)
 
 
-def _ask_for_rate(source: ImageSource, pixel_format: str) -> float:
+def _ask_for_rate(source: ImageSource, pixel_format: str, stop: threading.Event) -> float:
     """Print how long a frame takes, and wait for the rate of the wire; raises ValueError when none comes."""
     print(json.dumps({"frame_s": round(frame_s(source, pixel_format), 6)}), flush=True)
+    if not wait_for_input(sys.stdin, stop):
+        raise _StoppedError
     answer = sys.stdin.readline().strip()
     try:
         rate_hz = rate_of(answer)
@@ -190,7 +209,7 @@ def main(arguments: list[str] | None = None) -> int:
                 shim_path()  # fail now rather than when the camera is ready
             if options.usb3 and options.socket is None:
                 options.socket = Path(resources.enter_context(tempfile.TemporaryDirectory())) / "camera"
-            device, xml = _run(options, resources)
+            device, xml = _run(options, resources, stop)
             gc.collect()
             gc.freeze()  # a full collection over what the compiler leaves behind takes 60 ms: four frames late
             wire = f"Line0 {options.line0} at {options.line0_rate_hz:g} Hz" if options.line0 else "no Line0"
@@ -200,6 +219,8 @@ def main(arguments: list[str] | None = None) -> int:
             if options.exec:
                 status = run(options.exec, [options.socket], stop)
             wait_for(stop)
+        except _StoppedError:
+            return 0
         except (AddressTakenError, OSError, ShimError, ValueError, WireError) as error:
             print(f"fake camera {options.serial} {where}: {_sentence(error)}", file=sys.stderr)
             return 2

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import select
 import signal
 import threading
+from typing import TextIO
 
 _TURN_S = 0.5
 
@@ -28,3 +30,14 @@ def wait_for(stop: threading.Event) -> None:
     """
     while not stop.wait(_TURN_S):
         pass
+
+
+def wait_for_input(file: TextIO, stop: threading.Event) -> bool:
+    """Wait until there is something to read, or its end; False if `stop` is set before.
+
+    Reading itself would go on after a signal.
+    """
+    while not select.select([file], [], [], _TURN_S)[0]:
+        if stop.is_set():
+            return False
+    return True

@@ -99,7 +99,7 @@ class Acquisition:
         return self._triggered(time_ns, None) if wired and self._waits_for("Line0") else None
 
     def signal(self, source: str, time_ns: int) -> Exposure | None:
-        """Line3 or Action1 has come: the exposure it starts, if the camera waits for it and is ready for it."""
+        """Line3, Action1 or Software: the exposure it starts, if the camera waits for it and is ready for it."""
         if not self._waits_for(source) or time_ns < self._started_ns or Fault.VANISH in self._faults:
             return None
         if Fault.IGNORE_TRIGGERS in self._faults:
@@ -109,7 +109,7 @@ class Acquisition:
 
     def software_trigger(self, time_ns: int) -> Exposure | None:
         """TriggerSoftware: the exposure it starts, if the camera waits for it and is ready for it."""
-        return self._triggered(time_ns, None) if self._waits_for("Software") else None
+        return self.signal("Software", time_ns)
 
     def free_run_start_ns(self, now_ns: int) -> int | None:
         """When the next exposure of the free run starts; None when the camera is not running freely."""

@@ -200,6 +200,9 @@ class Device:
             callback()
 
     def _power_off(self) -> None:
+        with self._lock:
+            self._acquisition.stop()
+            self._actions.clear()
         for callback in self._on_power_off:
             callback()
 
@@ -322,7 +325,8 @@ class Device:
         return exposure.run == self._acquisition.run and not self.faults.vanished
 
     def _render(self, exposure: Exposure, device_time_ns: int) -> ExposedFrame:
-        number = exposure.frame_id if exposure.trigger is None else exposure.trigger
+        # Frame ids begin again with each acquisition, but noise does not.
+        number = f"{exposure.run}.{exposure.frame_id}" if exposure.trigger is None else exposure.trigger
         noise_seed = zlib.crc32(f"{self._identity} {number}".encode())
         start_s = (exposure.start_ns - self._line0.epoch_ns) * 1e-9
         pixels = self._source.take(start_s, exposure.settings, noise_seed)

@@ -43,6 +43,7 @@ FULL_READOUT_NS = 3_000_000
 """Readout of the sensor's full height; a lower region takes proportionally less."""
 
 _REGION = {"Width": "OffsetX", "OffsetX": "Width", "Height": "OffsetY", "OffsetY": "Height"}  # share an axis
+_LASTING = ("DeviceUserID",)  # cameras keep the user-defined name in non-volatile memory
 _NOT_IN_USER_SETS = ("DeviceUserID", "TLParamsLocked", "UserSetSelector")
 _HISTORY = 64  # writes that may come between a pulse and the moment when its thread runs
 
@@ -97,13 +98,15 @@ class Features:
         }
         self._host_clock_ns = host_clock_ns
         self._lock = threading.RLock()
+        self._values: dict[str, Value] = {}
         self.reset()
         self._user_sets = dict.fromkeys(ENUM_ENTRIES["UserSetSelector"], self._user_set())
 
     def reset(self) -> None:
-        """Back to the power-on state."""
+        """Back to the power-on state; the name that the user gave the camera stays."""
         with self._lock:
-            self._values = {spec.name: spec.initial for spec in self._specs.values()}
+            lasting = {name: value for name, value in self._values.items() if name in _LASTING}
+            self._values = {spec.name: spec.initial for spec in self._specs.values()} | lasting
             self._chunks = dict.fromkeys(CHUNK_BYTES, False)
             self._inverted = dict.fromkeys(ENUM_ENTRIES["LineSelector"], False)
             self._ratios = dict.fromkeys(ENUM_ENTRIES["BalanceRatioSelector"], 1.0)

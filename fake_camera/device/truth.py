@@ -59,8 +59,10 @@ class TruthFile:
     def _write_line(self, file: IO[bytes], time_ns: int, details: dict[str, int | None]) -> None:
         lux = self._lux((time_ns - self._line0.epoch_ns) * 1e-9)
         line = json.dumps({"host_time_ns": time_ns, "lux": round(lux, 6), **details}) + "\n"
+        rest = line.encode()
         try:
-            file.write(line.encode())
+            while rest:  # a nearly full disk takes the beginning of a line
+                rest = rest[file.write(rest) :]
         except OSError as error:
             why = f"{error.strerror}; the file ends before {_named(details)}"
             print(f"truth file {self._path}: {why}", file=sys.stderr, flush=True)

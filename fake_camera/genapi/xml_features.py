@@ -31,6 +31,10 @@ from fake_camera.imaging import PIXEL_FORMATS, ExposedFrame
 
 EXPOSURE_RANGE_US = (1.0, 1e7)
 """What the sensor can do, even if a description's limits allow more."""
+GAIN_RANGE_DB = (-100.0, 100.0)
+"""Likewise; a description may have no limits at all, and 1e30 dB is no factor."""
+FRAME_RATE_RANGE_HZ = (0.01, 1000.0)
+"""Likewise; 0 is no rate, though some descriptions allow it."""
 _TOLERANCE = 1e-6  # for limits that went through formulas
 
 
@@ -124,12 +128,19 @@ class Animation:
 
     def _apply_gain(self, name: str) -> None:
         value = float(self._evaluator.value(name))
-        self._features.update("Gain", value if self._raw_gain is None else self._raw_gain.gain_db(value))
+        gain_db = value if self._raw_gain is None else self._raw_gain.gain_db(value)
+        low, high = GAIN_RANGE_DB
+        self._features.update("Gain", min(max(gain_db, low), high))
 
     def _rate(self) -> Iterator[Watch]:
         self._features.update("AcquisitionFrameRateEnable", True)
         for name in spoken(self._evaluator, FRAME_RATES)[:1]:
-            yield from self._copied(name, "AcquisitionFrameRate")
+
+            def apply(name: str = name) -> None:
+                low, high = FRAME_RATE_RANGE_HZ
+                self._features.update("AcquisitionFrameRate", min(max(float(self._evaluator.value(name)), low), high))
+
+            yield from self._watch(name, apply)
         for name in FRAME_RATE_SWITCHES:
             yield from self._copied(name, "AcquisitionFrameRateEnable")
 
@@ -203,7 +214,7 @@ class Animation:
             places = tuple((field.address, field.length) for field in self._evaluator.fields(name).values())
 
         def applied() -> None:
-            with contextlib.suppress(NodeError, FeatureError):  # a meaningless value changes nothing
+            with contextlib.suppress(ValueError, ArithmeticError, FeatureError):  # a meaningless value changes nothing
                 if not self._elsewhere(name, selection):
                     with self._selecting(selection):
                         apply()

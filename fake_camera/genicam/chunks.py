@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from fake_camera.genicam.registers import ByteOrder
-from fake_camera.imaging import ExposedFrame
+from fake_camera.imaging import PIXEL_FORMATS, ExposedFrame
 
 IMAGE_CHUNK_ID = 0x0001
 PREFIX: dict[ByteOrder, str] = {"big": ">", "little": "<"}
@@ -52,7 +52,8 @@ def chunk_bytes(frame: ExposedFrame, names: Sequence[str], byte_order: ByteOrder
 def tagged(frame: ExposedFrame, chunks: Sequence[tuple[int, bytes]], byte_order: ByteOrder) -> bytes:
     """What follows the pixels of `frame` with these chunks, each an id and its data."""
     tag = struct.Struct(f"{PREFIX[byte_order]}II")
-    pieces = [tag.pack(IMAGE_CHUNK_ID, frame.pixels.nbytes)]
+    height, width = frame.pixels.shape[:2]
+    pieces = [tag.pack(IMAGE_CHUNK_ID, PIXEL_FORMATS[frame.settings.pixel_format].image_bytes(width, height))]
     for chunk_id, data in chunks:
         pieces += [data, tag.pack(chunk_id, len(data))]
     return b"".join(pieces)

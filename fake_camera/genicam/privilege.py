@@ -10,6 +10,7 @@ Peer = tuple[str, int]
 _EXCLUSIVE = 0b01
 _CONTROL = 0b10
 _MIN_HEARTBEAT_MS = 500  # the minimum of the GigE Vision standard
+POWER_ON_HEARTBEAT_MS = 3000
 
 
 class ControlPrivilege:
@@ -22,7 +23,7 @@ class ControlPrivilege:
         self.holder: Peer | None = None
         self.value = 0
         self._heard_s = 0.0
-        self._heartbeat_ms = 3000
+        self._heartbeat_ms = POWER_ON_HEARTBEAT_MS
 
     @property
     def heartbeat_ms(self) -> int:

@@ -49,6 +49,7 @@ class StreamChannel:
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.bind((address, 0))
         self._kept: deque[Block] = deque(maxlen=_BLOCKS_KEPT)
+        self._last_frame_id = 0
         self.source_port: int = self._socket.getsockname()[1]
         self._power_on()
 
@@ -122,8 +123,9 @@ class StreamChannel:
         if not self._host_port:
             return
         block = Block.from_frame(frame, chunks, self._packet_bytes)
-        if self._kept and block.block_id <= self._kept[-1].block_id:
+        if frame.frame_id <= self._last_frame_id:
             self._kept.clear()  # a new acquisition counts from 1 again: its packets must not come from former frames
+        self._last_frame_id = frame.frame_id
         packet_ids = list(range(block.last_packet_id + 1))
         if self._faults.spoils_frame(Fault.TRUNCATE):
             del packet_ids[len(packet_ids) // 2 : -1]  # nor is the rest kept for sending again

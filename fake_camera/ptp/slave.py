@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import IntEnum
@@ -96,8 +97,7 @@ class Slave:
         self._lock = threading.RLock()
         self._running = False
         self._parent: _Parent | None = None
-        self._candidate: PortIdentity | None = None
-        self._announces = 0
+        self._announces = Counter[PortIdentity]()  # of each master, while none is followed
         self._request_id = 0
         self._outbox: list[Message] = []
 
@@ -158,10 +158,8 @@ class Slave:
     def _on_announce(self, message: Message, host_ns: int) -> None:
         assert message.grandmaster is not None
         if self._parent is None:
-            if message.source != self._candidate:
-                self._candidate, self._announces = message.source, 0
-            self._announces += 1
-            if self._announces < _ANNOUNCES_TO_QUALIFY:
+            self._announces[message.source] += 1
+            if self._announces[message.source] < _ANNOUNCES_TO_QUALIFY:
                 return
             self._parent = _Parent(message.source, message.grandmaster.clock, host_ns, host_ns)
         if message.source == self._parent.source:
@@ -210,8 +208,8 @@ class Slave:
         parent.sampled_ns = host_ns
 
     def _forget_master(self, host_ns: int) -> None:
-        self._parent = self._candidate = None
-        self._announces = 0
+        self._parent = None
+        self._announces.clear()
         self._outbox = []
         self._clock.steer(0.0, host_ns)
 

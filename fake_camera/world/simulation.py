@@ -30,6 +30,9 @@ _GOLDEN_RATIO = (1.0 + math.sqrt(5.0)) / 2.0
 _LONGEST_PART_PX = 16.0
 """A longer motion is rendered in parts. The corners of the image, and near things, move by up to a third more."""
 
+_MOST_PARTS = 256
+"""Orders may move a steered camera at any speed; nobody can tell the blur of so long a motion from a longer one's."""
+
 
 class Scene(Protocol):
     """Linear radiance, before any sensor."""
@@ -92,7 +95,7 @@ class RoomView:
     def exposed(self, start_s: float, exposure_s: float, lux: float) -> NDArray[np.float32]:
         """Mean radiance over an exposure, see `Scene`; the cost hardly depends on the motion."""
         shift_px = self.image_shift_px(start_s, start_s + exposure_s)
-        parts = max(math.ceil(shift_px / _LONGEST_PART_PX), 1)
+        parts = min(max(math.ceil(shift_px / _LONGEST_PART_PX), 1), _MOST_PARTS)
         times_s = start_s + exposure_s * np.linspace(0.0, 1.0, 2 * parts + 1)
         poses = [self.pose(float(time_s)) for time_s in times_s]
         return self._renderer.render_motion(np.array([poses[i : i + 3] for i in range(0, 2 * parts, 2)]), lux)

@@ -72,6 +72,8 @@ class Steered:
             return False
         if not isinstance(order, dict) or not order.keys() & {"motion", "light"}:
             return False
+        if len(order) > 1:
+            raise ValueError("an order of motion or light has no other key: give motion and light one by one")
         with self._turn:
             if "motion" in order:
                 values = _numbers(order["motion"], "motion", [field.name for field in fields(Motion)])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import socket
 import subprocess
 import sys
 from pathlib import Path
@@ -10,12 +11,16 @@ from pathlib import Path
 import pytest
 
 from fake_camera.__main__ import main
+from fake_camera.device.features import Features
 from fake_camera.device.line0 import Line0
-from tests.fakes import fake_camera, run_camera, usb3_camera
+from fake_camera.genicam.registers import slots
+from tests.fake_camera.gige.gige_client import CCP, GvcpClient
+from tests.fakes import fake_camera, loopback_address, run_camera, unique, usb3_camera
 from tests.xml_cameras import xml_camera
 
 OPTIONS = ["--serial", "FAKE-M", "--address", "127.0.9.1"]
 COMMAND = [sys.executable, "-m", "fake_camera", *OPTIONS]
+STREAM_PORT, STREAM_ADDRESS = 0x0D00, 0x0D18
 
 
 @pytest.mark.wire
@@ -32,6 +37,43 @@ def test_says_when_it_is_ready_and_ends_cleanly(tmp_path: Path, monkeypatch: pyt
         _, errors = camera.communicate(timeout=10)
     assert (camera.returncode, errors) == (0, "")
     assert [path.name for path in tmp_path.iterdir()] == ["truth.jsonl"]
+
+
+@pytest.mark.wire
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_signal_ends_it_while_it_waits_for_the_rate_of_the_wire(number: signal.Signals) -> None:
+    command = [*COMMAND, "--scene", "wall", "--line0", unique("wire"), "--line0-rate-hz", "ask"]
+    pipe = subprocess.PIPE
+    with subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=pipe, text=True) as camera:
+        assert camera.stdout is not None
+        assert ["can_be_found" in camera.stdout.readline(), "frame_s" in camera.stdout.readline()] == [True, True]
+        camera.send_signal(number)
+        try:
+            assert (camera.wait(timeout=10), camera.stderr.read() if camera.stderr else "") == (0, "")
+        finally:
+            camera.kill()
+
+
+@pytest.mark.wire
+def test_ends_cleanly_in_the_middle_of_sending_through_a_switch(tmp_path: Path) -> None:
+    address = loopback_address()
+    options = ["--address", address, "--scene", "wall", "--size", "2448x2048"]
+    command = [sys.executable, "-m", "fake_camera", *options, "--switch", f"{tmp_path}/switch,1000,512"]
+    with (
+        subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as camera,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stream,
+        GvcpClient(address) as client,
+    ):
+        assert camera.stdout is not None
+        camera.stdout.readline()
+        stream.bind(("127.0.0.1", 0))
+        stream.settimeout(10)
+        start = slots(Features("", 2448, 2048, lambda: 0))["AcquisitionStart"]
+        assert client.write(CCP, 2, STREAM_PORT, stream.getsockname()[1], STREAM_ADDRESS, 0x7F000001, start, 1) == 0
+        stream.recv(0x10000)
+        camera.send_signal(signal.SIGTERM)
+        _, errors = camera.communicate(timeout=10)
+    assert (camera.returncode, errors) == (0, "")
 
 
 @pytest.mark.wire

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import socket
+import sys
 import threading
 from collections.abc import Callable
 from pathlib import Path
@@ -49,7 +50,11 @@ class Usb3Server:
         """The camera restarts: the host sees it go and come back."""
         self._unplug()
         self._usb.reset()
-        self._plug()
+        try:
+            self._plug()
+        except OSError as error:  # another process has taken the path or the port meanwhile
+            self._unplug()
+            print(f"the camera stays unplugged: {error}", file=sys.stderr, flush=True)
 
     def _plug(self) -> None:
         with self._lock:

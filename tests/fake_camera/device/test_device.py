@@ -161,6 +161,18 @@ def test_a_software_trigger_exposes_only_when_it_is_the_source(bench: Bench) -> 
     assert bench.pulse(32.0) is None
 
 
+def test_a_software_trigger_can_be_ignored_as_others_are(bench: Bench) -> None:
+    bench.await_line0(1.0, "Off")
+    bench.features.set("TriggerSource", "Software")
+    bench.pulse(16.0, faults=frozenset({Fault.IGNORE_TRIGGERS}))
+    assert bench.acquisition.software_trigger(17 * MS) is None
+    assert bench.acquisition.counters.ignored == 1
+    bench.pulse(32.0)
+    exposure = bench.acquisition.software_trigger(33 * MS)
+    assert exposure is not None
+    assert exposure.frame_id == 1
+
+
 def free_run_starts_ms(bench: Bench, count: int) -> list[float]:
     starts = []
     for _ in range(count):
@@ -297,6 +309,29 @@ def test_runs_free_after_power_on(device: Device, source: FlatSource) -> None:
     frames = client.wait(lambda frames: len(frames) >= 3)
     assert {frame.trigger for frame in frames} == {None}
     assert len(set(source.seeds)) == len(source.seeds)
+
+
+@pytest.mark.realtime
+def test_the_first_frames_of_two_acquisitions_differ_in_noise(device: Device, source: FlatSource) -> None:
+    client = Client(device)
+    device.features.set("AcquisitionMode", "SingleFrame")
+    device.execute("AcquisitionStart")
+    client.wait(lambda frames: len(frames) == 1)
+    device.execute("AcquisitionStart")
+    frames = client.wait(lambda frames: len(frames) == 2)
+    assert [frame.frame_id for frame in frames] == [1, 1]
+    assert len(set(source.seeds)) == 2
+
+
+@pytest.mark.realtime
+def test_a_camera_without_power_makes_no_exposures(device: Device) -> None:
+    client = Client(device)
+    device.execute("AcquisitionStart")  # free run
+    client.wait(lambda frames: len(frames) >= 1)
+    device.faults.add(FaultOrder(Fault.VANISH, count=None))
+    made, pulses = device.counters.exposures, device.counters.pulses
+    wait_until(lambda: device.counters.pulses >= pulses + 20)
+    assert device.counters.exposures == made
 
 
 @pytest.mark.realtime

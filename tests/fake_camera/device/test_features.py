@@ -191,6 +191,12 @@ def test_reset_restores_the_power_on_state(features: Features) -> None:
     assert features.image_settings(10**12).gain_db == 0
 
 
+def test_the_name_that_the_user_gave_outlasts_power_off(features: Features) -> None:
+    features.set("DeviceUserID", "bow")
+    features.reset()
+    assert features.get("DeviceUserID") == "bow"
+
+
 def test_the_time_stamp_is_the_device_clock(features: Features) -> None:
     assert features.get("Timestamp") == 42
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import os
+import subprocess
+import sys
 import threading
 from pathlib import Path
 from queue import Queue
@@ -94,6 +96,32 @@ def test_a_full_disk_is_said_once_and_ends_the_file_only(capfd: pytest.CaptureFi
         truth.record(pulse)
     truth.close()
     assert capfd.readouterr().err == "truth file /dev/full: No space left on device; the file ends before pulse 7\n"
+
+
+def test_a_nearly_full_disk_ends_the_file_with_the_line_that_does_not_fit(tmp_path: Path) -> None:
+    """In a process of its own, whose files may have 80 bytes at most: one line and a half; then there is room again."""
+    script = f"""if True:
+        from pathlib import Path
+        from resource import RLIM_INFINITY, RLIMIT_FSIZE, setrlimit
+        from fake_camera.device.line0 import Line0
+        from fake_camera.device.truth import TruthFile
+
+        def lux(time_s):
+            if time_s > 0.015:
+                setrlimit(RLIMIT_FSIZE, (RLIM_INFINITY, RLIM_INFINITY))
+            return 1.0
+
+        setrlimit(RLIMIT_FSIZE, (80, RLIM_INFINITY))
+        truth = TruthFile(Path({str(tmp_path / "truth")!r}), lux, Line0(0, 100.0))
+        for pulse in range(4):
+            truth.record(pulse)
+        truth.close()
+    """
+    ended = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    first, half = (tmp_path / "truth").read_text().split("\n")
+    assert json.loads(first)["trigger"] == 0
+    assert len(half) == 80 - len(first) - 1
+    assert ended.stderr == f"truth file {tmp_path}/truth: File too large; the file ends before pulse 1\n"
 
 
 def test_a_file_that_cannot_be_created_is_an_error(tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from queue import Queue
 
 import numpy as np
 import pytest
@@ -15,16 +16,20 @@ from fake_camera.genapi.description import Description
 from fake_camera.genapi.evaluator import Evaluator
 from fake_camera.genapi.field import Field
 from fake_camera.genapi.memory import Memory
+from fake_camera.genapi.raw_gain import RawGainLaw
 from fake_camera.genapi.xml_camera import XmlCamera
 from fake_camera.genicam.chunks import tagged
 from fake_camera.imaging import ExposedFrame
 from fake_camera.ptp.slave import DataSet, PortState, Slave
+from fake_camera.world.sensor import Sensor, SensorModel
 from tests.fake_camera.gige.gige_client import Ramp
 from tests.xml_cameras import COMBINATIONS, SCALE, features, xml_camera
 from tests.xml_shapes import xml_shape
 
 FLIR, ABS_AND_PLAIN, BASLER_RAW = 16, 17, 7
 """Numbers of combinations: everything there is; two names for one exposure time; a raw gain with a chunk."""
+IN_MICROSECONDS, GAIN_IN_A_CATEGORY = 18, 2
+"""Further ones, with floats in their registers."""
 
 
 class Client:
@@ -91,6 +96,49 @@ def test_values_out_of_limits_are_refused_and_change_nothing() -> None:
         assert client.get("ExposureTime") == device.features.get("ExposureTime") == 5000.0
         with pytest.raises(FeatureError, match="no entry"):
             client.set("TriggerMode", 7)
+
+
+@contextmanager
+def camera_without(part: str, number: int, raw_gain: RawGainLaw = "decibels") -> Iterator[tuple[Device, Client]]:
+    """A camera whose description lacks a part, such as a limit."""
+    whole = xml_camera(number)
+    assert part.encode() in whole
+    device = Device(Ramp(), "X1")
+    try:
+        yield (
+            device,
+            Client(XmlCamera(Description.from_bytes(whole.replace(part.encode(), b""), "tiny"), device, raw_gain)),
+        )
+    finally:
+        device.close()
+
+
+def test_a_frame_rate_of_0_does_not_end_the_free_run() -> None:
+    with camera_without("<pMin>AcquisitionFrameRate_RawMin</pMin>", IN_MICROSECONDS) as (device, client):
+        frames = Queue[ExposedFrame]()
+        device.connect(frames.put)
+        client.set("AcquisitionFrameRate", 0.0)
+        client.run("AcquisitionStart")
+        frames.get(timeout=10)
+        client.set("AcquisitionFrameRate", 100.0)
+        assert frames.get(timeout=10).frame_id == 2
+
+
+def test_a_gain_without_limits_has_those_of_the_sensor() -> None:
+    with camera_without("<pMin>Gain_RawMin</pMin><pMax>Gain_RawMax</pMax>", IN_MICROSECONDS) as (device, client):
+        client.set("Gain", 1e30)
+        settings = device.features.image_settings(1 << 62)
+        light = np.ones((540, 720), np.float32)
+        assert Sensor(SensorModel(), 0).expose(light, settings, 0).max() == 255
+
+
+def test_a_raw_gain_that_is_no_factor_changes_nothing() -> None:
+    limits = "<pMin>GainRaw_RawMin</pMin><pMax>GainRaw_RawMax</pMax>"
+    with camera_without(limits, GAIN_IN_A_CATEGORY, "amplitude") as (device, client):
+        client.set("GainRaw", 120.0)
+        before = device.features.get("Gain")
+        client.set("GainRaw", -100.0)
+        assert device.features.get("Gain") == before == pytest.approx(18.5, abs=0.1)
 
 
 def test_half_a_pair_of_pixels_that_share_chroma_is_refused() -> None:

@@ -18,6 +18,7 @@ from tests.fake_camera.gige.gige_client import (
     CCP,
     DISCOVERY,
     FORCEIP,
+    HEARTBEAT_TIMEOUT,
     INVALID_ADDRESS,
     INVALID_HEADER,
     INVALID_PARAMETER,
@@ -28,9 +29,12 @@ from tests.fake_camera.gige.gige_client import (
     WRITE_PROTECT,
     WRITEMEM,
     WRITEREG,
+    GvcpClient,
     command,
+    gige_camera,
     parse_ack,
 )
+from tests.fakes import loopback_address
 
 ANNE, BERT = ("10.0.0.1", 5000), ("10.0.0.2", 5000)
 EXCLUSIVE, CONTROL = 1, 2
@@ -219,6 +223,16 @@ def test_control_is_lost_after_three_silent_seconds(camera: Camera) -> None:
     assert camera.releases == 1
     assert camera.read(CCP) == (0, bytes(4))
     assert camera.write(CCP, CONTROL, BERT) == 0
+
+
+@pytest.mark.wire
+def test_a_long_heartbeat_timeout_does_not_outlast_a_restart() -> None:
+    address = loopback_address()
+    with gige_camera(address) as camera, GvcpClient(address) as client:
+        client.write(CCP, CONTROL)
+        assert client.write(HEARTBEAT_TIMEOUT, 600_000) == 0
+        camera.execute("DeviceReset")
+        assert client.read(HEARTBEAT_TIMEOUT) == 3000
 
 
 def test_what_others_say_keeps_no_control_alive(camera: Camera) -> None:

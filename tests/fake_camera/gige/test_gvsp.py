@@ -71,20 +71,23 @@ def test_leader_and_trailer_of_an_image() -> None:
     assert b"".join(block.packet(block.last_packet_id))[8:] == struct.pack(">HHI", 0, 1, 540)
 
 
-def test_chunks_are_found_from_the_end() -> None:
-    frame = exposed(40, 20)
+@pytest.mark.parametrize("pixel_format", ["Mono8", "Mono12", "Mono12p", "Mono10Packed"])
+def test_chunks_are_found_from_the_end(pixel_format: str) -> None:
+    frame = exposed(40, 20, pixel_format)
+    image = bytes(PIXEL_FORMATS[pixel_format].on_the_wire(frame.pixels))
     names = ["ExposureTime", "Gain", "FrameID", "Timestamp"]
-    payload = frame.pixels.tobytes() + chunk_bytes(frame, names, "big")
+    payload = image + chunk_bytes(frame, names, "big")
     found = {}
     while payload:
         chunk_id, length = struct.unpack(">II", payload[-8:])
+        assert length <= len(payload) - 8
         found[chunk_id] = payload[-8 - length : -8]
         payload = payload[: -8 - length]
     assert found[CHUNKS["ExposureTime"].chunk_id] == struct.pack(">d", 1234.5)
     assert found[CHUNKS["Gain"].chunk_id] == struct.pack(">d", 6.02)
     assert found[CHUNKS["FrameID"].chunk_id] == struct.pack(">Q", 1)
     assert found[CHUNKS["Timestamp"].chunk_id] == struct.pack(">Q", 0x123456789)
-    assert found[1] == frame.pixels.tobytes()
+    assert found[1] == image
     assert len(found) == 5
 
 
@@ -196,6 +199,15 @@ def test_frames_of_a_former_acquisition_are_not_to_be_had(client: Client) -> Non
     again = client.received()
     assert [header(packet)[:2] for packet in again] == [(UNAVAILABLE, 1), (RESENT, 2), (UNAVAILABLE, 3)]
     assert again[1][8:] == sent[1][8:] == newer.pixels.tobytes()
+
+
+def test_frames_from_before_the_block_ids_began_again_are_to_be_had(client: Client) -> None:
+    for frame_id in (65535, 65536):
+        client.channel.send(exposed(64, 4, frame_id=frame_id), b"")
+    client.received()
+    for block in (65535, 1):
+        client.channel.resend(Resend(0, block, 1, 1))
+    assert [header(packet)[:2] for packet in client.received()] == [(RESENT, 65535), (RESENT, 1)]
 
 
 def test_of_a_truncated_frame_the_rest_is_not_to_be_had(client: Client) -> None:

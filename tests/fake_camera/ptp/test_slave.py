@@ -109,6 +109,19 @@ def test_without_master_they_listen_and_part_at_the_rate_of_their_crystals() -> 
     assert max(map(abs, rig.offsets_ns())) < LOCKED_NS
 
 
+def test_of_two_masters_that_announce_in_turn_the_first_is_followed_until_it_is_gone() -> None:
+    rig = Rig()
+    other = PortIdentity(0xB)
+    rig.network.stations.append(Master(other, rig.true_ns))
+    rig.run(5.0)
+    assert rig.states == {PortState.Slave}
+    assert {slave.data_set().parent for slave in rig.slaves} == {MASTER.clock}
+    rig.network.stations.remove(rig.master)
+    rig.run(8.0)
+    assert rig.states == {PortState.Slave}
+    assert {slave.data_set().parent for slave in rig.slaves} == {other.clock}
+
+
 @pytest.mark.parametrize("jump_ns", [10 * S, -10 * S, 30_000_000])
 def test_a_jump_of_the_master_is_followed_after_losing_the_lock(jump_ns: int) -> None:
     rig = Rig()

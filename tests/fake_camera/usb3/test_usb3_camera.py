@@ -19,6 +19,7 @@ import pytest
 from fake_camera.device.device import Device
 from fake_camera.device.faults import Fault, FaultError, FaultOrder, Faults
 from fake_camera.device.features import Features
+from fake_camera.device.unix_socket import listen
 from fake_camera.genicam.description import genicam_xml
 from fake_camera.genicam.registers import feature_registers, slots
 from fake_camera.usb3.bootstrap import USB3_VISION, bootstrap_registers
@@ -319,6 +320,20 @@ def test_a_vanished_camera_hangs_up_and_comes_back_in_power_on_state(camera: Dev
         assert host.read_number(host.stream_registers() + 0x04, 4) == 0
         assert host.claim(0) == host.claim(2) == 0
     assert camera.features.get("ExposureAuto") == "Continuous"
+
+
+def test_a_camera_whose_path_was_taken_stays_unplugged_and_says_so(
+    camera: Device, path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    camera.faults.add(FaultOrder(Fault.VANISH, None, None))
+    with listen(path, "other socket"):
+        camera.faults.add(FaultOrder(Fault.COME_BACK))
+        assert capfd.readouterr().err == (
+            f"the camera stays unplugged: the socket {path} cannot be opened: Address already in use\n"
+        )
+        pulses = camera.counters.pulses
+        wait_for(lambda: camera.counters.pulses > pulses)
+        assert path.is_socket()  # the other one's
 
 
 def test_a_reset_is_seen_as_unplugged_and_replugged(camera: Device, path: Path) -> None:

@@ -13,6 +13,8 @@ import pytest
 from fake_camera.__main__ import main
 from fake_camera.device.control_socket import answers
 from fake_camera.device.faults import Faults
+from fake_camera.world.render.renderer import Pinhole, Renderer, Surface
+from fake_camera.world.simulation import RoomView
 from fake_camera.world.steered import FIRST_LUX, HEIGHT_M, Steered
 
 SECOND_NS = 1_000_000_000
@@ -81,6 +83,7 @@ def test_times_are_the_hosts_and_counted_from_the_epoch_of_the_wire() -> None:
         ({"light": [1]}, "light must be an object with the keys at_ns, lux"),
         ({"light": {"at_ns": SECOND_NS, "lux": -1.0}}, "must not have a negative lux"),
         ({"light": {"at_ns": 0, "lux": 1.0}}, "must come after"),
+        ({"motion": MOTION, "light": {"at_ns": SECOND_NS, "lux": 1.0}}, "give motion and light one by one"),
     ],
 )
 def test_wrong_orders_are_refused_in_a_sentence(order: dict[str, Any], says: str) -> None:
@@ -88,6 +91,14 @@ def test_wrong_orders_are_refused_in_a_sentence(order: dict[str, Any], says: str
     said = json.loads(answer)
     assert not said["ok"]
     assert says in said["error"]
+
+
+def test_an_image_at_any_speed_comes_to_an_end() -> None:
+    steered = Steered()
+    steered.take(motion(forward_m_s=1e12))
+    white = Surface(np.zeros(3), np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0]), np.ones((2, 2), np.float32))
+    view = RoomView(Renderer([white], Pinhole(64, 48)), steered, "left")
+    assert view.exposed(1.0, 5e-3, FIRST_LUX).shape == (48, 64)
 
 
 def test_faults_and_orders_share_the_socket_of_a_steered_camera_only() -> None:
