@@ -1,9 +1,11 @@
-"""Long runs must be asked for: the user says how much to run, and is told how long that takes."""
+"""Long runs must be asked for, with a place for what they find: the user is told how long they take."""
 
 from __future__ import annotations
 
 import math
+import tempfile
 from collections.abc import Callable
+from pathlib import Path
 
 from drivers.errors import ConfigurationError
 
@@ -25,3 +27,15 @@ def in_words(seconds: float) -> str:
     if minutes <= 1:
         return "a minute"
     return f"{minutes} minutes" if minutes < 90 else f"{seconds / 3600:.1f} hours"
+
+
+def make_writable(folder: Path, option: str) -> None:
+    """Create a folder and try it; ConfigurationError before hours of work, not after."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        raise ConfigurationError(
+            f"{folder}: cannot be written to ({error.strerror}): choose another {option}"
+        ) from None

@@ -6,6 +6,7 @@ import json
 import math
 import os
 from collections.abc import Sequence
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing
 from pathlib import Path
 from typing import Annotated
@@ -20,9 +21,10 @@ from evaluation.arena.arena_report import cells, mean_ratios, write_arena_report
 from evaluation.arena.plan import Task, full_plan, quick_plan
 from evaluation.arena.results import document
 from evaluation.arena.runs import Run, run_plan
-from evaluation.effort import check_chosen
+from evaluation.effort import check_chosen, make_writable
 from evaluation.progress import LongProgress
 from evaluation.scenes.scenarios import SCENARIOS
+from fake_camera.world.scene.panorama import load_radiance
 
 _FRAME_S = 0.005  # of one core per frame and policy, measured on full arenas of 14 policies
 
@@ -51,6 +53,7 @@ def arena(
         return (quick_plan if quick else full_plan)(chosen[1], stills)
 
     check_chosen(quick, full, lambda quick: _duration_s(plan_of(quick), chosen[0], jobs))
+    _check_places(json_file, report)
     plan = plan_of(quick)
     console = Console()
     runs = _run(plan, chosen[0], jobs, console)
@@ -75,10 +78,25 @@ def _chosen(policies: str, scenarios: str) -> tuple[list[str], list[str]]:
 
 
 def _pictures(folder: Path) -> list[str]:
-    stills = sorted(str(file) for file in folder.glob("*.hdr"))
+    stills = sorted(folder.glob("*.hdr"))
     if not stills:
         raise ConfigurationError(f"{folder}: no .hdr file in it: give a folder of Radiance pictures")
-    return stills
+    try:
+        for still in stills:  # one that cannot be read would end the arena when its turn comes
+            load_radiance(still)
+    except ValueError as error:
+        raise ConfigurationError(f"--pictures: {error}") from None
+    return [str(still) for still in stills]
+
+
+def _check_places(json_file: Path | None, report: Path | None) -> None:
+    """Nothing is kept of an arena whose results cannot be written."""
+    if json_file is not None:
+        if json_file.is_dir():
+            raise ConfigurationError(f"{json_file}: is a folder: name a file in --json")
+        make_writable(json_file.parent, "--json")
+    if report is not None:
+        make_writable(report, "--report")
 
 
 def _duration_s(plan: Sequence[Task], policies: Sequence[str], jobs: int) -> float:
@@ -94,6 +112,10 @@ def _run(plan: Sequence[Task], policies: Sequence[str], jobs: int, console: Cons
                 for task, done in finished:
                     runs += done
                     progress.update(bar, advance=task.frames * len(task.delays), description=task.scenario)
+    except BrokenProcessPool:
+        raise AutoexposeError(
+            "a process was killed from outside, perhaps because memory ran out: try fewer --jobs; nothing was written"
+        ) from None
     except KeyboardInterrupt:
         raise AutoexposeError("the arena was stopped before it was done: nothing was written") from None
     return runs

@@ -29,7 +29,7 @@ from evaluation.stage.rendering import Stage
 from fake_camera.world.simulation import Side
 
 LIGHT_JUMP_STOPS = 0.2
-"""Where the light changes by more between two frames, the oracle is asked about both."""
+"""Where the light or the lamp changes by more between two frames, the oracle is asked about both."""
 
 SPLITS_EVERY = 4
 """The best of all times and gains takes six searches: it is asked for so many times less often."""
@@ -229,7 +229,7 @@ def _enter(
 
 def _light_jumps_at(stage: Stage, frame: int, frames: int) -> bool:
     def jump(first: int) -> bool:
-        before, after = stage.glimpse_lux(max(first, 0)), stage.glimpse_lux(first + 1)
-        return abs(math.log2((after + 1e-6) / (before + 1e-6))) > LIGHT_JUMP_STOPS
+        lights = zip(stage.glimpse_lux(max(first, 0)), stage.glimpse_lux(first + 1), strict=True)
+        return any(abs(math.log2((after + 1e-6) / (before + 1e-6))) > LIGHT_JUMP_STOPS for before, after in lights)
 
     return jump(frame - 1) or (frame + 1 < frames and jump(frame))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 import os
-import tempfile
 import time
 from collections.abc import Sequence
 from concurrent.futures.process import BrokenProcessPool
@@ -18,7 +17,7 @@ from rich.markup import escape
 from rich.padding import Padding
 
 from drivers.errors import AutoexposeError, ConfigurationError
-from evaluation.effort import check_chosen
+from evaluation.effort import check_chosen, make_writable
 from evaluation.experiments.cache import ResultCache
 from evaluation.experiments.experiment import Experiment, Job, Plain
 from evaluation.experiments.experiments_report import Chapter, count_of_verdicts, write_experiments_report
@@ -59,9 +58,9 @@ def run(
     """Run experiments and write `experiments.md` and `experiments.html`; finished jobs are not repeated."""
     chosen = _chosen(names)
     check_chosen(quick, full, lambda quick: _duration_s(chosen, quick, jobs))
-    _make_writable(out, "--out")
+    make_writable(out, "--out")
     if json_file is not None:
-        _make_writable(json_file.parent, "--json")
+        make_writable(json_file.parent, "--json")
     console = Console()
     begun_s = time.monotonic()
     work = {experiment.name: experiment.jobs(quick) for experiment in chosen}
@@ -93,16 +92,6 @@ def _chosen(names: Sequence[str]) -> list[Experiment]:
 
 def _duration_s(chosen: Sequence[Experiment], quick: bool, processes: int) -> float:
     return sum(job.cost_s for experiment in chosen for job in experiment.jobs(quick)) / processes
-
-
-def _make_writable(out: Path, option: str) -> None:
-    """Checked before hours of work, not after."""
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=out):
-            pass
-    except OSError as error:
-        raise ConfigurationError(f"{out}: cannot be written to ({error.strerror}): choose another {option}") from None
 
 
 def _write_json(data: Plain, file: Path) -> None:
@@ -162,7 +151,7 @@ Cameras, room and light are those of the fake cameras (docs/fake-camera.md); con
 
 B&H is Bégin and Hunter, "Auto-Exposure Algorithm for Enhanced Mobile Robot Localization in Challenging Light
 Conditions" (2022); MH is Majer et al., "Adaptive image processing methods for outdoor autonomous vehicles" (2018).
-Intervals in brackets are 95 % bootstrap intervals."""
+Intervals in brackets are 95 % bootstrap intervals, unless a section says otherwise."""
 
 
 def _show(chapters: Sequence[Chapter], console: Console) -> None:

@@ -24,12 +24,12 @@ import numpy as np
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.loop import ControlLoop, ControlSetup
 from autoexpose_daemon.control.parameters import Bracketing, ControlParameters
-from calibration.geometry.file import load_geometry
+from calibration.geometry.file import check_pair, load_geometry
 from calibration.geometry.model import CameraGeometry
 from calibration.response import ResponseFunction
 from calibration.response.file import ResponseFile
 from drivers.config.files import read_regular
-from drivers.errors import AutoexposeError
+from drivers.errors import AutoexposeError, ConfigurationError
 from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import SIDES, Frame, Side, StereoPair
 from drivers.pixels.layout import Pixels
@@ -65,9 +65,7 @@ def read_folder(folder: Path) -> Drive:
     instants = _instants(folder)
     sides = tuple(instants[0])
     responses: dict[Side, ResponseFunction] = {side: _response(folder, side) for side in sides}
-    geometries: dict[Side, CameraGeometry] = {
-        side: load_geometry(file, side) for side in sides if (file := folder / f"{side}.yaml").exists()
-    }
+    geometries = _geometries(folder, instants[0])
     settings = [next(iter(entries.values())).setting for entries in instants]
     levels = [setting.level for setting in settings]
     bracket = Bracketing(_cycle(folder, levels), max(max(levels) - min(levels), 1.0))
@@ -123,10 +121,14 @@ def _frame(entry: Entry, number: int) -> Frame:
 def _instants(folder: Path) -> list[dict[Side, Entry]]:
     """The entries of each instant, left first; every instant has the same sides."""
     entries = _entries(folder)
-    instants = [
-        {side: entry for side in SIDES for entry in group if entry.side == side}
-        for group in (list(group) for _, group in itertools.groupby(entries, key=lambda entry: entry.time_s))
-    ]
+    groups = [list(group) for _, group in itertools.groupby(entries, key=lambda entry: entry.time_s)]
+    instants = [{side: entry for side in SIDES for entry in group if entry.side == side} for group in groups]
+    for group, instant in zip(groups, instants, strict=True):
+        if len(instant) < len(group):
+            raise AutoexposeError(
+                f"{folder / LIST}: {group[0].file.name} to {group[-1].file.name} have one time_s, but are more than an "
+                "image of each camera: give each instant its own"
+            )
     for instant in instants:
         if tuple(instant) != tuple(instants[0]):
             first = next(iter(instant.values()))
@@ -140,7 +142,7 @@ def _instants(folder: Path) -> list[dict[Side, Entry]]:
 def _entries(folder: Path) -> list[Entry]:
     file = folder / LIST
     try:
-        text = read_regular(file, _LONGEST_BYTES).decode(errors="replace")
+        text = read_regular(file, _LONGEST_BYTES).decode("utf-8-sig", errors="replace")
     except OSError as error:
         raise AutoexposeError(f"{file}: cannot be read: {error.strerror}") from error
     rows = csv.DictReader(io.StringIO(text))
@@ -189,6 +191,29 @@ def _cycle(folder: Path, levels: list[float]) -> int:
         ):
             return cycle
     raise AutoexposeError(f"{folder / LIST}: its exposures do not repeat in cycles of 2 to {MOST_SHOTS} shots")
+
+
+def _geometries(folder: Path, first: dict[Side, Entry]) -> dict[Side, CameraGeometry]:
+    """Those that there are, of the images of the first instant."""
+    found: dict[Side, CameraGeometry] = {}
+    for side, entry in first.items():
+        file = folder / f"{side}.yaml"
+        if file.exists():
+            found[side] = geometry = load_geometry(file, side)
+            height, width = _frame(entry, 0).pixels.shape
+            if (width, height) != (geometry.width, geometry.height):
+                raise AutoexposeError(
+                    f"{file}: is for frames of {geometry.width}x{geometry.height} pixels, {entry.file.name} has "
+                    f"{width}x{height}: give the calibration of these images"
+                )
+    try:
+        check_pair(found)
+    except ConfigurationError as error:
+        said = str(error)
+        for side in SIDES:
+            said = said.replace(f"cameras.{side}.calibration", f"{folder / side}.yaml")
+        raise AutoexposeError(said) from error
+    return found
 
 
 def _response(folder: Path, side: Side) -> ResponseFunction:

@@ -23,6 +23,9 @@ from evaluation.rejudge.trajectory import TooFewPosesError, Trajectory, read_tum
 
 IN_HOUSE, ORB_SLAM3 = "in-house", "orbslam3"
 
+_ENDS_WITH_US = ("setpriv", "--pdeathsig", "TERM", "env", "--default-signal=INT")
+"""Our processes ignore Ctrl-C and are ended by their parent; what they have started must not outlive them."""
+
 Image = NDArray[np.uint8]
 
 
@@ -113,7 +116,13 @@ class CommandFollower(Follower):
         written = self._folder / "trajectory.tum"
         words = [*shlex.split(self._command), str(self._folder), str(written)]
         try:
-            ended = subprocess.run(words, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, check=False)
+            ended = subprocess.run(
+                [*_ENDS_WITH_US, *words],
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.PIPE,
+                errors="replace",
+                check=False,
+            )
         except OSError as error:
             raise AutoexposeError(f"--odometry {words[0]} cannot be started: {error.strerror}") from error
         if ended.returncode:
@@ -178,10 +187,13 @@ class Following:
         if self.odometry == IN_HOUSE:
             return OdometryFollower(OrbOdometry(self.camera, interval_s=self.interval_s))
         if self.odometry == ORB_SLAM3:
-            vocabulary = self.folder / "vocabulary.txt"
+            vocabulary, own = self.folder / "vocabulary.txt", self.folder / name
+            own.mkdir()
             if not vocabulary.exists():
-                write_taught_vocabulary(vocabulary)
-            return OdometryFollower(OrbSlam3(self.camera, vocabulary, self.folder, self.interval_s))
+                written = own / vocabulary.name
+                write_taught_vocabulary(written)
+                written.replace(vocabulary)  # in one step, because other processes may be reading it
+            return OdometryFollower(OrbSlam3(self.camera, vocabulary, own, self.interval_s))
         return CommandFollower(self.odometry, self.folder / name, self.camera)
 
 

@@ -30,8 +30,8 @@ class Rectifier:
     def __init__(self, geometries: Mapping[Side, CameraGeometry], shape: tuple[int, int]) -> None:
         left, right = geometries["left"], geometries["right"]
         scale = shape[1] / left.width
-        self._maps = {side: _maps(geometry, shape, scale) for side, geometry in geometries.items()}
         centre = left.projection[2], left.projection[6]
+        self._maps = {side: _maps(geometry, shape, scale, centre[0]) for side, geometry in geometries.items()}
         x, y = ((number + 0.5) * scale - 0.5 for number in centre)
         self.camera = StereoCamera(scale * left.projection[0], (x, y), right.baseline_m)
 
@@ -45,10 +45,11 @@ class Rectifier:
         return image if maps is None else np.asarray(cv2.remap(image, *maps, cv2.INTER_LINEAR), np.uint8)
 
 
-def _maps(geometry: CameraGeometry, shape: tuple[int, int], scale: float) -> tuple[Any, Any] | None:
-    """What `cv2.remap` needs; None for a camera that is rectified already."""
+def _maps(geometry: CameraGeometry, shape: tuple[int, int], scale: float, centre_x: float) -> tuple[Any, Any] | None:
+    """What `cv2.remap` needs; None for a camera that is rectified already, with this column in the middle."""
     k = np.reshape(geometry.camera_matrix, (3, 3))
     p = np.reshape(geometry.projection, (3, 4))[:, :3]
+    p[0, 2] = centre_x  # a calibration may move the columns of a pair against each other, which would look like depth
     r = np.reshape(geometry.rectification, (3, 3))
     if not any(geometry.distortion) and np.allclose(k, p) and np.allclose(r, np.eye(3)):
         return None

@@ -114,8 +114,9 @@ def _print_drive(drive: Drive, console: Console) -> None:
     )
     if len(drive.geometries) < 2:
         console.print(
-            "no matches and no odometry: the recording has no calibrated pair of cameras; give "
-            "cameras.left.calibration and cameras.right.calibration when you record",
+            "no matches and no odometry: the drive has no calibrated pair of cameras; give "
+            "cameras.left.calibration and cameras.right.calibration when you record, or put left.yaml and right.yaml "
+            "beside the images of a folder",
             highlight=False,
         )
 

@@ -71,9 +71,14 @@ class Stage:
         }
         self.views = views
         self.light = course.light
-        self.has_lamp = course.lamp is not None
+        self._lamp = course.lamp
         self.frame = 0
         self.go_to(0)
+
+    @property
+    def has_lamp(self) -> bool:
+        """Whether the right camera sees a lamp that the left one does not."""
+        return self._lamp is not None
 
     def start_s(self, frame: int) -> float:
         """When the exposure of a frame starts."""
@@ -85,9 +90,10 @@ class Stage:
         for film in self._films.values():
             film.go_to(self.start_s(frame))
 
-    def glimpse_lux(self, frame: int) -> float:
-        """Light during the first millisecond of a frame."""
-        return self.light.mean_lux(self.start_s(frame), 1e-3)
+    def glimpse_lux(self, frame: int) -> list[float]:
+        """Light during the first millisecond of a frame, and that of the lamp if there is one."""
+        lights = [self.light, *([self._lamp] if self._lamp else [])]
+        return [light.mean_lux(self.start_s(frame), 1e-3) for light in lights]
 
     def radiance(self, side: Side, exposure_s: float) -> Radiance:
         """Mean radiance over an exposure of this frame, float32, (height, width); overwritten by the next call."""

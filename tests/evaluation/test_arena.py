@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,6 +20,7 @@ from evaluation.arena.results import document, results
 from evaluation.arena.runs import Run, run_plan, run_task
 from evaluation.arena.scores import Score
 from evaluation.arena.targets import outcomes
+from evaluation.experiments.worth.matches.courses import tuning
 from evaluation.scenes.scenarios import SCENARIOS, WARM_UP_FRAMES
 
 FIGURES = {
@@ -95,12 +97,18 @@ def test_processes_give_what_one_process_gives(monkeypatch: pytest.MonkeyPatch) 
     assert alone == spread
 
 
-def test_ctrl_c_ends_in_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("error", "message"),
+    [(KeyboardInterrupt, "stopped before it was done"), (BrokenProcessPool, "killed from outside.*fewer --jobs")],
+)
+def test_an_arena_that_is_cut_short_ends_in_one_sentence(
+    error: type[BaseException], message: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def interrupted(*_: object) -> None:
-        raise KeyboardInterrupt
+        raise error
 
     monkeypatch.setattr(arena_app, "run_plan", interrupted)
-    with pytest.raises(AutoexposeError, match="stopped before it was done"):
+    with pytest.raises(AutoexposeError, match=message):
         app(["--quick", "--jobs", "1"], standalone_mode=False)
 
 
@@ -111,9 +119,17 @@ def test_ctrl_c_ends_in_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
         (["--scenarios", "step"], "there is no scenario 'step'"),
         (["--json", "nowhere/out.json"], "there is no folder nowhere"),
         (["--pictures", "nowhere"], "no .hdr file"),
+        (["--pictures", "."], "damaged.hdr is not a Radiance picture"),
+        (["--json", "."], "is a folder"),
+        (["--report", "damaged.hdr"], "damaged.hdr: cannot be written to"),
     ],
 )
-def test_bad_options_get_one_sentence(options: list[str], message: str) -> None:
+def test_bad_options_get_one_sentence_before_any_run(
+    options: list[str], message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "damaged.hdr").write_text("no picture")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(arena_app, "run_plan", lambda *_: pytest.fail("it ran"))
     with pytest.raises(ConfigurationError, match=message):
         app([*options, "--quick"], standalone_mode=False)
 
@@ -177,3 +193,10 @@ def test_the_full_plan_keeps_tuning_and_judging_apart() -> None:
     assert len(held_out - tuned) >= 2
     assert {delay for task in tasks for delay in task.delays} == {1, 2, 3}
     assert {task.scenario for task in quick_plan(list(SCENARIOS))} == set(SCENARIOS)
+
+
+def test_no_painting_that_judges_is_among_the_tuning_courses_of_worth() -> None:
+    judging = {f"{task.scene}:{task.seed}" for task in full_plan(list(SCENARIOS)) if task.split == "heldout"}
+    tuned = {course.scene for course in tuning()}
+    assert not judging & tuned
+    assert {"hall", "shelves"} <= {scene.partition(":")[0] for scene in tuned}  # so only their seeds are held out

@@ -18,7 +18,7 @@ from evaluation.experiments.navigation.claims import CLAIMED, claims
 from evaluation.experiments.navigation.lap import LIGHTS
 from evaluation.experiments.navigation.laps import POLICIES
 from evaluation.experiments.navigation.looks import FINDERS, Look
-from evaluation.experiments.navigation.months import STRATEGIES, THRESHOLDS, Maps
+from evaluation.experiments.navigation.months import STRATEGIES, THRESHOLDS, Maps, measure_hours
 from evaluation.experiments.navigation.navigation import BETTER, LAP_PARKS, PARKS, data, jobs, section
 from evaluation.experiments.navigation.scene import LAMP_LUX_M2, Lamp
 from evaluation.experiments.navigation.seasons import DARK_SHARE, DRIVES, Night, When, months, nightfall, sun_deg
@@ -170,3 +170,24 @@ def test_parks_of_the_report_are_new_and_a_quick_run_is_short() -> None:
     assert min(*PARKS, *LAP_PARKS) > 40
     assert sum(job.cost_s for job in jobs(quick=True)) < 120
     assert {job.arguments["light"] for job in jobs(quick=False) if "light" in job.arguments} == set(LIGHTS)
+
+
+def test_a_few_drives_into_the_night_end_in_the_dark(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Otherwise a quick run judges what maps do at night by two drives in the afternoon."""
+    driven: list[When] = []
+
+    class Seen:
+        taught: tuple[Look, ...] = ()
+
+        def __init__(self, *_: Any) -> None:
+            driven.clear()
+
+        def drive(self, _number: int, when: When) -> list[Look]:
+            driven.append(when)
+            return []
+
+    monkeypatch.setattr("evaluation.experiments.navigation.months.Surveyor", Seen)
+    measure_hours(0, "nightfall", 2)
+    assert [when.dark for when in driven] == [False, True]
+    measure_hours(0, "nightfall", 12)
+    assert driven == nightfall()

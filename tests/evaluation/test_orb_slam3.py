@@ -14,6 +14,7 @@ from evaluation.odometry.errors import relative_errors_mm
 from evaluation.odometry.lap import odometry_stage
 from evaluation.odometry.orb_slam3 import OrbSlam3
 from evaluation.odometry.stereo import StereoCamera, images
+from evaluation.odometry.taught_vocabulary import TAUGHT_ROOM
 from evaluation.odometry.vocabulary import BRANCHES, LEVELS, write_vocabulary
 from fake_camera.world.simulation import RoomView
 
@@ -43,6 +44,13 @@ def test_without_it_the_report_says_so(tmp_path: Path, monkeypatch: pytest.Monke
     section = fig13_orb_slam3.section([], tmp_path)
     assert "not installed" in section.setting
     assert not section.parts
+
+
+def test_no_room_is_the_one_that_its_vocabulary_is_from(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(fig13_orb_slam3, "installed", lambda: True)
+    monkeypatch.setattr(fig13_orb_slam3, "version", lambda _package: "1")
+    for quick in (True, False):
+        assert TAUGHT_ROOM not in {job.arguments["room"] for job in fig13_orb_slam3.jobs(quick)}
 
 
 @pytest.mark.orbslam3

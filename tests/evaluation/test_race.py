@@ -131,9 +131,17 @@ def test_only_the_right_camera_sees_the_lamp() -> None:
     assert means[first][1] > 1.2 * means[first - 5][1]
 
 
+def test_the_oracle_is_asked_about_both_sides_of_the_lamps_step() -> None:
+    """In between, it would see a lamp that is half lit."""
+    stage, first = course_of("lamp_right", "leaves", 2)
+    lit = next(frame for frame in range(first + 1) if stage.glimpse_lux(frame)[1] > 0)
+    (series,) = run_course("lamp_right", "leaves", 2, [Entrant.of("fixed")], frames=lit + 2)
+    assert {lit - 1, lit} <= set(series.by_metric.best)
+
+
 def test_light_that_repeats_is_seen_by_the_stage() -> None:
     stage, _ = course_of("sun_shadow", "leaves", 2)
-    lux = [stage.glimpse_lux(frame) for frame in range(60)]
+    lux = [stage.glimpse_lux(frame)[0] for frame in range(60)]
 
     assert isinstance(stage.light, LightScript)
     assert max(lux) / min(lux) == pytest.approx(2**3.5, rel=0.01)

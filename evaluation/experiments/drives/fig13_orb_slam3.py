@@ -33,7 +33,7 @@ def jobs(quick: bool) -> list[Job]:
     """One for each light, room and policy; none if ORB-SLAM3 is not installed."""
     if not installed():
         return []
-    rooms, seconds = ((1,), 1.7) if quick else (FEW_ROOMS, 8.0)
+    rooms, seconds = ((2,), 1.7) if quick else (FEW_ROOMS, 8.0)
     return [
         Job(
             measure,

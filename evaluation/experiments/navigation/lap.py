@@ -143,7 +143,7 @@ def taught(path: TaughtPath, seed: int, policy: str, length_m: float) -> Taught:
         turn_rad = math.remainder(path.ground(distance_m + SPEED_M_S * PERIOD_S)[1] - heading_rad, 2 * math.pi)
         lesson.drive(Velocity(SPEED_M_S, turn_rad / PERIOD_S), distance_m)
         radiance = scene.radiance(path.seen_from(place, heading_rad))
-        robot = robot or Robot(camera, radiance, [_entrant(policy)])
+        robot = robot or Robot(camera, radiance, [_entrant(policy)], 1.0 / PERIOD_S)
         image = robot.step(radiance)[policy]
         found = lesson.look(image, robot.loops[policy].settings[-1], distance_m)
         if found is not None:
@@ -175,7 +175,7 @@ class Repeater:
         left = np.array([-math.sin(heading_rad), math.cos(heading_rad)])
         self._wanderer = Wanderer(start + aside_m * left, heading_rad + turned_rad, lesson.seed)
         camera = SimulatedCamera(2 * lesson.seed + 1, 2 * lesson.seed + 1)
-        self._robot = Robot(camera, self._view(0.0), [_entrant(policy)])
+        self._robot = Robot(camera, self._view(0.0), [_entrant(policy)], 1.0 / PERIOD_S)
 
     def lap(self) -> Lap:
         """Once along the path."""

@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from itertools import product
 from typing import get_args
 
+import numpy as np
+
 from autoexpose_daemon.navigation.maps.adaptation import Strategy
 from autoexpose_daemon.navigation.views.features import Features
 from autoexpose_daemon.navigation.views.registration import RULES
@@ -56,7 +58,7 @@ class Maps:
 
 
 def measure_hours(seed: int, programme: str, drives: int) -> Plain:
-    """The first drives of one of `HOURS` in a park.
+    """Some drives of one of `HOURS` in a park, from its first to its last.
 
     Returns
     -------
@@ -65,7 +67,9 @@ def measure_hours(seed: int, programme: str, drives: int) -> Plain:
     surveyor = Surveyor(seed, list(FINDERS))
     maps = Maps(surveyor.taught, STRATEGIES | THRESHOLDS)
     truth: list[list[float]] = []
-    for number, when in enumerate(HOURS[programme]()[:drives], 1):
+    hours = HOURS[programme]()
+    chosen = [hours[place] for place in np.linspace(0, len(hours) - 1, drives).round().astype(int)]
+    for number, when in enumerate(chosen, 1):
         looks = surveyor.drive(number, when)
         maps.drive(looks, scored=True)
         truth.append([look.shift_px for look in looks])

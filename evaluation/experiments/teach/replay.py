@@ -60,10 +60,18 @@ class Robot:
         Radiance of the first frame, from which the operator sets the exposure that all start with and `fixed` keeps.
     entrants
         Who takes part.
+    rate_hz
+        Of its frames.
     """
 
-    def __init__(self, camera: SimulatedCamera, first: Radiance, entrants: Sequence[Entrant] = ENTRANTS) -> None:
-        self._camera = camera
+    def __init__(
+        self,
+        camera: SimulatedCamera,
+        first: Radiance,
+        entrants: Sequence[Entrant] = ENTRANTS,
+        rate_hz: float = RATE_HZ,
+    ) -> None:
+        self._camera, self._rate_hz = camera, rate_hz
         start = at_half(camera, first)
         self.loops = {one.name: one.enter(start) for one in entrants}
         self._frame = 0
@@ -75,7 +83,7 @@ class Robot:
 
         def take(setting: ExposureSetting) -> StereoPair:
             image = self._camera.expose(radiance, setting, self._frame)
-            return pair_of({"left": image}, setting, self._frame, self._frame / RATE_HZ)
+            return pair_of({"left": image}, setting, self._frame, self._frame / self._rate_hz)
 
         images = {name: loop.step(take).reference.grey8() for name, loop in self.loops.items()}
         self._frame += 1

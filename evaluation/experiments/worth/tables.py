@@ -13,10 +13,12 @@ from numpy.typing import NDArray
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from evaluation.drawing import COLOURS, panels, save
 from evaluation.experiments.experiment import Plain, Table
-from evaluation.experiments.statistics import Interval, over_places
+from evaluation.experiments.statistics import FEWEST, Interval, over_places
 
 BEYOND = 0.02
 """A difference matters when its whole interval is beyond this share of the default's mean."""
+
+_FEW = f"Of fewer than {FEWEST} places it is Student's interval."
 
 _COLUMNS = 6
 """Judges side by side in one table."""
@@ -115,7 +117,7 @@ def means_tables(verdicts: Verdicts) -> list[Table]:
             return "-"
         return over_places(values, verdicts.places(judge)).text(_form(float(values.mean())))
 
-    caption = "Mean over courses, [95 % interval over their pictures, rooms or parks]."
+    caption = f"Mean over courses, [95 % interval over their pictures, rooms or parks]. {_FEW}"
     return _tables(verdicts, caption, cell)
 
 
@@ -128,7 +130,7 @@ def gains_tables(verdicts: Verdicts) -> list[Table]:
 
     caption = (
         f"How much better than `{DEFAULT_POLICY}`, paired by course, in % of its mean; below 0: worse. "
-        "Intervals draw pictures, rooms or parks."
+        f"Intervals draw pictures, rooms or parks. {_FEW}"
     )
     return _tables(verdicts, caption, cell)
 

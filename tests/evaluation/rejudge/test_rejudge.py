@@ -4,6 +4,7 @@ import itertools
 import json
 import shutil
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -191,6 +192,18 @@ def test_a_folder_of_images_is_judged_as_its_recording_is(drive_file: Path, tmp_
     outcome = run(tmp_path, *QUICK, "--json", tmp_path / "f.json")
     assert outcome.exit_code == 0, outcome.exception
     assert all(one["matches"] > 30 for one in json.loads((tmp_path / "f.json").read_text())["policies"])
+
+    (tmp_path / "right.yaml").write_text(ros_yaml(drive.geometries["left"], "right"))
+    assert f"{tmp_path}/right.yaml: projection_matrix has no baseline" in said(tmp_path, *QUICK)
+    (tmp_path / "right.yaml").write_text(ros_yaml(replace(drive.geometries["right"], width=1440, height=1080), "right"))
+    assert "right.yaml: is for frames of 1440x1080 pixels, right8.png has 720x540" in said(tmp_path, *QUICK)
+    (tmp_path / "right.yaml").write_text(ros_yaml(drive.geometries["right"], "right"))
+    second = [row.replace(f",{9 / 60},", f",{8 / 60},") for row in rows[3:5]]
+    (tmp_path / "frames.csv").write_text("\n".join([*rows[:3], *second, *rows[5:]]))
+    assert "left8.png to right9.png have one time_s, but are more than an image of each camera" in said(
+        tmp_path, *QUICK
+    )
+    (tmp_path / "frames.csv").write_text("\n".join(rows), encoding="utf-8-sig")  # as spreadsheets do
 
     (tmp_path / "left20.png").unlink()
     assert "left20.png: is no image that can be read" in said(tmp_path, *QUICK)
