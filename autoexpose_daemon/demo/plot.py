@@ -39,7 +39,7 @@ def draw(path: Path, run: Run, steps: Sequence[LightStep]) -> None:
         figure = Figure(figsize=(12, 12), layout="constrained")
         strip, *curves = figure.subplots(6, 1, sharex=True, height_ratios=[1.7, 1.2, 1, 1, 1, 1])
         about = f"policy {run.options.policy}, scene {run.options.scene}, {run.rate_hz:g} stereo pairs a second"
-        figure.suptitle(f"{_headline(steps)}\n{about}", fontsize=15)
+        figure.suptitle(f"{headline(steps)}\n{about}", fontsize=15)
         start_ns = run.pulses[0].host_time_ns if run.pulses else 0
         pulse_s = _seconds([pulse.host_time_ns for pulse in run.pulses], start_ns)
         lux = np.array([pulse.lux for pulse in run.pulses])
@@ -48,22 +48,25 @@ def draw(path: Path, run: Run, steps: Sequence[LightStep]) -> None:
         _light(curves[0], pulse_s, lux, steps)
         _exposure(curves[1:], run.step_log, start_ns)
         lost_s = _seconds(lost_pulses(run.pulses, run.step_log.pairs_ns), start_ns)
-        _mark_losses(curves[-1], lost_s, sum(camera.overruns for camera in run.cameras))
+        mark_losses(curves[-1], lost_s, sum(camera.overruns for camera in run.cameras))
         curves[-1].set_xlabel("seconds")
         curves[-1].set_xlim(0, end_s)
         for axes in curves:
             _shade_the_dark(axes, pulse_s, lux)
             for step in steps:
                 axes.axvline(step.time_s, color="black", lw=0.8, ls=":")
-        figure.savefig(path, dpi=100)
+        figure.savefig(path, format="png", dpi=100)  # whatever the name ends in
 
 
-def _headline(steps: Sequence[LightStep]) -> str:
+def headline(steps: Sequence[LightStep]) -> str:
+    """How the exposure followed all steps of the light."""
     frames = sorted(step.frames_to_steady for step in steps if step.frames_to_steady is not None)
     if not frames:
         return "Exposure in the light of a room"
     often = f"{frames[0]} to {frames[-1]}" if frames[0] < frames[-1] else f"{frames[0]}"
-    return f"The light changes, and the exposure is good again after {often} {_noun(frames[-1])}"
+    said = f"The light changes, and the exposure is good again after {often} {_noun(frames[-1])}"
+    never = len(steps) - len(frames)
+    return f"{said}, but not after {never} of {len(steps)} changes" if never else said
 
 
 def _noun(frames: int) -> str:
@@ -155,9 +158,10 @@ def _shade_the_dark(axes: Axes, pulse_s: NDArray[np.float64], lux: NDArray[np.fl
         )
 
 
-def _mark_losses(axes: Axes, lost_s: NDArray[np.float64], late_frames: int) -> None:
+def mark_losses(axes: Axes, lost_s: NDArray[np.float64], late_frames: int) -> None:
     """A tick at the foot for each stereo pair that was lost."""
     if len(lost_s):
         axes.plot(lost_s, np.zeros(len(lost_s)), "|", color="red", ms=12, mew=1.5)
+        late_frames = min(late_frames, 2 * len(lost_s))  # others were late before the first pair, or after the last
         whose = f" ({late_frames} frames by late fake cameras)" if late_frames else ""
         axes.set_title(f"| {len(lost_s)} stereo pairs lost{whose}", loc="right", color="red")

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from autoexpose_daemon.control.policies.ids import check_policy_id
 from autoexpose_daemon.demo.fakes import check_simulator, fake_cameras
 from autoexpose_daemon.demo.options import DemoOptions
-from autoexpose_daemon.demo.usb_bus import begin_again_on_fake_bus, cameras_on_bus, folder_of_bus
+from autoexpose_daemon.demo.usb_bus import begin_again_on_fake_bus, cameras_on_bus, folder_of_bus, take_signals
 from autoexpose_daemon.recording import check_recording_extra
 from drivers.errors import ConfigurationError
 
@@ -55,6 +55,7 @@ def run_demo(options: DemoOptions, stop: threading.Event, console: Console) -> N
         folder = Path(resources.enter_context(tempfile.TemporaryDirectory(prefix="autoexpose-demo-")))
         if folder_of_sockets is not None:
             resources.callback(shutil.rmtree, folder_of_sockets)
+            take_signals()
         console.print("starting two fake cameras ...")
         cameras = resources.enter_context(fake_cameras(folder, arguments, sockets, stop))
         if options.navigate:

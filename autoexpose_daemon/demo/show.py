@@ -68,7 +68,7 @@ def show(options: DemoOptions, cameras: FakeCameras, stop: threading.Event, cons
         console.print(recorder.summary)
     pulses = pulses_in_window(read_pulses(cameras.truths), service.daemon.tally)
     reference_ms = reference_step_ms(REFERENCE_REPEATS)
-    return Run(options, rate_hz, service.daemon, cameras.both, pulses, step_log, took_s, cpu_s, reference_ms)
+    return Run(options, rate_hz, service.daemon, cameras.both, pulses, step_log, took_s, took_s, cpu_s, reference_ms)
 
 
 def report(run: Run, console: Console) -> None:

@@ -24,7 +24,10 @@ _TRANSPORTS = {"gige": "GigE Vision", "usb3": "USB3 Vision"}
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """A finished run: how long it took, the daemon's CPU time in it, and the published algorithm's step time here."""
+    """A finished run: how long it took, the daemon's CPU time in it, and the published algorithm's step time here.
+
+    The cameras may have run for longer, for another daemon.
+    """
 
     options: DemoOptions
     rate_hz: float
@@ -33,6 +36,7 @@ class Run:
     pulses: Sequence[Pulse]
     step_log: StepLog
     took_s: float
+    cameras_took_s: float
     daemon_cpu_s: float
     reference_step_ms: float
 
@@ -57,7 +61,7 @@ def figures(run: Run, steps: Sequence[LightStep]) -> dict[str, Any]:
         "lost": {str(reason): count for reason, count in tally.lost.items() if count},
         "fakes": {
             "overruns": sum(camera.overruns for camera in run.cameras),
-            "cpu_percent": [round(100 * camera.cpu_s / run.took_s, 1) for camera in run.cameras],
+            "cpu_percent": [round(100 * camera.cpu_s / run.cameras_took_s, 1) for camera in run.cameras],
         },
         "counts": asdict(telemetry.counts),
         "steps": [_step_as_json(step) for step in steps],

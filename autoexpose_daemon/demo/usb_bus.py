@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
 import tempfile
 from pathlib import Path
@@ -21,6 +22,9 @@ FOLDER_VARIABLE = "AUTOEXPOSE_DEMO_FOLDER"
 """The environment variable that names the folder which the demo made for its sockets."""
 
 
+_STOPPING = {signal.SIGINT, signal.SIGTERM}
+
+
 def cameras_on_bus() -> dict[Side, Path]:
     """The sockets of the fake cameras on this process' USB bus; empty on the machine's own bus."""
     sockets = os.environ.get(SOCKETS_VARIABLE)
@@ -30,13 +34,20 @@ def cameras_on_bus() -> dict[Side, Path]:
 def begin_again_on_fake_bus() -> None:
     """Become the same command with sockets for two cameras, in a new folder, on its USB bus; does not return.
 
-    libusb decides at its start what it looks at, so a running process cannot change it.
+    libusb decides at its start what it looks at, so a running process cannot change it. Signals wait for
+    `take_signals`: until then nothing would handle them and remove the folder.
     """
+    signal.pthread_sigmask(signal.SIG_BLOCK, _STOPPING)
     folder = Path(tempfile.mkdtemp(prefix="autoexpose-demo-"))
     os.environ[FOLDER_VARIABLE] = str(folder)
     sockets = [str(folder / side) for side in SIDES]
     command = [sys.executable, "-c", "from autoexpose_daemon.cli import main; main()", *sys.argv[1:]]
     os.execv(sys.executable, [sys.executable, "-m", "fake_camera.usb3", *sockets, "--", *command])
+
+
+def take_signals() -> None:
+    """Take those that came while the process began again."""
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, _STOPPING)
 
 
 def folder_of_bus() -> Path | None:

@@ -41,7 +41,7 @@ def draw(file: Path, laps: Sequence[Lap], logs: Mapping[str, StepLog]) -> None:
         matches.set_xlabel("distance along the lap, m")
     for axes, label in zip(grid[:, 0], ("m", "aside, m", "exposure level, stops", "matches that agree"), strict=True):
         axes.set_ylabel(label)
-    figure.savefig(file, dpi=100)
+    figure.savefig(file, format="png", dpi=100)  # whatever the name ends in
 
 
 def _circle(axes: Axes) -> None:

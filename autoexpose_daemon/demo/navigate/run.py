@@ -93,15 +93,16 @@ def navigate(options: DemoOptions, cameras: FakeCameras, folder: Path, stop: thr
     if options.publish:
         daemon_at = LOOPBACK
     config = configuration(options, rate_hz)
-    commands = 1 + len(LIGHTS)
-    lap_s = (options.seconds - 2 * (BEGINS_S + commands * WAITS_S)) / (2 * commands)
+    policies = compared(options.policy)
+    commands = len(policies) * (1 + len(LIGHTS))
+    lap_s = (options.seconds - len(policies) * BEGINS_S - commands * WAITS_S) / commands
     forward_m_s = min(LENGTH_M / max(lap_s, 1.0), FASTEST_M_S)
     parts: dict[str, Part] = {}
     with ExitStack() as resources:
         lines = [resources.enter_context(ControlLine(camera.control)) for camera in cameras.both]
         robot = resources.enter_context(DemoRobot(robot_at, daemon_at, lines, _RIG))
         lessons = Lessons(robot, ["--connect", daemon_at, "--robot", robot_at, "--rig", _RIG], forward_m_s, stop)
-        for policy in (options.policy, OTHER_POLICY):
+        for policy in policies:
             ours = {"control": {"policy": policy}, "publish": {"rig": _RIG, "listen": [daemon_at]}}
             changed = Config.model_validate(config.model_dump(mode="json", exclude_none=True) | ours)
             parts[policy] = _part(changed, lessons, folder / f"{policy}.map", console.print)
@@ -110,6 +111,11 @@ def navigate(options: DemoOptions, cameras: FakeCameras, folder: Path, stop: thr
     if refused:
         raise AutoexposeError(f"a fake camera refused an order: {refused}")
     _report(options, rate_hz, cameras, parts, console)
+
+
+def compared(policy: str) -> list[str]:
+    """The policies that drive the lap, each once: a map is not taught twice."""
+    return list(dict.fromkeys((policy, OTHER_POLICY)))
 
 
 def _part(config: Config, lessons: Lessons, file: Path, say: Callable[[str], None]) -> Part:
@@ -137,8 +143,8 @@ def _report(
     pulses = pulses_in_window(read_pulses(cameras.truths), part.service.daemon.tally)
     reference_ms = reference_step_ms(REFERENCE_REPEATS)
     run = Run(
-        options, rate_hz, part.service.daemon, cameras.both, pulses, part.step_log, part.took_s, part.cpu_s,
-        reference_ms,
+        options, rate_hz, part.service.daemon, cameras.both, pulses, part.step_log, part.took_s,
+        sum(one.took_s for one in parts.values()), part.cpu_s, reference_ms,
     )  # fmt: skip
     steps = light_steps(run.pulses, run.step_log.steps)
     result = figures(run, steps) | {"laps": [lap.figures() for lap in laps]}

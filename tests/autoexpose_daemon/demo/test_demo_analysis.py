@@ -9,6 +9,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from autoexpose_daemon.demo.analysis import (
     LightSetting,
@@ -22,7 +23,7 @@ from autoexpose_daemon.demo.analysis import (
     pulses_in_window,
 )
 from autoexpose_daemon.demo.fakes import Pulse
-from autoexpose_daemon.demo.plot import draw
+from autoexpose_daemon.demo.plot import draw, headline, mark_losses
 from autoexpose_daemon.demo.step_log import StepLog, StepRecord
 from drivers.exposure import ExposureSetting
 from drivers.python310 import exp2
@@ -162,11 +163,24 @@ def test_a_picture_of_any_run_can_be_drawn(tmp_path: Path, pulses: int, steps: i
     )
     frames = itertools.cycle([1, 4, None])
     draw(
-        tmp_path / "run.png",
+        tmp_path / "run.txt",
         run,  # type: ignore[arg-type]
         [LightStep(0.1 * n, 1.0, 150.0, next(frames), None, "held") for n in range(steps)],
     )
-    assert (tmp_path / "run.png").read_bytes().startswith(b"\x89PNG")
+    assert (tmp_path / "run.txt").read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_picture_says_after_how_many_changes_the_exposure_was_never_good() -> None:
+    steps = [LightStep(4.0, 150.0, 1.0, None, None, "held"), LightStep(8.0, 1.0, 150.0, 3, 3, "held")]
+    good = "The light changes, and the exposure is good again after 3 frames"
+    assert headline(steps[1:]) == good
+    assert headline(steps) == f"{good}, but not after 1 of 2 changes"
+
+
+def test_the_picture_blames_late_cameras_for_no_more_frames_than_are_missing() -> None:
+    axes = Figure().subplots()
+    mark_losses(axes, np.array([1.0, 2.0]), 90)
+    assert axes.get_title("right") == "| 2 stereo pairs lost (4 frames by late fake cameras)"
 
 
 def test_the_delay_is_read_off_large_changes() -> None:

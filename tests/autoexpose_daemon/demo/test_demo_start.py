@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import re
+import signal
+import tempfile
 import threading
 from dataclasses import replace
 from pathlib import Path
@@ -16,6 +18,7 @@ from autoexpose_daemon.demo.fakes import FakeCamera, newest_lux, read_pulses
 from autoexpose_daemon.demo.options import SIZES, DemoOptions, Transport
 from autoexpose_daemon.demo.rate import cores, held_rate_hz, pairs_per_s, shortfall
 from autoexpose_daemon.demo.run import run_demo
+from autoexpose_daemon.demo.usb_bus import FOLDER_VARIABLE, begin_again_on_fake_bus, take_signals
 from drivers.errors import AutoexposeError, ConfigurationError
 from fake_camera.imaging import ImageSettings, Pixels
 from fake_camera.warm_up import frame_s
@@ -166,3 +169,15 @@ def test_on_somebody_elses_usb_bus_the_demo_refuses_and_removes_nothing(
     with pytest.raises(ConfigurationError, match=r"outside of `python -m fake_camera\.usb3`"):
         run_demo(replace(OPTIONS, transport=transport), threading.Event(), Console())
     assert (tmp_path / "thesis.txt").exists()
+
+
+def test_ctrl_c_waits_while_the_demo_begins_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    stopping = {signal.SIGINT, signal.SIGTERM}
+    blocked = []
+    monkeypatch.setenv(FOLDER_VARIABLE, "")
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    monkeypatch.setattr(os, "execv", lambda *_: blocked.append(signal.pthread_sigmask(signal.SIG_BLOCK, ())))
+    begin_again_on_fake_bus()
+    take_signals()
+    blocked.append(signal.pthread_sigmask(signal.SIG_BLOCK, ()))
+    assert [stopping & signals for signals in blocked] == [stopping, set()]

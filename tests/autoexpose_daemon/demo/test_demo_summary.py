@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import io
 import re
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 from rich.console import Console
 
 from autoexpose_daemon.demo.analysis import LightStep
-from autoexpose_daemon.demo.summary import in_words
+from autoexpose_daemon.demo.options import DemoOptions
+from autoexpose_daemon.demo.step_log import StepLog
+from autoexpose_daemon.demo.summary import Run, figures, in_words
 from autoexpose_daemon.status.losses import lost_in_words
+from autoexpose_daemon.status.telemetry import Telemetry
+from drivers.triggers.account import Tally
 
 FIGURES: dict[str, Any] = {
     "transport": "gige",
@@ -90,6 +95,16 @@ def test_anomalies_are_listed_if_any() -> None:
 def test_losses_of_the_simulation_are_not_blamed_on_the_daemon(lost: dict[str, int], overruns: int, words: str) -> None:
     rows = said(lost=lost, fakes={"overruns": overruns, "cpu_percent": [1, 1]})
     assert rows["lost"] == f"{words}; of 1200 triggers on the cameras' wire"
+
+
+def test_cameras_that_ran_for_several_daemons_take_their_share_of_all_that_time() -> None:
+    daemon: Any = SimpleNamespace(tally=Tally(), telemetry=Telemetry())
+    options = DemoOptions(60.0, "fixed", None, None, "room", None, 0, "gige", None, False, False, None, True)
+    cameras: Any = [SimpleNamespace(overruns=0, cpu_s=30.0)] * 2
+    run = Run(options, 30.0, daemon, cameras, [], StepLog(1.0), 60.0, 120.0, 15.0, 3.0)
+    result = figures(run, [])
+    assert result["fakes"]["cpu_percent"] == [25.0, 25.0]
+    assert result["daemon_cpu_percent"] == 25.0
 
 
 def test_an_unknown_reason_keeps_its_name() -> None:

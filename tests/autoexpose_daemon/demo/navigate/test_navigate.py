@@ -15,7 +15,7 @@ from autoexpose_daemon.demo.navigate.control_line import ControlLine
 from autoexpose_daemon.demo.navigate.lessons import LIGHTS, TAUGHT_LUX, Lap
 from autoexpose_daemon.demo.navigate.picture import draw
 from autoexpose_daemon.demo.navigate.robot import DemoRobot, Step
-from autoexpose_daemon.demo.navigate.run import laps_in_words
+from autoexpose_daemon.demo.navigate.run import compared, laps_in_words
 from autoexpose_daemon.demo.navigate.track import LENGTH_M, RADIUS_M, SCALE, Place, Vehicle
 from autoexpose_daemon.demo.options import DemoOptions
 from autoexpose_daemon.demo.step_log import StepLog
@@ -118,8 +118,13 @@ def test_figures_words_and_picture_of_laps(tmp_path: Path) -> None:
     said = console.export_text()
     assert said.count("75%") == 6
     assert said.strip().endswith("no")
-    draw(tmp_path / "laps.png", laps, {"fisher-map": StepLog(1.0), "fixed": StepLog(1.0)})
-    assert (tmp_path / "laps.png").stat().st_size > 10_000
+    draw(tmp_path / "laps.txt", laps, {"fisher-map": StepLog(1.0), "fixed": StepLog(1.0)})
+    assert (tmp_path / "laps.txt").stat().st_size > 10_000
+
+
+def test_each_policy_teaches_one_map() -> None:
+    assert compared("fisher-map") == ["fisher-map", "fixed"]
+    assert compared("fixed") == ["fixed"]
 
 
 def test_options_that_do_not_go_together_are_named() -> None:
