@@ -29,10 +29,11 @@ UNBUILT := $(if $(and $(wildcard autoexpose_daemon/control/_native.*.so),$(wildc
 .DEFAULT_GOAL := demo
 
 # Stamps let later runs start at once; they are renewed when what is installed changes.
+# An environment that was cut off while it was made has a python, but no pip.
 $(VENV)/demo.stamp: pyproject.toml $(NATIVE_SOURCES) $(UNBUILT)
 	@echo "setting up, once; the tools' output is in build/setup.log"
 	@./tools/install-debian $(DEMO_PACKAGES)
-	@[ -x $(PY) ] || ./tools/timed "making $(VENV)" /usr/bin/python3 -m venv --system-site-packages $(VENV)
+	@$(PY) -m pip --version >/dev/null 2>&1 || ./tools/timed "making $(VENV)" /usr/bin/python3 -m venv --system-site-packages $(VENV)
 	@./tools/install-python $(PY) $(EXTRAS)
 	@touch $@
 

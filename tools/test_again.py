@@ -62,7 +62,7 @@ def results(output: str, code: int) -> tuple[int, int, list[str]]:
     counts: Counter[str] = Counter()
     for line in re.findall(r"^=*\s*((?:\d+ \w+, )*\d+ \w+) in [\d.]+s.*$", output, re.MULTILINE):
         counts.update({what: int(count) for count, what in re.findall(r"(\d+) (\w+)", line)})
-    failed = [name for _, name in re.findall(r"^(FAILED|ERROR) (\S+)", output, re.MULTILINE)]
+    failed = re.findall(r"^(?:FAILED|ERROR) (tests/\S+)", output, re.MULTILINE)  # log lines begin with their level, too
     if code and not failed:
         failed = [f"make ended with {code}"]
     return counts["passed"], counts["skipped"], failed

@@ -11,6 +11,7 @@ from tools.test_again import Run, read, results, summary
 GREEN = Run("2026-11-22T08:00:00+01:00", "abc1234", False, 225.0, 3.6, 2100, 1, [])
 OUTPUT = """\
 .venv/bin/pytest -m "not realtime" -n 4 --dist loadgroup
+ERROR left camera: gone
 SKIPPED [1] tests/drivers/host/test_usb.py:79: root may open every node
 FAILED tests/autoexpose_daemon/page/test_page.py::test_words[a-b c] - AssertionError: in 3 seconds
 ERROR tests/autoexpose_daemon/page/test_page.py::test_other - OSError
