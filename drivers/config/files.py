@@ -85,6 +85,8 @@ def check_writable(path: Path) -> None:
     """Check that a file can be written, before the work whose result it is to have; raises ConfigurationError."""
     if path.is_dir() or not os.access(path.absolute().parent, os.W_OK):
         raise ConfigurationError(f"{path}: cannot be written; name a file in an existing folder")
+    if path.exists() and not os.access(path, os.W_OK):
+        raise ConfigurationError(f"{path}: exists and cannot be written; name another file")
 
 
 def _former(path: Path) -> os.stat_result | None:

@@ -10,7 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from drivers.config.files import open_regular, read_regular, replace_file
+from drivers.config.files import check_writable, open_regular, read_regular, replace_file
+from drivers.errors import ConfigurationError
 
 
 def test_a_file_is_read_whole_up_to_the_bound(tmp_path: Path) -> None:
@@ -102,3 +103,15 @@ def test_a_file_that_may_not_be_written_is_not_replaced(tmp_path: Path, monkeypa
     with pytest.raises(PermissionError, match="Permission denied"):
         replace_file(file, b"new")
     assert file.read_text() == "former"
+
+
+def test_a_file_that_may_not_be_written_is_refused_before_the_work(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    kept = tmp_path / "kept.json"
+    kept.touch()
+    check_writable(kept)
+    monkeypatch.setattr(os, "access", lambda path, _mode: path != kept)  # root may write all
+    check_writable(tmp_path / "new.json")
+    with pytest.raises(ConfigurationError, match=r"kept\.json: exists and cannot be written; name another file"):
+        check_writable(kept)
