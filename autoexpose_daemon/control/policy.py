@@ -261,7 +261,7 @@ class ExposurePolicy(ABC):
     STATE: ClassVar[tuple[str, ...]] = ()
     FLOW: ClassVar[Literal["dis", "farneback"]] = "dis"
     OBJECTIVE: ClassVar[Objective] = "metric"
-    COMPENSATED: ClassVar[Literal["targets", "frames", "darker"]] = "darker"
+    COMPENSATED: Literal["targets", "frames", "darker"] = "darker"
     STEERED: ClassVar[bool] = False
     balance: Balance
     shortfall: str | None = None
@@ -275,6 +275,10 @@ class ExposurePolicy(ABC):
     def uncounted(self) -> Mapping[Side, str]:
         """The cameras whose frames do not count at present, and why, in words to follow "left camera"."""
         return {}
+
+    def balance_for(self, look: Look) -> Balance:
+        """The `balance` for frames of this size."""
+        return self.balance
 
     @abstractmethod
     def decide(self, observation: Observation) -> Target:

@@ -61,7 +61,6 @@ class Bracket(ExposurePolicy):
     """
 
     STATE: ClassVar[tuple[str, ...]] = ("_middle", "_seen", "_turn", "_kept", "_policy")
-    COMPENSATED = "targets"
     _middle: float
     _seen: deque[Seen]
     _turn: int
@@ -76,6 +75,7 @@ class Bracket(ExposurePolicy):
         self._turn = 0
         self._kept = None
         self._policy = policy
+        self.COMPENSATED = "targets" if policy is None else policy.COMPENSATED
         self.balance = ExposurePriority() if policy is None else policy.balance
         self.shortfall = None if policy is None else policy.shortfall
 
@@ -88,6 +88,8 @@ class Bracket(ExposurePolicy):
 
     def decide(self, observation: Observation) -> Target:
         """The next shot of the cycle, or the policy's frame at its end."""
+        if self._policy is not None:  # which may not have seen a frame since its state was restored
+            self.balance = self._policy.balance_for(observation.looks[0])
         self._look(observation)
         if self._turn == 0:
             self._middle = self._followed(observation.limits)
@@ -111,7 +113,6 @@ class Bracket(ExposurePolicy):
         own = [past for past in observation.past if _is_kept(past)]
         target = self._policy.decide(replace(observation, past=own, realised=realised if own else None))
         self._kept = replace(target, reason=KEPT + target.reason)
-        self.balance = self._policy.balance  # which may follow the size of the frames
 
     def _followed(self, limits: ExposureLimits) -> float:
         """The middle of the next ladder: where the frame nearest to `MIDDLE_MEAN` says it should be."""

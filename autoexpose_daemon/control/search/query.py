@@ -71,11 +71,14 @@ class Reference:
     side: Side | None = None
     missed: int = 0
 
-    def while_lost(self, observation: Observation) -> Target | None:
-        """What was decided last, while a frame of the camera is lost; None: the search may look at this frame."""
+    def while_lost(self, observation: Observation, awaited: Target | None) -> Target | None:
+        """What was decided last, while a frame of the camera is lost; None: the search may look at this frame.
+
+        That is what the search awaits. Without it, it is the last step, which may have been a shot instead.
+        """
         lost = self.side is not None and all(look.side != self.side for look in observation.looks)
         if lost and self.missed < MISSED_FRAMES:
             self.missed += 1
-            return replace(observation.past[-1].target, reason="held: a camera's frame is lost")
+            return replace(awaited or observation.past[-1].target, reason="held: a camera's frame is lost")
         self.side, self.missed = observation.side, 0
         return None

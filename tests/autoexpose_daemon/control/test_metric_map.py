@@ -168,6 +168,15 @@ def test_black_frames_brighten_and_white_ones_darken() -> None:
     assert policy().decide(observe(white)).level < START.level - 4
 
 
+@pytest.mark.parametrize("policy_id", ["metric-map", "fisher-map"])
+def test_the_dark_is_left_even_if_all_was_white_at_the_lowest_exposure_before(policy_id: str) -> None:
+    """Frames that are all white, and all black, contradict nothing: by how much the light has fallen is unknown."""
+    lights = [8.0] * 20 + [-3.0] * 20 + [16.0] * 20
+    levels = run(ControlLoop(policy_id, LINEAR, LIMITS, START), lights, START, scene=SCENE)
+    assert levels[39] == pytest.approx(LIMITS.darkest.level)
+    assert abs(levels[-1] - 16.0) < 1.5
+
+
 def test_a_uniform_grey_wall_is_held() -> None:
     target = policy().decide(observe(np.full((136, 180), 100, np.uint8)))
     assert (target.level, target.reason) == (START.level, "held: no gradient at any exposure")

@@ -153,6 +153,15 @@ def test_a_shot_changes_one_frame_and_no_other_decision(policy_id: str, delay: i
     assert max(apart[:taken] + apart[taken + 1 :]) < (1.0 if policy_id in SEARCHING else 0.3)
 
 
+@pytest.mark.parametrize("policy_id", (*KINDS, *SEARCHING))
+def test_a_shot_is_over_even_if_the_next_frame_of_a_camera_is_lost(policy_id: str) -> None:
+    loop = loop_of(policy_id)
+    before = run(loop, [11.0] * 100, nothing)[-1]
+    left, right = (at_time(expose(scene, before.setting, 11.0), 100) for scene in SCENES)
+    loop.step(StereoPair(100, {"left": left, "right": right}), override=Override(shot=SHOT))
+    assert loop.step(StereoPair(101, {"right": right})).level == pytest.approx(before.level, abs=0.5)
+
+
 @pytest.mark.parametrize("delay", [1, 3])
 def test_the_delay_of_the_loop_is_learnt_as_without_requests(delay: int) -> None:
     def ask(index: int, decisions: list[Decision]) -> Override:
@@ -166,3 +175,11 @@ def test_the_delay_of_the_loop_is_learnt_as_without_requests(delay: int) -> None
     run(loop, [11.0] * 30 + [12.0] * 40 + [11.0] * 50, ask, delay)
     assert isinstance(loop._policy, ExposureMap)
     assert loop._policy.latency.frames == delay
+
+
+@pytest.mark.parametrize("policy_id", ["fisher-map", "metric-map"])
+@pytest.mark.parametrize("stops", [-0.5, -1.0])
+def test_a_compensation_downward_is_steady_where_the_limits_leave_it_dark(policy_id: str, stops: float) -> None:
+    """Dark with the compensation, and just not dark without it."""
+    decisions = run(loop_of(policy_id), [22.5] * 60, ev_from(0, stops))
+    assert {decision.level for decision in decisions[-20:]} == {LIMITS.brightest.level + stops}

@@ -57,12 +57,16 @@ class FisherMap(ExposureMap):
         noise = SensorNoise(setup.parameters.full_well_e, setup.parameters.read_noise_e)
         return cls(setup.responses, setup.balance(BlurPhotonBalance(noise)), noise, setup.metric.native)
 
-    def decide(self, observation: Observation) -> Target:
-        """The level that promises most, for the frame that will show this decision."""
-        look = observation.looks[0]
+    def balance_for(self, look: Look) -> Balance:
+        """Its own balance follows what is left of blur and noise in the shrunk image."""
         balance = self.balance
         if isinstance(balance, BlurPhotonBalance) and (balance.scale, balance.averaged) != (look.scale, look.averaged):
-            self.balance = replace(balance, scale=look.scale, averaged=look.averaged)
+            return replace(balance, scale=look.scale, averaged=look.averaged)
+        return balance
+
+    def decide(self, observation: Observation) -> Target:
+        """The level that promises most, for the frame that will show this decision."""
+        self.balance = self.balance_for(observation.looks[0])
         return super().decide(observation)
 
     def _views(self, observation: Observation) -> tuple[MetricView, ...]:

@@ -159,7 +159,7 @@ class ExposureMap(ExposurePolicy):
         change = self._remember(observation, views)
         if self.votes.undecided:
             return Target(self._held(observation), "held")
-        return self._look_down(observation) or self._jump(observation, views) or self._best(observation, change)
+        return self._look_down(observation) or self._jump(observation) or self._best(observation, change)
 
     def _held(self, observation: Observation) -> float:
         return observation.setting.level if self.target is None else self.target
@@ -204,16 +204,25 @@ class ExposureMap(ExposurePolicy):
             return None
         return Target(observation.setting.level - LONGEST_PROBE, f"{side} camera is white: looks at less exposure")
 
-    def _jump(self, observation: Observation, views: tuple[MetricView, ...]) -> Target | None:
+    def _jump(self, observation: Observation) -> Target | None:
         """Jump out of the dark if nothing brighter has been seen yet; None while any camera sees something."""
-        level = observation.setting.level
+        if self.memory.highest().level > observation.setting.level + 1.0:
+            return None
+        return self._jump_anyway(observation)
+
+    def _jump_anyway(self, observation: Observation) -> Target | None:
+        """Jump out of the dark, whatever has been seen; None while any camera sees something."""
+        level, views = observation.setting.level, self.memory.sightings[-1].views
         jump = min(dark_jump(view.signal, look.response) for view, look in zip(views, observation.looks, strict=True))
-        if jump == 0 or self.memory.highest().level > level + 1.0:
+        if jump == 0:
             return None
         target = level + jump
         if self.target is not None and abs(self.target - target) < SAME_JUMP_STOPS:
             target = self.target
-        return Target(target, "too dark to predict: jumps")
+        reason, limit = "too dark to predict: jumps", observation.limits.brightest.level
+        if target > limit:  # beyond it, an EV compensation downward would be lost until a frame is no longer dark
+            return Target(limit, f"{reason}; held: at upper limit")
+        return Target(target, reason)
 
     def _best(self, observation: Observation, change: float) -> Target:
         level = observation.setting.level
@@ -230,8 +239,8 @@ class ExposureMap(ExposurePolicy):
             ahead = float(shares @ rises)
         risen, self.ahead = change + ahead - self.ahead, ahead
         best = float(value.max())
-        if best <= 0:
-            return Target(held, "held: no gradient at any exposure")
+        if best <= 0:  # if it is dark now, whatever was brighter was all white, in light that is gone
+            return self._jump_anyway(observation) or Target(held, "held: no gradient at any exposure")
         gain = HOLD_GAIN_FOLLOWING if ahead != 0 else self.HOLD_GAIN_MOVING if moving else HOLD_GAIN
         now = value_at(held, levels, value)
         if now * (1.0 + gain) >= best:

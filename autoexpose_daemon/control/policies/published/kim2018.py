@@ -78,7 +78,8 @@ class Kim2018(ExposurePolicy):
 
     def decide(self, observation: Observation) -> Target:
         """The level to be learnt next, or the best one."""
-        last = self.reference.while_lost(observation)
+        awaited = self.query if self.held is None else self.held.target
+        last = self.reference.while_lost(observation, awaited)
         if last is not None:
             return last
         if self.query is None or self.held is not None:
@@ -86,7 +87,6 @@ class Kim2018(ExposurePolicy):
             if blind is not None:
                 self.query = self.held = None
                 return blind
-        awaited = self.query if self.held is None else self.held.target
         if awaited is not None and not observation.realises(awaited):
             return awaited
         value = entropy_weighted_gradient(observation.image, observation.weights)

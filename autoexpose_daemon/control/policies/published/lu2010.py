@@ -65,14 +65,14 @@ class Lu2010(ExposurePolicy):
 
     def decide(self, observation: Observation) -> Target:
         """The level whose entropy is to be learnt next, or the best one."""
-        last = self.reference.while_lost(observation)
+        awaited = self.query if self.held is None else self.held.target
+        last = self.reference.while_lost(observation, awaited)
         if last is not None:
             return last
         blind = way_out(observation)
         if blind is not None:
             self.query = self.held = None
             return blind
-        awaited = self.query if self.held is None else self.held.target
         if awaited is not None and not observation.realises(awaited):
             return awaited
         value = entropy(observation.image, observation.weights)

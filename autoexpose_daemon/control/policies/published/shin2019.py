@@ -63,7 +63,8 @@ class Shin2019(ExposurePolicy):
 
     def decide(self, observation: Observation) -> Target:
         """The setting whose quality is to be learnt next, or the best one."""
-        last = self.reference.while_lost(observation)
+        awaited = self.query if self.held is None else self.held.target
+        last = self.reference.while_lost(observation, awaited)
         if last is not None:
             return last
         if self.search is None or self.held is not None:
@@ -71,7 +72,6 @@ class Shin2019(ExposurePolicy):
             if blind is not None:
                 self.search = self.held = self.query = None
                 return blind
-        awaited = self.query if self.held is None else self.held.target
         if awaited is not None and not observation.realises(awaited):
             return awaited
         value = self.quality.measure(observation.image, observation.weights)

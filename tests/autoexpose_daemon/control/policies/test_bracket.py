@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from autoexpose_daemon.control.decision import Decision
-from autoexpose_daemon.control.loop import ControlLoop
+from autoexpose_daemon.control.loop import ControlLoop, ControlSetup
 from autoexpose_daemon.control.override import Override
 from autoexpose_daemon.control.parameters import Bracketing, ControlParameters
 from autoexpose_daemon.control.policies.bracket import KEPT
@@ -16,10 +17,11 @@ from calibration.response import ResponseFunction
 from drivers.errors import ConfigurationError
 from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import StereoPair
-from tests.autoexpose_daemon.control.scene import expose, radiance
+from tests.autoexpose_daemon.control.scene import at_time, expose, radiance
 
 LIMITS = ExposureLimits(20.0, 7500.0, 0.0, 30.0)
 START = ExposureSetting(1000.0, 0.0)
+LINEAR = ResponseFunction.linear()
 SCENE = radiance(1, 1.2, (136, 180))
 Light = Callable[[int], float]
 
@@ -92,6 +94,23 @@ def test_a_snapshot_goes_on_in_the_middle_of_a_cycle() -> None:
         assert again.step(pair) == loop.step(pair)
 
 
+def test_a_snapshot_splits_the_policys_frame_as_the_original_does() -> None:
+    """By the size of the frames, before the policy of the restored loop has seen one."""
+    bracketing = Bracketing(4, 4.0, keep=True)
+    setup = ControlSetup("fisher-map", {"left": LINEAR}, LIMITS, START, ControlParameters(bracket=bracketing), {}, {})
+    loop, again, settings = setup.loop(), setup.loop(), [START, START]
+    for number in range(35):
+        if number == 32:
+            again.restore(loop.state())
+        seen = at_time(expose(np.roll(SCENE, 8 * number, axis=1), settings[number], 13.0), number)
+        frame = replace(seen, layout="RGGB")
+        decision = loop.step(StereoPair(number, {"left": frame}))
+        settings.append(decision.setting)
+        if number >= 32:
+            assert again.step(StereoPair(number, {"left": frame})) == decision
+    assert decision.reason.startswith(KEPT)
+
+
 @pytest.mark.parametrize(
     ("given", "words"),
     [((1, 6.0), "exposures is 1: give 2 to 12"), ((6, 40.0), "range_stops is 40: give 1 to 16 stops")],
@@ -112,3 +131,29 @@ def test_the_policys_frames_follow_the_light_under_ev_compensation() -> None:
         if number % 4 == 3:
             kept.append(decision.level)
     assert kept[-1] - kept[4] > 2.0
+
+
+@pytest.mark.parametrize("policy_id", ["zhang2017", "lu2010", "kim2018", "fisher-map"])
+def test_a_compensation_comes_out_in_the_policys_frames_as_asked_for(policy_id: str) -> None:
+    """Laws relative to the frame would run away with it, and searches wait for their answers for ever."""
+    parameters = ControlParameters(bracket=Bracketing(2, 1.0, keep=True))
+    ends = []
+    for stops in (0.0, -1.0):
+        loop = ControlLoop(policy_id, LINEAR, LIMITS, START, parameters)
+        settings, kept = [START, START], []
+        for number in range(240):
+            frame = expose(SCENE, settings[number], 13.0 if number < 120 else 15.0)
+            decision = loop.step(StereoPair(number, {"left": frame}), override=Override(ev_stops=stops))
+            settings.append(decision.setting)
+            if decision.reason.startswith(KEPT):
+                kept.append(decision.level)
+        ends.append(kept[-1])
+    assert ends[1] - ends[0] == pytest.approx(-1.0, abs=0.3 if policy_id != "kim2018" else 1.6)
+
+
+def test_the_policys_frames_take_no_compensation_that_the_policy_does_not_take() -> None:
+    loop = ControlLoop("begin2022", LINEAR, LIMITS, START, ControlParameters(bracket=Bracketing(keep=True)))
+    loop.check_ev(-1.0)
+    with pytest.raises(ConfigurationError, match="begin2022 takes no EV compensation above 0"):
+        loop.check_ev(1.0)
+    ControlLoop("begin2022", LINEAR, LIMITS, START, ControlParameters(bracket=Bracketing())).check_ev(1.0)
