@@ -80,6 +80,8 @@ class _Track:
     ready_ns: int | None = None  # since when it has waited for its first frame; None: not open, or it has arrived
     alone: int = -1  # the newest trigger whose frame was handed out alone
     not_given: int = 0  # triggers that the host did not give since its newest frame
+    resumed: int = 0  # the trigger of its first frame after the latest long silence
+    stopped: int = 0  # how many triggers that silence lasted
 
 
 @dataclass(slots=True)
@@ -227,6 +229,9 @@ class TriggerAccount:
             return []
         self._explain_gap(side, track, trigger, frame_id)
         self._outcomes.settle(side, trigger + 1, outcome)
+        patient_from = trigger - _PATIENCE_PERIODS
+        if patient_from < track.resumed:
+            patient_from -= track.stopped  # nobody waits for a camera while there are no triggers
         track.streaming, track.silent, track.frame_id, track.trigger = True, False, frame_id, trigger
         track.ready_ns = None
         if self.grid is not None and time_ns is not None:
@@ -237,7 +242,7 @@ class TriggerAccount:
             elif not other.streaming:
                 self._settle_unseen(other_side, trigger - _PATIENCE_PERIODS, trigger)
             elif other is not track:
-                self._outcomes.settle(other_side, trigger - _PATIENCE_PERIODS, Fate.SILENT)
+                self._outcomes.settle(other_side, patient_from, Fate.SILENT)
         return self._resolve() + self._release_lone()
 
     def _number(self, track: _Track, frame_id: int, time_ns: int | None) -> int | None:
@@ -268,13 +273,22 @@ class TriggerAccount:
             self._settle_unseen(side, trigger, trigger)
             track.not_given = 0
             return
-        missing = max(frame_id - track.frame_id - 1, 0)
-        self._outcomes.settle(side, min(self._outcomes.settled[side] + missing, trigger), Fate.MISSING)
-        not_given = min(track.not_given, trigger - self._outcomes.settled[side])
+        settled = self._outcomes.settled
+        missing = min(max(frame_id - track.frame_id - 1, 0), trigger - settled[side])
+        not_given = min(track.not_given, trigger - settled[side] - missing)
+        not_taken = trigger - settled[side] - missing - not_given
+        fate = Fate.SILENT if not_taken >= _SILENCE_PERIODS else Fate.IGNORED
+        missing_first = missing
+        if fate is Fate.SILENT:
+            track.resumed, track.stopped = trigger, not_taken
+            stop = self._outcomes.first_silent_beside(side)
+            if stop is not None:  # frames beyond it were lost when the trigger went on
+                missing_first = min(missing, max(stop - settled[side], 0))
+        self._outcomes.settle(side, settled[side] + missing_first, Fate.MISSING)
         track.not_given -= not_given
-        self._outcomes.settle(side, self._outcomes.settled[side] + not_given, Fate.NOT_GIVEN)
-        not_taken = trigger - self._outcomes.settled[side]
-        self._outcomes.settle(side, trigger, Fate.SILENT if not_taken >= _SILENCE_PERIODS else Fate.IGNORED)
+        self._outcomes.settle(side, settled[side] + not_given, Fate.NOT_GIVEN)
+        self._outcomes.settle(side, settled[side] + not_taken, fate)
+        self._outcomes.settle(side, trigger, Fate.MISSING)
 
     def _settle_unseen(self, side: Side, until: int, now: int) -> None:
         """Give triggers before a session's first frame their fate, `now` being the newest trigger known."""

@@ -88,6 +88,10 @@ class WriteHistory:
         """The settings that were written, newest first."""
         return [write.asked for write in reversed(self._writes)]
 
+    def awaits_write(self, time_ns: int) -> bool:
+        """Whether a command that was due at `time_ns` has still not been written."""
+        return bool(self._in_flight) and self._in_flight[0].due_ns <= time_ns
+
     def has_held(self, setting: ExposureSetting) -> bool:
         """Whether the nodes held a setting within the remembered writes."""
         return any(setting.agrees_with(write.read_back) for write in reversed(self._writes))

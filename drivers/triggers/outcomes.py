@@ -75,6 +75,16 @@ class Outcomes:
             count, self._closed = until - self._closed, until
             yield until - 1, count, outcomes
 
+    def first_silent_beside(self, side: Side) -> int | None:
+        """The first trigger at which another camera was silent, of those not yet known for every camera."""
+        for other, runs in self._runs.items():
+            first = self._closed
+            for run in runs:
+                if run.outcome is Fate.SILENT and other != side:
+                    return first
+                first = run.until
+        return None
+
     def waiting(self, since: int) -> list[tuple[Side, Run]]:
         """The frames of triggers from `since` on for which another camera has no outcome yet, oldest first."""
         ahead = max(self.settled, key=self.settled.__getitem__)

@@ -110,7 +110,7 @@ class RigRecord:
             case CameraReady(side):
                 self._ready(side, now_ns)
             case WriteFailed(side):
-                self.history(side).doubt()
+                self._writes.refused(side)
             case NotTriggered(side, count):
                 self._account.not_given(side, count)
         return []

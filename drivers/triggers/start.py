@@ -12,7 +12,9 @@ from drivers.frames import Side
 from drivers.triggers.rate import mean_period_ns, wrong_rate
 
 PATIENCE_NS = 3_000_000_000
-"""Cameras that have waited this long have no trigger."""
+"""Cameras that have waited this long have no trigger,"""
+PATIENCE_PERIODS = 3
+"""nor at low rates those that have waited for this many."""
 
 JUDGED_FRAMES = 20
 """The latest of each camera: enough for a verdict that a lost frame or two does not change, and so few that a trigger
@@ -41,6 +43,7 @@ class StartCheck:
         self._sources = sources
         self._by_host = by_host
         self._rate_hz = rate_hz
+        self._patience_ns = max(PATIENCE_NS, round(PATIENCE_PERIODS * 1e9 / rate_hz))
         self._waits_since_ns: dict[Side, int] = {}
         self._triggered: set[Side] = set()
         self._times_ns: dict[Side, deque[int]] = {side: deque(maxlen=JUDGED_FRAMES) for side in sources}
@@ -82,14 +85,15 @@ class StartCheck:
 
     def _without_pulses(self, now_ns: int) -> Iterator[str]:
         waiting = self._waits_since_ns.items()
-        silent = [side for side, since_ns in waiting if now_ns - since_ns > PATIENCE_NS]
+        silent = [side for side, since_ns in waiting if now_ns - since_ns > self._patience_ns]
         if silent and len(silent) == len(waiting) and not self._triggered:
             sources = " and ".join(sorted({self._sources[side] for side in silent}))
+            waited = f"{self._patience_ns * 1e-9:.3g} s"
             yield (
-                f"no trigger pulse on {sources} for {PATIENCE_NS * 1e-9:g} s: check that the trigger source runs, its "
+                f"no trigger pulse on {sources} for {waited}: check that the trigger source runs, its "
                 "wires and its voltage"
                 if not self._by_host
-                else f"no frame for {PATIENCE_NS * 1e-9:g} s although the cameras are triggered: check the network"
+                else f"no frame for {waited} although the cameras are triggered: check the network"
             )
             return
         if not any(len(times_ns) == JUDGED_FRAMES for times_ns in self._times_ns.values()):

@@ -72,6 +72,11 @@ class RigWrites:
         self.late += not self._counted
         self._counted = True
 
+    def refused(self, side: Side) -> None:
+        """A camera refused a setting, perhaps its first one: it is asked again."""
+        self.histories[side].doubt()
+        self._present.add(side)
+
     def gone(self, side: Side) -> None:
         """A camera is lost: it is not written until it is back."""
         self.histories[side].gone()
@@ -92,6 +97,8 @@ class RigWrites:
         as their nodes said.
         """
         if pair.trigger <= self._late_until or (self._missing and pair.trigger > self._started_trigger):
+            return True
+        if any(self.histories[side].awaits_write(frame.host_time_ns) for side, frame in pair.frames.items()):
             return True
         return any(self._made_of(asked, pair) for asked in self.histories[pair.reference_side].asked)
 

@@ -178,6 +178,19 @@ def test_both_cameras_gone_is_counted_by_the_clock() -> None:
     assert rig.close() == {"camera_gone": 601}
 
 
+def test_cameras_that_start_apart_are_counted_by_the_clock_as_well() -> None:
+    """By as much as a reading of their clocks may be off."""
+    rig = FakeRig()
+    for trigger in range(600):
+        for side, apart_ns in (("left", 0), ("right", 100_000)):
+            rig.account.frame(side, frame(trigger + 1, rig.time_ns + apart_ns))
+        rig.trigger += 1
+    rig.pulse(left="goes", right="goes")
+    rig.pulses(1200, left="absent", right="absent")
+    rig.pulses(5)
+    assert rig.close() == {"camera_gone": 1201}
+
+
 def test_a_stopped_trigger_is_not_a_loss() -> None:
     rig = FakeRig()
     rig.pulses(3)
@@ -320,6 +333,30 @@ def test_a_trigger_that_stops_for_long_is_not_a_loss(periods: int) -> None:
     rig.pulses(3)
     assert rig.close() == {}
     assert rig.account.tally.pairs == 6
+
+
+@pytest.mark.parametrize("before", [0, 1, 3])
+@pytest.mark.parametrize("after", [0, 1, 3])
+@pytest.mark.parametrize("periods", [100, 5000])
+def test_frames_lost_just_before_and_after_a_stop_are_each_lost_once(before: int, after: int, periods: int) -> None:
+    rig = FakeRig(sides=("right", "left"))
+    rig.pulses(3)
+    rig.pulses(before, left="missing")
+    rig.pulses(periods, left="ignored", right="ignored")
+    rig.pulses(after, left="missing")
+    rig.pulses(3)
+    missing = before + after
+    assert rig.close() == ({"left_missing": missing} if missing else {})
+    assert rig.account.tally.pairs == 6
+
+
+def test_frames_of_both_cameras_lost_after_a_long_stop_are_each_lost_once() -> None:
+    rig = FakeRig()
+    rig.pulses(3)
+    rig.pulses(5000, left="ignored", right="ignored")
+    rig.pulse(left="missing", right="missing")
+    rig.pulses(3)
+    assert rig.close() == {"both_missing": 1}
 
 
 @pytest.mark.parametrize("returns_during_the_stop", [True, False])

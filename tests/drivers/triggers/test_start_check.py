@@ -48,6 +48,13 @@ def test_the_absence_of_pulses_is_reported_once_and_not_too_soon() -> None:
     assert judge.findings(2 * PATIENCE_NS) == []
 
 
+def test_pulses_that_are_seconds_apart_are_waited_for() -> None:
+    judge = check(rate_hz=0.2)
+    assert judge.findings(5 * PATIENCE_NS) == []
+    (finding,) = judge.findings(5 * PATIENCE_NS + 1)
+    assert "no trigger pulse on Line0 for 15 s" in finding
+
+
 def test_one_camera_without_pulses_is_named() -> None:
     judge = check()
     feed(judge, "left")

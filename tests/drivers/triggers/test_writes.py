@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,6 +11,7 @@ from drivers.exposure import ExposureSetting
 from drivers.frames import SIDES, Frame, Side, StereoPair
 from drivers.rig.events import Written
 from drivers.triggers.grid import TriggerGrid
+from drivers.triggers.history import Command
 from drivers.triggers.writes import EFFECT_TRIGGERS, RigWrites
 
 MS = 1_000_000
@@ -20,10 +23,10 @@ def wrote(side: Side, setting: ExposureSetting, start_ms: int, end_ms: int) -> W
     return Written(side, setting, setting, start_ms * MS, end_ms * MS)
 
 
-def pair(trigger: int, left: ExposureSetting, right: ExposureSetting) -> StereoPair:
+def pair(trigger: int, left: ExposureSetting, right: ExposureSetting, taken_ms: int = 0) -> StereoPair:
     black = np.zeros((2, 2), np.uint8)
     settings = zip(SIDES, (left, right), strict=True)
-    return StereoPair(trigger, {side: Frame(black, 8, 0, 0, 0, 0, setting) for side, setting in settings})
+    return StereoPair(trigger, {side: Frame(black, 8, 0, 0, taken_ms * MS, 0, setting) for side, setting in settings})
 
 
 def test_a_write_between_two_exposures_is_in_time() -> None:
@@ -69,6 +72,33 @@ def test_a_setting_that_not_every_camera_has_yet_explains_a_mismatch() -> None:
     writes.write(wrote("right", DIM, 4, 6), GRID)
     assert not writes.explains(pair(1, DIM, BRIGHT))
     assert writes.late == 0
+
+
+def test_a_write_that_takes_longer_than_frames_do_explains_a_mismatch_meanwhile() -> None:
+    """Exposures see its time and not yet its gain, and nobody has said yet that it is late."""
+    writes = both_written()
+    writes.command(Command(DIM, 0, 25 * MS, 25 * MS))
+    half = ExposureSetting(DIM.exposure_time_us, BRIGHT.gain_db)
+    assert not writes.explains(pair(1, half, half, 20))
+    assert writes.explains(pair(2, half, half, 40))
+    for side in SIDES:
+        writes.write(wrote(side, DIM, 25, 36), GRID)
+    assert not writes.explains(pair(2, half, half, 40))
+
+
+def test_a_camera_that_refuses_all_writes_since_it_is_back_explains_mismatches() -> None:
+    writes = both_written()
+    writes.gone("left")
+    writes.refused("left")
+    writes.command(Command(DIM, 0, 1 * MS, 1 * MS))
+    writes.write(wrote("right", DIM, 1, 3), GRID)
+    writes.refused("left")
+    assert writes.explains(pair(1, BRIGHT, DIM, 20))
+    newer = replace(DIM)
+    writes.command(Command(newer, 0, 21 * MS, 21 * MS))
+    for side in SIDES:
+        writes.write(wrote(side, newer, 21, 23), GRID)
+    assert not writes.explains(pair(1 + EFFECT_TRIGGERS + 1, BRIGHT, DIM, 120))
 
 
 def test_a_setting_overtaken_on_its_way_to_a_camera_is_late() -> None:
