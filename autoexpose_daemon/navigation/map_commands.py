@@ -105,7 +105,7 @@ def prune(
         before = file.stat().st_size
         gone = map_file.forget_all_runs_but(keep)
     freed = before - file.stat().st_size
-    typer.echo(f"{gone} observations and features forgotten, {max(freed, 0) / 1e6:.1f} MB freed")
+    typer.echo(f"{gone} observations, features and light levels forgotten, {max(freed, 0) / 1e6:.1f} MB freed")
 
 
 def _drawn(map_file: MapFile, place: Place) -> np.ndarray:

@@ -173,7 +173,7 @@ class MapFile:
 
         Returns
         -------
-            How many observations and features are gone.
+            How many observations, features and light levels are gone.
         """
         numbers = [run.number for run in self.runs()]
         if newest >= len(numbers):
@@ -182,7 +182,7 @@ class MapFile:
         with self._transaction() as connection:
             gone = connection.execute("DELETE FROM observation WHERE run < ?", (first_kept,)).rowcount
             gone += connection.execute("DELETE FROM feature WHERE removed < ?", (first_kept,)).rowcount
-            connection.execute("DELETE FROM light WHERE run < ?", (first_kept,))
+            gone += connection.execute("DELETE FROM light WHERE run < ?", (first_kept,)).rowcount
         self._write("VACUUM")
         self._write("PRAGMA wal_checkpoint(TRUNCATE)")
         return gone

@@ -153,13 +153,6 @@ def test_a_map_for_a_lens_that_cannot_be_is_refused_in_a_sentence(tmp_path: Path
     assert not list(tmp_path.iterdir())
 
 
-def test_light_does_not_count_as_an_observation_that_is_forgotten(tmp_path: Path) -> None:
-    with taught(tmp_path / "lap.map") as file:
-        file.add_light(file.runs()[0], [(0.01 * number, 9.0) for number in range(100)])
-        assert file.forget_all_runs_but(0) == 0
-        assert not file.light(file.runs()[0])
-
-
 def test_old_runs_are_forgotten(tmp_path: Path) -> None:
     path = tmp_path / "lap.map"
     with taught(path) as file:
