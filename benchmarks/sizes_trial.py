@@ -28,7 +28,7 @@ from autoexpose_daemon.runtime.daemon import Daemon
 from drivers.aravis import find_cameras
 from drivers.camera import Camera, IncompleteFrame
 from drivers.exposure import ExposureSetting
-from drivers.triggers.account import LossReason
+from drivers.triggers.tally import LossReason
 
 SETTLE_S = 1.0
 """Before what is lost counts: cameras start one after the other, and a program's first calls are slow."""

@@ -12,7 +12,7 @@ from autoexpose_daemon.cli import app
 from autoexpose_daemon.control.policies.ids import POLICY_IDS
 from autoexpose_daemon.status.losses import losses
 from drivers.pixels.formats import PixelFormat
-from drivers.triggers.account import LossReason
+from drivers.triggers.tally import LossReason
 from fake_camera.device.faults import GIGE, USB3
 from tests import REPOSITORY
 

@@ -17,7 +17,7 @@ from autoexpose_daemon.status.inputs.tracking import TrackingRefusal, TrackingTa
 from autoexpose_daemon.status.publishing import DropReason
 from autoexpose_daemon.status.states import State
 from drivers.exposure import ExposureSetting
-from drivers.triggers.account import LossReason
+from drivers.triggers.tally import LossReason
 
 CONTENT_TYPE = CONTENT_TYPE_PLAIN_0_0_4
 

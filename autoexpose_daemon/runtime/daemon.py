@@ -33,7 +33,7 @@ from drivers.frames import Frame, Side, StereoPair
 from drivers.host.frame_memory import share_one_heap
 from drivers.rig.events import RigEvent
 from drivers.rig.rig import Rig
-from drivers.triggers.account import Tally
+from drivers.triggers.tally import Tally
 
 log = logging.getLogger(__name__)
 

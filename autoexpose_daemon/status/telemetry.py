@@ -20,9 +20,9 @@ from drivers.camera import PtpState
 from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import Side, StereoPair
 from drivers.rig.events import Written
-from drivers.triggers.account import LossReason
 from drivers.triggers.history import Command
 from drivers.triggers.record import RigRecord
+from drivers.triggers.tally import LossReason
 
 _KEPT = 1 << 14  # four and a half minutes at 60 Hz
 _PAUSE_S = 1.0

@@ -7,44 +7,15 @@ not take), and the trigger period (how many triggers an outage swallowed).
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, field
-from typing import Final, Literal
+from dataclasses import dataclass
+from typing import Literal
 
 from drivers.camera import IncompleteFrame
 from drivers.frames import Frame, Side, StereoPair
-from drivers.python310 import StrEnum
 from drivers.triggers.grid import TriggerGrid
 from drivers.triggers.outcomes import Fate, Outcome, Outcomes
-
-
-class LossReason(StrEnum):
-    """Why a trigger made no pair; the names are fixed for logs, JSON and metrics."""
-
-    STARTUP = "startup"
-    SHUTDOWN = "shutdown"
-    LEFT_MISSING = "left_missing"
-    RIGHT_MISSING = "right_missing"
-    BOTH_MISSING = "both_missing"
-    INCOMPLETE = "incomplete"
-    NOT_GIVEN = "not_given"
-    TRIGGER_IGNORED = "trigger_ignored"
-    CAMERA_GONE = "camera_gone"
-    STALE = "stale"
-
-
-_BLAME: Final = (
-    (Fate.GONE, LossReason.CAMERA_GONE),
-    (Fate.STARTUP, LossReason.STARTUP),
-    (Fate.INCOMPLETE, LossReason.INCOMPLETE),
-    (Fate.NOT_GIVEN, LossReason.NOT_GIVEN),
-    (Fate.IGNORED, LossReason.TRIGGER_IGNORED),
-    (Fate.SILENT, LossReason.TRIGGER_IGNORED),
-    (Fate.STALE, LossReason.STALE),
-    (Fate.SHUTDOWN, LossReason.SHUTDOWN),
-)
-"""Which fate names the loss when the two cameras' fates differ; missing frames come last."""
+from drivers.triggers.tally import Tally, loss_reason, stopped
 
 _SILENCE_PERIODS = 30
 """A pause of this many periods on every camera, with no frame missing, means that the trigger had stopped."""
@@ -82,25 +53,6 @@ class _Track:
     not_given: int = 0  # triggers that the host did not give since its newest frame
     resumed: int = 0  # the trigger of its first frame after the latest long silence
     stopped: int = 0  # how many triggers that silence lasted
-
-
-@dataclass(slots=True)
-class Tally:
-    """The balance: every trigger of the window is a pair or a loss. Times are CLOCK_MONOTONIC.
-
-    `surplus_frames` arrived between the expected triggers and belong to none of them (the trigger runs too fast).
-    """
-
-    pairs: int = 0
-    lost: Counter[LossReason] = field(default_factory=Counter)
-    surplus_frames: int = 0
-    window_start_ns: int | None = None
-    window_end_ns: int | None = None
-
-    @property
-    def triggers(self) -> int:
-        """All triggers accounted for so far."""
-        return self.pairs + self.lost.total()
 
 
 class TriggerAccount:
@@ -278,13 +230,13 @@ class TriggerAccount:
         not_given = min(track.not_given, trigger - settled[side] - missing)
         not_taken = trigger - settled[side] - missing - not_given
         fate = Fate.SILENT if not_taken >= _SILENCE_PERIODS else Fate.IGNORED
-        missing_first = missing
+        missing_before = missing
         if fate is Fate.SILENT:
             track.resumed, track.stopped = trigger, not_taken
             stop = self._outcomes.first_silent_beside(side)
-            if stop is not None:  # frames beyond it were lost when the trigger went on
-                missing_first = min(missing, max(stop - settled[side], 0))
-        self._outcomes.settle(side, settled[side] + missing_first, Fate.MISSING)
+            if stop is not None:  # the other frames were lost when the trigger went on
+                missing_before = min(missing, max(stop - settled[side], 0))
+        self._outcomes.settle(side, settled[side] + missing_before, Fate.MISSING)
         track.not_given -= not_given
         self._outcomes.settle(side, settled[side] + not_given, Fate.NOT_GIVEN)
         self._outcomes.settle(side, settled[side] + not_taken, fate)
@@ -308,8 +260,8 @@ class TriggerAccount:
             if len(frames) == len(self._tracks) and self._of_one_instant(frames.values()):
                 self.tally.pairs += 1
                 pairs.append(StereoPair(trigger, frames))
-            elif not _stopped(outcomes):
-                self.tally.lost[_reason(outcomes)] += count
+            elif not stopped(outcomes):
+                self.tally.lost[loss_reason(outcomes)] += count
                 pairs += self._alone(trigger, frames)
         return pairs
 
@@ -345,24 +297,3 @@ class TriggerAccount:
                 track.alone = trigger
                 return [StereoPair(trigger, {side: frame})]
         return []
-
-
-def _stopped(outcomes: dict[Side, Outcome]) -> bool:
-    """Whether there was no trigger: every camera that was there to show it was silent."""
-    return Fate.SILENT in outcomes.values() and all(fate in (Fate.SILENT, Fate.GONE) for fate in outcomes.values())
-
-
-def _reason(outcomes: dict[Side, Outcome]) -> LossReason:
-    for fate, reason in _BLAME:
-        if fate in outcomes.values():
-            return reason
-    missing = [side for side, outcome in outcomes.items() if outcome is Fate.MISSING]
-    match missing:
-        case ["left"]:
-            return LossReason.LEFT_MISSING
-        case ["right"]:
-            return LossReason.RIGHT_MISSING
-        case []:  # the frame arrived after its partner had been used alone, or is of another instant
-            return LossReason.STALE
-        case _:
-            return LossReason.BOTH_MISSING

@@ -19,9 +19,10 @@ from drivers.rig.events import (
     WriteFailed,
     Written,
 )
-from drivers.triggers.account import Tally, TriggerAccount
+from drivers.triggers.account import TriggerAccount
 from drivers.triggers.history import Command, WriteHistory
 from drivers.triggers.start import StartCheck
+from drivers.triggers.tally import Tally
 from drivers.triggers.window import WriteWindow
 from drivers.triggers.writes import RigWrites
 

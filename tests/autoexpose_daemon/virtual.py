@@ -16,7 +16,7 @@ from autoexpose_daemon.status.states import Health
 from autoexpose_daemon.status.telemetry import Telemetry
 from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import Side, StereoPair
-from drivers.triggers.account import LossReason
+from drivers.triggers.tally import LossReason
 from tests.soak.camera import VirtualFrame
 from tests.soak.clock import MS, SECOND
 from tests.soak.rig import CONFIG, PERIOD_NS, VirtualRig

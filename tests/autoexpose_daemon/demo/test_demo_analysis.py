@@ -27,7 +27,7 @@ from autoexpose_daemon.demo.plot import draw, headline, mark_losses
 from autoexpose_daemon.demo.step_log import StepLog, StepRecord
 from drivers.exposure import ExposureSetting
 from drivers.python310 import exp2
-from drivers.triggers.account import Tally
+from drivers.triggers.tally import Tally
 
 PERIOD_NS = 16_666_667
 

@@ -9,9 +9,9 @@ from drivers.errors import CameraLostError, NodeError
 from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import SIDES, Frame, Side
 from drivers.rig.events import CameraGone, CameraReady, FrameArrived, WriteFailed, Written
-from drivers.triggers.account import LossReason
 from drivers.triggers.record import RigRecord
 from drivers.triggers.start import JUDGED_FRAMES, PATIENCE_NS
+from drivers.triggers.tally import LossReason
 
 MS = 1_000_000
 PERIOD_NS = 20 * MS
