@@ -195,7 +195,7 @@ class ControlLoop:
 
     def check_ev(self, ev_stops: float) -> None:
         """Raise ConfigurationError for an EV compensation that the policy cannot take; `step` does not check."""
-        if ev_stops > 0 and self._policy.COMPENSATED == "darker":
+        if ev_stops > 0 and self._policy.compensated == "darker":
             raise ConfigurationError(
                 f"policy {self.setup.policy_id} takes no EV compensation above 0, since it would go by what that "
                 "saturates: give 0 or less, or choose another policy"
@@ -256,7 +256,7 @@ class ControlLoop:
         return Decision(setting, level, reason, metric, saturated, black, observation.motion_px)
 
     def _compensate(self, ev_stops: float) -> None:
-        if ev_stops == 0.0 or self._policy.COMPENSATED == "targets":
+        if ev_stops == 0.0 or self._policy.compensated == "targets":
             self._compensation = None
         elif self._compensation is None or self._compensation.stops != ev_stops:
             self._compensation = Compensation(ev_stops, self.setup.responses, self._limits)

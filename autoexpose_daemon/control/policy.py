@@ -246,7 +246,7 @@ class ExposurePolicy(ABC):
         The optical flow of its paper, used unless another is configured.
     OBJECTIVE
         What it is judged by.
-    COMPENSATED
+    compensated
         How it gets an EV compensation: `targets`, its targets are levels that do not depend on the frames they are
         based on, so the compensation is added to them; `frames`, it is shown frames without the compensation;
         `darker`, the same, but none above 0, since it is guided by what that would saturate.
@@ -261,7 +261,7 @@ class ExposurePolicy(ABC):
     STATE: ClassVar[tuple[str, ...]] = ()
     FLOW: ClassVar[Literal["dis", "farneback"]] = "dis"
     OBJECTIVE: ClassVar[Objective] = "metric"
-    COMPENSATED: Literal["targets", "frames", "darker"] = "darker"
+    compensated: Literal["targets", "frames", "darker"] = "darker"
     STEERED: ClassVar[bool] = False
     balance: Balance
     shortfall: str | None = None

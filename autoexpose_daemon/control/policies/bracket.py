@@ -75,7 +75,7 @@ class Bracket(ExposurePolicy):
         self._turn = 0
         self._kept = None
         self._policy = policy
-        self.COMPENSATED = "targets" if policy is None else policy.COMPENSATED
+        self.compensated = "targets" if policy is None else policy.compensated
         self.balance = ExposurePriority() if policy is None else policy.balance
         self.shortfall = None if policy is None else policy.shortfall
 

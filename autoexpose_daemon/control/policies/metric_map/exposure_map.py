@@ -97,7 +97,7 @@ class ExposureMap(ExposurePolicy):
         "registration", "forecast", "latency", "memory", "target", "ahead", "densities", "motion_px",
         "votes", "sides", "foresight",
     )  # fmt: skip
-    COMPENSATED = "targets"
+    compensated = "targets"
     HOLD_GAIN_MOVING: ClassVar[float]
     PROBES: ClassVar[Probes]
     target: float | None

@@ -14,7 +14,7 @@ from drivers.python310 import Self
 class Fixed(ExposurePolicy):
     """Always asks for `start`, time and gain alike."""
 
-    COMPENSATED = "targets"
+    compensated = "targets"
 
     start: ExposureSetting
     balance: Balance

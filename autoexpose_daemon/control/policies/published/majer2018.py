@@ -40,7 +40,7 @@ class Majer2018(ExposurePolicy):
     """
 
     STATE: ClassVar[tuple[str, ...]] = ("frames", "level")
-    COMPENSATED = "frames"
+    compensated = "frames"
 
     region: Literal["top_half", "full"]
     balance: Balance

@@ -38,7 +38,7 @@ class Neves2009(ExposurePolicy):
     """
 
     STATE: ClassVar[tuple[str, ...]] = ("previous_error",)
-    COMPENSATED = "frames"
+    compensated = "frames"
 
     target: float
     balance: Balance
