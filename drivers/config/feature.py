@@ -66,4 +66,4 @@ def misfit(value: object) -> str | None:
         return None if fits else f"give at most {LONGEST_TEXT} printable characters"
     if not isinstance(value, bool | int | float):
         return "give a number, true, false, or text in quotes"
-    return None if abs(value) < 1 << 64 else "give a number of at most 64 bits"  # nor is NaN one
+    return None if abs(value) < 1 << 64 else "give a number of at most 64 bits"  # false for NaN, too

@@ -12,9 +12,8 @@ from drivers.frames import Side
 from drivers.triggers.rate import mean_period_ns, wrong_rate
 
 PATIENCE_NS = 3_000_000_000
-"""Cameras that have waited this long have no trigger,"""
 PATIENCE_PERIODS = 3
-"""nor at low rates those that have waited for this many."""
+"""A camera that has waited longer than both has no trigger."""
 
 JUDGED_FRAMES = 20
 """The latest of each camera: enough for a verdict that a lost frame or two does not change, and so few that a trigger

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 
-from fake_camera.genicam.privilege import ControlPrivilege, Peer
+from fake_camera.genicam.privilege import POWER_ON_HEARTBEAT_MS, ControlPrivilege, Peer
 from fake_camera.genicam.registers import RegisterMap
 from fake_camera.genicam.status import CommandError, Status
 from fake_camera.gige import gvcp
@@ -67,10 +67,11 @@ class ControlChannel:
                 self.reset()
 
     def reset(self) -> None:
-        """Forget the client."""
+        """Back to the power-on state, without a client."""
         with self._lock:
             self._last.clear()
             self._privilege.drop()
+            self._privilege.heartbeat_ms = POWER_ON_HEARTBEAT_MS
             self._released()
 
     def _answer(self, request: Request, peer: Peer, now_s: float) -> bytes | None:

@@ -15,7 +15,7 @@ from fake_camera.genapi.sent_chunks import sent_chunks
 from fake_camera.genapi.xml_camera import XmlCamera
 from fake_camera.genapi.xml_registers import XmlRegisters, free_address
 from fake_camera.genicam.description import genicam_xml, zipped
-from fake_camera.genicam.privilege import POWER_ON_HEARTBEAT_MS, ControlPrivilege
+from fake_camera.genicam.privilege import ControlPrivilege
 from fake_camera.genicam.registers import RegisterMap, feature_registers
 from fake_camera.gige import gvcp
 from fake_camera.gige.actions import ActionChannel
@@ -62,7 +62,7 @@ class GigeServer:
         self._socket = _bind(address, reuse=False)
         self._broadcast_sockets = [_bind(broadcast, reuse=True) for broadcast in _BROADCAST_ADDRESSES]
         self._stream = StreamChannel(address, device.faults, switch)
-        self._privilege = privilege = ControlPrivilege()
+        privilege = ControlPrivilege()
         self._xml = xml
         self._ptp: PtpPort | None = None
         self._actions: ActionChannel | None = None
@@ -158,7 +158,6 @@ class GigeServer:
 
     def _power_on(self) -> None:
         self._control.reset()
-        self._privilege.heartbeat_ms = POWER_ON_HEARTBEAT_MS
         self._stream.reset()
         if self._actions is not None:
             self._actions.reset()
