@@ -33,14 +33,17 @@ DIGITS: Final = 3
 
 @dataclass(frozen=True, slots=True)
 class LightAhead:
-    """The exposure levels that served on an earlier drive, from a second behind the rig to some way ahead of it.
+    """The light of an earlier drive, from a second behind the rig to some way ahead of it.
 
-    Only their differences count, so it does not matter whether the day was brighter then.
+    Only differences count, so it does not matter whether the day was brighter then.
 
     Attributes
     ----------
     levels
-        Stops, one for each frame at the present speed, in the order of driving.
+        The exposure levels that served, stops, one for each frame at the present speed, in the order of driving. They
+        change with the light, and where another part of the view becomes worth more, as at a window.
+    risen
+        By how much the light had risen, stops, at the same places.
     now
         Index of the present frame.
     spread_frames
@@ -48,26 +51,29 @@ class LightAhead:
     """
 
     levels: tuple[float, ...]
+    risen: tuple[float, ...]
     now: int
     spread_frames: float
 
     def __post_init__(self) -> None:
         if not 0 <= self.now < len(self.levels) <= MOST_LEVELS:
             raise ValueError(f"frame {self.now} of {len(self.levels)} levels")
+        if len(self.risen) != len(self.levels):
+            raise ValueError(f"{len(self.levels)} levels in light of {len(self.risen)} places")
         if not 0.0 <= self.spread_frames <= WIDEST_SPREAD_FRAMES:
             raise ValueError(f"a spread of {self.spread_frames:g} frames")
-        if not all(abs(level) <= MOST_STOPS for level in self.levels):
-            raise ValueError(f"a level beyond {MOST_STOPS:g} stops")
+        if not all(abs(stops) <= MOST_STOPS for stops in (*self.levels, *self.risen)):
+            raise ValueError(f"a level or a rise of the light beyond {MOST_STOPS:g} stops")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LightSeries:
-    """The exposure levels that served on an earlier drive, as a series in time.
+    """The light of an earlier drive, as a series in time.
 
     Attributes
     ----------
-    levels
-        Stops, float64, (n,), in the order of driving.
+    levels, risen
+        As in `LightAhead`: stops, float64, (n,), in the order of driving.
     now
         Index of the present place.
     step_s
@@ -77,6 +83,7 @@ class LightSeries:
     """
 
     levels: NDArray[np.float64]
+    risen: NDArray[np.float64]
     now: int
     step_s: float
     spread_s: float
@@ -90,5 +97,8 @@ class LightSeries:
         times_s = (np.arange(len(self.levels)) - self.now) * self.step_s
         behind = max(min(WINDOW_FRAMES + reach, math.floor((later_s - times_s[0]) * rate_hz)), 0)
         frames = np.arange(-behind, REMEMBERED_STEPS + reach + 1)
-        levels = np.interp(later_s + frames / rate_hz, times_s, self.levels)
-        return LightAhead(tuple(np.round(levels, DIGITS).tolist()), behind, spread_frames)
+        levels, risen = (
+            tuple(np.round(np.interp(later_s + frames / rate_hz, times_s, stops), DIGITS).tolist())
+            for stops in (self.levels, self.risen)
+        )
+        return LightAhead(levels, risen, behind, spread_frames)

@@ -29,7 +29,7 @@ from autoexpose_daemon.recording import rosbag2
 from autoexpose_daemon.recording.file import FULL_SCALE, METADATA, STRING
 from autoexpose_daemon.recording.plain_json import from_json
 from autoexpose_daemon.recording.step import Item, RecordingError, Setup, State, Step
-from autoexpose_daemon.recording.upgrade import FORMER_FORMATS, upgraded_setup, upgraded_state
+from autoexpose_daemon.recording.upgrade import FORMER_FORMATS, upgraded_light, upgraded_setup, upgraded_state
 from calibration.geometry.model import CameraGeometry
 from drivers.config import bounds
 from drivers.config.files import open_regular
@@ -167,7 +167,7 @@ class Recording:
             case "motion":
                 self._angular_rate_rad_s = _angular_rate(content)
             case "light":
-                self._light_ahead = parse(content.get("light_ahead"), LightAhead)
+                self._light_ahead = parse(upgraded_light(content.get("light_ahead")), LightAhead)
             case "override":
                 self._override = _override(content)
             case "requests":

@@ -9,12 +9,13 @@ import numpy as np
 from autoexpose_daemon.control.light_ahead import UNPROVEN
 from drivers.frames import SIDES
 
-FORMER_FORMATS = tuple(f"autoexpose-control/{number}" for number in range(2, 9))
-"""In the eighth, searches did not know whose frames they compared. In the seventh, frames of a camera that were lost in
-a row were not counted. In the sixth, nothing was bracketed. In the fifth, consumers steered nothing, sightings did not
-know what was black, and no lens had a vignetting. In the fourth, gains had even steps, and nothing could override the
-policy. In the third, no policy knew of light ahead. In the second, control had one response, the left camera's, and one
-history of motion, whichever camera the frames were from, and every camera had a vote."""
+FORMER_FORMATS = tuple(f"autoexpose-control/{number}" for number in range(2, 10))
+"""In the ninth, levels of light ahead followed the light and nothing else. In the eighth, searches did not know whose
+frames they compared. In the seventh, frames of a camera that were lost in a row were not counted. In the sixth, nothing
+was bracketed. In the fifth, consumers steered nothing, sightings did not know what was black, and no lens had a
+vignetting. In the fourth, gains had even steps, and nothing could override the policy. In the third, no policy knew of
+light ahead. In the second, control had one response, the left camera's, and one history of motion, whichever camera the
+frames were from, and every camera had a vote."""
 
 EACH = "*"
 """In a path of keys: every item of a list, every value of a dictionary."""
@@ -35,6 +36,13 @@ def upgraded_setup(setup: Any) -> Any:
     return {"responses": dict.fromkeys(SIDES, setup["response"]), **others}
 
 
+def upgraded_light(light: Any) -> Any:
+    """Light ahead of one of `FORMER_FORMATS` as of the present format; anything else is returned unchanged."""
+    if isinstance(light, dict) and "risen" not in light and isinstance(light.get("levels"), list):
+        return {**light, "risen": [-level if isinstance(level, float) else level for level in light["levels"]]}
+    return light
+
+
 def upgraded_state(state: Any) -> Any:
     """A state of one of `FORMER_FORMATS` as one of the present format; anything else is returned unchanged."""
     if not isinstance(state, dict):
@@ -49,9 +57,15 @@ def upgraded_state(state: Any) -> Any:
 
 def _with_foresight(state: dict[str, Any]) -> dict[str, Any]:
     policy = state.get("policy")
-    if not isinstance(policy, dict) or "registration" not in policy or "foresight" in policy:
+    if not isinstance(policy, dict):
         return state
-    return {**state, "policy": {**policy, "foresight": {"belief": UNPROVEN, "untold_frames": 0}}}
+    if "policy" in policy:
+        return {**state, "policy": _with_foresight(policy)}
+    if "registration" not in policy:
+        return state
+    unproven = {"belief": UNPROVEN, "untold_frames": 0}
+    nothing: dict[str, Any] = {"differences": [], "leap": None, "left": 0.0, "waited": 0, "proven": 0}
+    return {**state, "policy": {"foresight": unproven, "served": nothing, **policy}}
 
 
 def _with_reference(state: dict[str, Any]) -> dict[str, Any]:

@@ -33,7 +33,7 @@ def velocity_seeds() -> Iterator[bytes]:
 
 
 def light_ahead_seeds() -> Iterator[bytes]:
-    yield light_ahead(LightSeries(np.linspace(8.0, 14.0, 40), 20, 0.02, 0.05), 1_700_000_000_000_000_000)
+    yield light_ahead(LightSeries(np.linspace(8.0, 14.0, 40), np.zeros(40), 20, 0.02, 0.05), 1_700_000_000_000_000_000)
 
 
 def tracked_cells_seeds() -> Iterator[bytes]:
@@ -74,7 +74,7 @@ def map_seeds() -> Iterator[bytes]:
         for where_m in (0.0, 0.2):
             place = TaughtPlace(where_m, b"jpeg", ExposureSetting(1000.0, 0.0), features)
             file.add_place(taught, place, [(where_m, 0.5, 0.1)])
-        file.add_light(taught, [(0.0, 9.0), (0.01, 9.5)])
+        file.add_light(taught, [(0.0, 9.0, 0.0), (0.01, 9.5, -0.5)])
         again = file.begin_run("repeat", 1_700_000_900.0)
         first = file.places()[0]
         passing = adapt(first.map, features, register(first.map.features, features), "adaptive", first.next_feature)

@@ -22,7 +22,7 @@ from autoexpose_daemon.navigation.drive.source import Source, newest_pair
 from autoexpose_daemon.navigation.drive.steering import Stop
 from autoexpose_daemon.navigation.maps.adaptation import Passing, Strategy
 from autoexpose_daemon.navigation.maps.choice import best
-from autoexpose_daemon.navigation.maps.light import LightMemory, LightRow
+from autoexpose_daemon.navigation.maps.light import LightMemory
 from autoexpose_daemon.navigation.maps.temporal import MODELS
 from autoexpose_daemon.navigation.store import MapError, MapFile, Run, newest_of_hour
 from autoexpose_daemon.navigation.views.detectors import FINDERS
@@ -106,9 +106,8 @@ class Repeater:
     def end(self) -> None:
         """At the end of the path: remember the last local map, too, and the light up to there."""
         self._remember(self.repetition.end())
-        light = self._new_light()
-        if light and self._run is not None:
-            self._file.add_light(self._run, light)
+        if self._trail is not None and self._run is not None:
+            self._file.add_light(self._run, self._trail.new_rows(ended=True))
 
     def light_ahead(self, distance_m: float, speed_m_s: float) -> LightSeries | None:
         """What an earlier drive saw of the light around a place; None if it is not known, or the robot hardly moves."""
@@ -118,10 +117,8 @@ class Repeater:
         if passed is not None and self._run is not None:
             index, passing = passed
             places = self.repetition.places
-            places[index] = self._file.pass_place(self._run, places[index], passing, time.time(), self._new_light())
-
-    def _new_light(self) -> list[LightRow]:
-        return [] if self._trail is None else self._trail.new_rows()
+            light = [] if self._trail is None else self._trail.new_rows()
+            places[index] = self._file.pass_place(self._run, places[index], passing, time.time(), light)
 
     def _remembered_light(self) -> LightMemory | None:
         """The light of the newest drive at this time of day that reached the end of the path."""

@@ -80,7 +80,7 @@ class Teacher:
             length_m = max([distance_m - self._start_m, *(driven_m for driven_m, _, _ in speeds)])
             self._lesson.drive(Velocity(0.0, 0.0), length_m)
             self._file.add_speeds([*speeds, *self._lesson.new_speeds(), (length_m, 0.0, 0.0)])
-        self._file.add_light(self._run, self._trail.new_rows())
+        self._file.add_light(self._run, self._trail.new_rows(ended=True))
         self._file.close()
         return length_m
 

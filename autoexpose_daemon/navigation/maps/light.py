@@ -1,4 +1,4 @@
-"""The light along a path: what the exposure levels that served on a drive foretell on the next."""
+"""The light along a path: what a drive saw of it, and foretells on the next."""
 
 from __future__ import annotations
 
@@ -25,16 +25,17 @@ SLOWEST_M_S: Final = 0.05
 """Below this speed, the light changes by itself sooner than through driving."""
 
 
-LightRow = tuple[float, float]
-"""How far along the path (m), and the level that served there (stops)."""
+LightRow = tuple[float, float, float]
+"""How far along the path (m), the level that served there, and by how much the light had risen (stops)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LightMemory:
-    """The levels (stops) of one drive, by distance along the path (m, never falling); float64, (n,), n > 0."""
+    """The light of a drive, as in `LightAhead`, by distance along the path (m, never falling); float64, (n,), n > 0."""
 
     distances_m: NDArray[np.float64]
     levels: NDArray[np.float64]
+    risen: NDArray[np.float64]
 
     @classmethod
     def of(cls, rows: Sequence[LightRow]) -> LightMemory:
@@ -47,5 +48,5 @@ class LightMemory:
             return None
         behind, ahead = round(BEHIND_S / STEP_S), round(AHEAD_S / STEP_S)
         there_m = distance_m + np.arange(-behind, ahead + 1) * STEP_S * speed_m_s
-        levels = np.interp(there_m, self.distances_m, self.levels)
-        return LightSeries(levels, behind, STEP_S, SPREAD_M / speed_m_s)
+        levels, risen = (np.interp(there_m, self.distances_m, stops) for stops in (self.levels, self.risen))
+        return LightSeries(levels, risen, behind, STEP_S, SPREAD_M / speed_m_s)

@@ -15,7 +15,7 @@ from drivers.config.files import open_regular
 from drivers.config.readable import readable
 from drivers.errors import AutoexposeError
 
-FORMAT: Final = 2
+FORMAT: Final = 3
 """`PRAGMA user_version`: counted up when files can no longer be read as before."""
 
 APPLICATION: Final = 0x4145_4D50
@@ -38,11 +38,11 @@ TABLES: Final = (
     "CREATE TABLE observation (place INTEGER NOT NULL, run INTEGER NOT NULL, time_s REAL NOT NULL, "
     "states BLOB NOT NULL, PRIMARY KEY (place, run)) STRICT, WITHOUT ROWID",
     "CREATE TABLE light (run INTEGER NOT NULL, distance_m REAL NOT NULL, level REAL NOT NULL, "
-    "PRIMARY KEY (run, distance_m)) STRICT, WITHOUT ROWID",
+    "risen REAL NOT NULL, PRIMARY KEY (run, distance_m)) STRICT, WITHOUT ROWID",
 )
 """`feature.added` and `.removed` are runs. `observation.states` has a byte for each feature that the place had before
 that run, by ascending id: those added before it, and not removed before it. `light.level` is the
-exposure level that served there, stops."""
+exposure level that served there, `light.risen` by how much the light had risen, stops."""
 
 
 class MapError(AutoexposeError):

@@ -125,7 +125,7 @@ class MapFile:
             _insert_speeds(connection, speeds)
 
     def add_light(self, run: Run, light: Sequence[LightRow]) -> None:
-        """Add the last exposure levels that served along a drive, in the order of driving."""
+        """Add the last light of a drive, in the order of driving."""
         with self._transaction() as connection:
             _insert_light(connection, run, light)
 
@@ -136,10 +136,12 @@ class MapFile:
             return {run: finite(reach_m)[0] for run, reach_m in rows}
 
     def light(self, run: Run) -> list[LightRow]:
-        """The levels that served on a drive, in the order of driving."""
+        """The light of a drive, in the order of driving."""
         with self._checking():
-            rows = self._read("SELECT distance_m, level FROM light WHERE run = ? ORDER BY distance_m", run.number)
-            return [(distance_m, level) for distance_m, level in (finite(*row) for row in rows)]
+            rows = self._read(
+                "SELECT distance_m, level, risen FROM light WHERE run = ? ORDER BY distance_m", run.number
+            )
+            return [(distance_m, level, risen) for distance_m, level, risen in (finite(*row) for row in rows)]
 
     def pass_place(
         self, run: Run, place: Place, passing: Passing, time_s: float, light: Sequence[LightRow] = ()
@@ -310,5 +312,5 @@ def _insert_speeds(connection: sqlite3.Connection, speeds: Sequence[SpeedRow]) -
 
 def _insert_light(connection: sqlite3.Connection, run: Run, light: Sequence[LightRow]) -> None:
     connection.executemany(
-        "INSERT INTO light (run, distance_m, level) VALUES (?, ?, ?)", [(run.number, *row) for row in light]
+        "INSERT INTO light (run, distance_m, level, risen) VALUES (?, ?, ?, ?)", [(run.number, *row) for row in light]
     )

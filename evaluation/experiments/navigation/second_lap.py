@@ -78,7 +78,7 @@ class Remembering(ControlLoop):
 
     def memory(self) -> LightMemory:
         """The light of the lap so far."""
-        return LightMemory.of(self._trail.new_rows())
+        return LightMemory.of(self._trail.new_rows(ended=True))
 
 
 class Told(ControlLoop):

@@ -124,9 +124,9 @@ def test_the_state_is_what_its_format_says() -> None:
     states = {policy_id: ControlLoop(policy_id, ResponseFunction.linear(), LIMITS, START) for policy_id in POLICY_IDS}
     names = {policy_id: sorted(state) for policy_id, loop in states.items() if (state := _policy_state(loop))}
     map_names = ["ahead", "densities", "forecast", "latency", "memory", "motion_px", "registration", "sides", "target"]
-    map_names += ["votes", "foresight"]
+    map_names += ["votes", "foresight", "served"]
     map_names.sort()
-    assert STATE_FORMAT == "autoexpose-control/9"
+    assert STATE_FORMAT == "autoexpose-control/10"
     assert set(states["fixed"].state()) == {"past", "motions", "motion_side", "motion_px", "policy", "flicker"}
     assert names == {
         "neves2009": ["previous_error"],

@@ -243,7 +243,9 @@ def test_a_drive_is_told_of_an_earlier_one_at_that_hour_or_is_remembered(
 ) -> None:
     with MapFile(taught, writable=True) as file:
         if reach_m > 0:
-            file.add_light(file.begin_run("repeat", time.time() - 3600 * ago_h), [(0.0, 9.0), (reach_m, 12.0)])
+            file.add_light(
+                file.begin_run("repeat", time.time() - 3600 * ago_h), [(0.0, 9.0, 0.0), (reach_m, 12.0, -3.0)]
+            )
         repeater = Repeater(file, "static")
         for number in range(21):
             repeater.look(replace(pair(view(), number), decision=DECISION), number / 20)

@@ -27,16 +27,19 @@ from tests.autoexpose_daemon.scripted import scripted_daemon
 
 pytestmark = pytest.mark.wire
 
-SERIES = LightSeries(np.linspace(8.0, 12.0, 200), 100, 0.02, 0.05)
+SERIES = LightSeries(np.linspace(8.0, 12.0, 200), np.linspace(0.0, -3.0, 200), 100, 0.02, 0.05)
 
 
-def series(levels: list[float], now: int = 0, step_s: float = 0.02, spread_s: float = 0.05) -> bytes:
-    return light_ahead(LightSeries(np.array(levels), now, step_s, spread_s), 5)
+def series(
+    levels: list[float], now: int = 0, step_s: float = 0.02, spread_s: float = 0.05, risen: list[float] | None = None
+) -> bytes:
+    light = np.zeros(len(levels)) if risen is None else np.array(risen)
+    return light_ahead(LightSeries(np.array(levels), light, now, step_s, spread_s), 5)
 
 
 def test_a_series_is_read_as_it_was_written() -> None:
     read = read_light_ahead(light_ahead(SERIES, 7_000_000_123))
-    assert (read.levels == SERIES.levels).all()
+    assert (read.levels == SERIES.levels).all() and (read.risen == SERIES.risen).all()
     assert (read.now, read.step_s, read.spread_s) == (SERIES.now, SERIES.step_s, SERIES.spread_s)
 
 
@@ -47,7 +50,9 @@ def test_a_series_is_read_as_it_was_written() -> None:
         (series([]), "0 levels that is at level 0"),
         (series([9.0] * 513), "513 levels"),
         (series([9.0], now=1), "1 levels that is at level 1"),
-        (series([math.nan, 9.0]), "a level beyond 100 stops"),
+        (series([math.nan, 9.0]), "a level or a rise of the light beyond 100 stops"),
+        (series([9.0], risen=[math.nan]), "a level or a rise of the light beyond 100 stops"),
+        (series([9.0], risen=[0.0, 1.0]), "1 levels in light of 2 places"),
         (series([9.0], step_s=0.0), "in steps of 0 s"),
         (series([9.0], spread_s=math.inf), "spread inf s"),
     ],

@@ -86,8 +86,8 @@ class VirtualRun:
         """Of a drive in light like this one's, that is not known for 3 steps in 8."""
         if not self.driven_before or self.trigger % 8 >= 5:
             return None
-        levels = 9.0 + np.cumsum(self._rng.normal(0.0, 0.7, 90))
-        return LightAhead(tuple(levels.tolist()), 70, 1.5)
+        levels, risen = 9.0 + np.cumsum(self._rng.normal(0.0, 0.7, (2, 90)), axis=1)
+        return LightAhead(tuple(levels.tolist()), tuple(risen.tolist()), 70, 1.5)
 
     def _steering(self) -> Steering | None:
         """Of a consumer of the left picture that is silent for 3 steps in 8."""

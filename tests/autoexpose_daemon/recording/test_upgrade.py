@@ -8,11 +8,12 @@ from typing import Any
 
 import pytest
 
+from autoexpose_daemon.control.light_ahead import LightAhead
 from autoexpose_daemon.control.loop import ControlLoop, ControlSetup
 from autoexpose_daemon.control.parameters import Bracketing, ControlParameters
 from autoexpose_daemon.control.snapshot import parse, plain
 from autoexpose_daemon.recording.plain_json import from_json, to_json
-from autoexpose_daemon.recording.upgrade import upgraded_setup, upgraded_state
+from autoexpose_daemon.recording.upgrade import upgraded_light, upgraded_setup, upgraded_state
 from calibration.response import ResponseFunction
 from drivers.frames import SIDES
 from tests.autoexpose_daemon.recording.runs import LIMITS, START, VirtualRun
@@ -20,8 +21,20 @@ from tests.autoexpose_daemon.recording.runs import LIMITS, START, VirtualRun
 ADDED = ("black_share", "steered")
 
 
+def of_ninth(setup: Any, state: Any) -> tuple[Any, Any]:
+    """A setup and a state of the present format as the ninth format had them."""
+    return setup, {**state, "policy": _without_memory(state["policy"])}
+
+
+def _without_memory(policy: Any) -> Any:
+    if "policy" in policy:
+        return {**policy, "policy": _without_memory(policy["policy"])}  # a bracket's
+    return {key: value for key, value in policy.items() if key != "served"}
+
+
 def of_seventh(setup: Any, state: Any) -> tuple[Any, Any]:
-    """A setup and a state of the present format as the seventh format had them."""
+    """As the seventh format had them."""
+    setup, state = of_ninth(setup, state)
     return setup, {**state, "policy": _uncounted(state["policy"])}
 
 
@@ -71,7 +84,7 @@ def of_second(setup: Any, state: Any) -> tuple[Any, Any]:
     )
 
 
-@pytest.mark.parametrize("as_it_was", [of_second, of_third, of_fourth, of_fifth, of_seventh])
+@pytest.mark.parametrize("as_it_was", [of_second, of_third, of_fourth, of_fifth, of_seventh, of_ninth])
 def test_a_loop_goes_on_from_a_former_setup_and_state(as_it_was: Callable[[Any, Any], tuple[Any, Any]]) -> None:
     pairs = list(itertools.islice(VirtualRun("metric-map").pairs(), 12))
     loop = ControlLoop("metric-map", ResponseFunction.linear(), LIMITS, START)
@@ -124,3 +137,10 @@ def test_anything_else_is_left_to_whoever_reads_it() -> None:
     for other in (None, 3, [], {}, {"policy": 1}, {"policy": {"memory": {"sightings": [1, {"views": [2]}]}}}):
         assert upgraded_setup(other) == other
         assert upgraded_state(other) == other
+
+
+def test_light_of_the_ninth_format_changed_as_its_levels_did() -> None:
+    light = {"levels": [9.0, 12.5], "now": 1, "spread_frames": 1.0}
+    assert parse(upgraded_light(light), LightAhead) == LightAhead((9.0, 12.5), (-9.0, -12.5), 1, 1.0)
+    for other in (None, [], {"levels": 3}, {**light, "risen": [0.0, 1.0]}):
+        assert upgraded_light(other) == other

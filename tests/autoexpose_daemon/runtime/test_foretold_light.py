@@ -24,7 +24,8 @@ def told(clock: Clock, spread_s: float = 0.05) -> ForetoldLight:
     """Light that falls by 6 stops `MOUTH_S` after the series came."""
     light = ForetoldLight(RATE_HZ, clock)
     times_s = (np.arange(221) - 120) * 0.02
-    light.take(LightSeries(np.where(times_s < MOUTH_S, 8.0, 14.0), 120, 0.02, spread_s))
+    fallen = np.where(times_s < MOUTH_S, 0.0, 6.0)
+    light.take(LightSeries(8.0 + fallen, -fallen, 120, 0.02, spread_s))
     return light
 
 
@@ -38,6 +39,7 @@ def test_the_mouth_is_as_many_frames_ahead_as_fit_into_the_time_to_it(taken_s: f
     assert ahead.now >= WINDOW_FRAMES
     mouth = next(index for index, level in enumerate(ahead.levels) if level > 11.0)
     assert mouth - ahead.now == pytest.approx(frames, abs=1)
+    assert ahead.risen == tuple(8.0 - level for level in ahead.levels)
 
 
 def test_what_is_old_or_vague_or_was_never_told_is_not_used() -> None:
@@ -52,5 +54,5 @@ def test_what_is_old_or_vague_or_was_never_told_is_not_used() -> None:
 
 
 def test_at_a_low_rate_the_series_reaches_as_far_back_as_it_was_told() -> None:
-    slow = LightSeries(np.full(221, 8.0), 120, 0.02, 0.05).in_frames(0.0, 10.0)
+    slow = LightSeries(np.full(221, 8.0), np.zeros(221), 120, 0.02, 0.05).in_frames(0.0, 10.0)
     assert slow is not None and slow.now == 24

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from autoexpose_daemon.control.balance import Balance
 from autoexpose_daemon.control.policies.metric_map.forecast import Forecast
-from autoexpose_daemon.control.policies.metric_map.foresight import Foresight
+from autoexpose_daemon.control.policies.metric_map.foresight import FORGOTTEN_FRAMES, Foresight
 from autoexpose_daemon.control.policies.metric_map.loop_delay import LoopDelay
 from autoexpose_daemon.control.policies.metric_map.memory import TRUSTED_RISE, MetricMemory, Sighting
 from autoexpose_daemon.control.policies.metric_map.search import (
@@ -26,6 +26,7 @@ from autoexpose_daemon.control.policies.metric_map.search import (
     within_reason,
     worth_of_levels,
 )
+from autoexpose_daemon.control.policies.metric_map.served_before import Prospect, ServedBefore
 from autoexpose_daemon.control.policies.metric_map.view import NO_CHANGE, MetricView
 from autoexpose_daemon.control.policies.metric_map.votes import REMARKS, Votes
 from autoexpose_daemon.control.policy import ExposurePolicy, Observation, Target
@@ -95,7 +96,7 @@ class ExposureMap(ExposurePolicy):
 
     STATE: ClassVar[tuple[str, ...]] = (
         "registration", "forecast", "latency", "memory", "target", "ahead", "densities", "motion_px",
-        "votes", "sides", "foresight",
+        "votes", "sides", "foresight", "served",
     )  # fmt: skip
     compensated = "targets"
     HOLD_GAIN_MOVING: ClassVar[float]
@@ -111,6 +112,7 @@ class ExposureMap(ExposurePolicy):
         self.registration = Registration(responses)
         self.forecast = Forecast()
         self.foresight = Foresight()
+        self.served = ServedBefore()
         self.latency = LoopDelay()
         self.memory = MetricMemory()
         self.target = None
@@ -238,6 +240,9 @@ class ExposureMap(ExposurePolicy):
             worth, value, metric = self._expected(levels, rises, shares, moving)
             ahead = float(shares @ rises)
         risen, self.ahead = change + ahead - self.ahead, ahead
+        remembered = self._served_before(observation, levels, worth)
+        if remembered is not None:
+            return Target(remembered, "served here before", value_at(remembered, levels, metric))
         best = float(value.max())
         if best <= 0:  # if it is dark now, whatever was brighter was all white, in light that is gone
             return self._jump_anyway(observation) or Target(held, "held: no gradient at any exposure")
@@ -260,10 +265,25 @@ class ExposureMap(ExposurePolicy):
         """`Foresight.rises` until a decision shows; None if no earlier drive foretells more than the forecast."""
         if observation.light_ahead is None:
             self.foresight.rest()
+            self.served.rest(forget=self.foresight.untold_frames >= FORGOTTEN_FRAMES)
             return None
         changes, frames = self.forecast.changes, self.latency.frames
         rises, shares = self.foresight.rises(observation.light_ahead, changes, frames, forecast)
         return (rises, shares) if np.abs(rises - forecast).max() > LEAST_FORETOLD else None
+
+    def _served_before(
+        self, observation: Observation, levels: NDArray[np.float64], worth: NDArray[np.float64]
+    ) -> float | None:
+        """`ServedBefore.target`, after `_foretold`; None without an earlier drive."""
+        if observation.light_ahead is None:
+            return None
+        views = self.memory.sightings[-1].views
+        saturated, black = (
+            sum(shares) / len(views)
+            for shares in zip(*((view.saturated_share, view.black_share) for view in views), strict=True)
+        )
+        prospect = Prospect(observation.setting.level, saturated, black, levels, worth)
+        return self.served.target(observation.light_ahead, self.foresight, self.latency.frames, prospect)
 
     def _expected(
         self, levels: NDArray[np.float64], rises: NDArray[np.float64], shares: NDArray[np.float64], moving: bool

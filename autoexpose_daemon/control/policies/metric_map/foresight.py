@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
@@ -44,12 +44,17 @@ class Foresight:
         Probability that the series foretells the light, from what it foretold so far.
     untold_frames
         Since the latest series.
+    here, places
+        Indices in the latest series at which the rig may be, and their probabilities, which sum to 1; not kept from one
+        frame to the next.
     """
 
     STATE: ClassVar[tuple[str, ...]] = ("belief", "untold_frames")
 
     belief: float = UNPROVEN
     untold_frames: int = 0
+    here: NDArray[np.int64] = field(default_factory=lambda: np.zeros(1, np.int64))
+    places: NDArray[np.float64] = field(default_factory=lambda: np.ones(1))
 
     def rest(self) -> None:
         """A frame without a series. After a while, the next series is of another drive."""
@@ -81,27 +86,28 @@ class Foresight:
         reach = math.ceil(SPREADS * ahead.spread_frames)
         aside = np.arange(-reach, reach + 1)
         here = ahead.now + aside
-        levels = np.array(ahead.levels)
+        risen = np.array(ahead.risen)
         prior = np.exp(-0.5 * (aside / max(ahead.spread_frames, NARROWEST_FRAMES)) ** 2)
         window = max(min(WINDOW_FRAMES, len(changes), ahead.now - reach), 0)
-        misfits, otherwise_misfit = _misfits(levels, here, changes, window)
+        misfits, otherwise_misfit = _misfits(risen, here, changes, window)
 
         fits = np.log(prior / prior.sum()) - misfits
         likeliest = float(fits.max())
         explained = np.exp(fits - likeliest)
+        self.here, self.places = here, explained / explained.sum()
         evidence = likeliest + math.log(explained.sum()) + otherwise_misfit
         share = _shifted(self.belief, evidence)
         # Every change stays in the window for as many frames as it has, but counts once.
         self.belief = min(max(_shifted(self.belief, evidence / WINDOW_FRAMES), LEAST_BELIEF), MOST_BELIEF)
 
-        now, then = (levels.take(here + shift, mode="clip") for shift in (0, frames))
-        rises, which = np.unique(np.round((now - then) / RISE_STOPS) * RISE_STOPS, return_inverse=True)
-        probabilities = np.bincount(which, explained * (share / explained.sum()), len(rises))
+        now, then = (risen.take(here + shift, mode="clip") for shift in (0, frames))
+        rises, which = np.unique(np.round((then - now) / RISE_STOPS) * RISE_STOPS, return_inverse=True)
+        probabilities = np.bincount(which, share * self.places, len(rises))
         return np.append(rises, otherwise), np.append(probabilities, 1.0 - share)
 
 
 def _misfits(
-    levels: NDArray[np.float64], here: NDArray[np.int64], changes: Collection[float], window: int
+    risen: NDArray[np.float64], here: NDArray[np.int64], changes: Collection[float], window: int
 ) -> tuple[NDArray[np.float64], float]:
     """Negative log likelihoods of the latest changes: of each place, and of unchanged light; 0 if too few are known."""
     if window < SMOOTHED_FRAMES:
@@ -110,7 +116,7 @@ def _misfits(
     frames = np.minimum(np.arange(-window, SMOOTHED_FRAMES), 0)
     light = np.cumsum(list(itertools.islice(changes, len(changes) - window, None)))
     seen = _sums(np.append(0.0, light)[frames + window])
-    foretold = _sums(-levels.take(here[:, None] + frames, mode="clip"))
+    foretold = _sums(risen.take(here[:, None] + frames, mode="clip"))
     unit = SMOOTHED_FRAMES * SCALE_STOPS
     return np.abs(foretold - seen).sum(axis=1) / unit, float(np.abs(seen).sum()) / unit
 

@@ -122,11 +122,7 @@ class MetricMemory:
         A still camera doubts what is far up, see `DOUBT`. `steered`: what levels are worth to consumers, of which the
         newest sighting must know something.
         """
-        values, distances = self._predictions(levels, moving, steered)
-        if len(values) == 1:
-            return np.asarray(values[0])
-        weights = np.exp((distances.min(axis=0) - distances) / BLEND)
-        return np.asarray((weights * values).sum(axis=0) / weights.sum(axis=0))
+        return blended(*self.predictions(levels, moving, steered))
 
     def frontier(self, longest_gap: float) -> tuple[Sighting, float]:
         """Where knowledge ends below the newest sighting: the last sighting before the gap, and where it begins again.
@@ -155,7 +151,7 @@ class MetricMemory:
             return False
         if len(self.sightings[-1].views) != len(sighting.views):
             return True
-        values, distances = self._predictions(np.array([sighting.level]), moving=True, steered=steered)
+        values, distances = self.predictions(np.array([sighting.level]), moving=True, steered=steered)
         by_camera = zip(sighting.views, values.T[0].tolist(), distances.T[0].tolist(), strict=True)
         for view, predicted, away in by_camera:
             nearest = away.index(min(away))
@@ -165,7 +161,7 @@ class MetricMemory:
                     return True
         return False
 
-    def _predictions(
+    def predictions(
         self, levels: NDArray[np.float64], moving: bool, steered: bool = False
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """(metric, distance in stops) by sighting, camera and level."""
@@ -185,6 +181,14 @@ class MetricMemory:
         if not moving:
             values *= np.exp(-DOUBT * beyond)[:, None]
         return values, up[:, None] + down
+
+
+def blended(values: NDArray[np.float64], distances: NDArray[np.float64]) -> NDArray[np.float64]:
+    """What sightings, along the first axis, say together: the nearest of them, handing over within `BLEND`."""
+    if len(values) == 1:
+        return np.asarray(values[0])
+    weights = np.exp((distances.min(axis=0) - distances) / BLEND)
+    return np.asarray((weights * values).sum(axis=0) / weights.sum(axis=0))
 
 
 def _curve(view: MetricView, steered: bool) -> NDArray[np.float64]:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.light_ahead import UNPROVEN, WINDOW_FRAMES, LightAhead
@@ -25,10 +26,14 @@ BEHIND, TO_MOUTH = 100, 8
 STILL = [0.0] * WINDOW_FRAMES
 
 
+def followed(levels: NDArray[np.float64], now: int, spread_frames: float) -> LightAhead:
+    """A drive on which only the light changed."""
+    return LightAhead(tuple(levels.tolist()), tuple((-levels).tolist()), now, spread_frames)
+
+
 def tunnel(in_frames: int, spread_frames: float = 2.0) -> LightAhead:
     """A series whose light falls by 6 stops `in_frames` from now, for good."""
-    levels = np.where(np.arange(200) < BEHIND + in_frames, 8.0, 14.0)
-    return LightAhead(tuple(levels.tolist()), BEHIND, spread_frames)
+    return followed(np.where(np.arange(200) < BEHIND + in_frames, 8.0, 14.0), BEHIND, spread_frames)
 
 
 def expected(
@@ -65,7 +70,7 @@ def test_a_change_on_the_way_tells_where_the_rig_is(late_frames: int) -> None:
     levels[BEHIND + 8 :] = 14.0
     changes = np.zeros(WINDOW_FRAMES)
     changes[[-25 + late_frames, -15 + late_frames]] = -2.0, 2.0
-    ahead = LightAhead(tuple(levels.tolist()), BEHIND, 3.0)
+    ahead = followed(levels, BEHIND, 3.0)
     for frames in (4, 6, 10, 12):
         rise = expected(Foresight(MOST_BELIEF), ahead, changes.tolist(), frames)
         assert (rise < -3.0) == (frames >= 8 + late_frames), (frames, rise)
@@ -76,7 +81,7 @@ def test_however_much_speaks_for_a_series_or_against_it_belief_stays_within_boun
     levels = 50.0 * (np.arange(200) % 2)
     for series, belief in ((levels, LEAST_BELIEF), (np.zeros(200), MOST_BELIEF)):
         foresight = Foresight(belief)
-        ahead = LightAhead(tuple(series.tolist()), BEHIND, 2.0)
+        ahead = followed(series, BEHIND, 2.0)
         for changes in (wild, STILL):
             expected(foresight, ahead, changes, 2)
         assert LEAST_BELIEF <= foresight.belief <= MOST_BELIEF
@@ -110,14 +115,14 @@ def test_what_a_drive_has_proven_is_forgotten_once_it_has_ended() -> None:
 
 
 def test_a_series_that_begins_here_says_what_comes_and_is_not_judged() -> None:
-    short = LightAhead((8.0,) * 6 + (14.0,) * 60, 0, 0.5)
+    short = followed(np.array([8.0] * 6 + [14.0] * 60), 0, 0.5)
     foresight = Foresight(MOST_BELIEF)
     assert expected(foresight, short, [*STILL[:-1], 3.0], 16) == pytest.approx(-6.0 * MOST_BELIEF, abs=0.3)
     assert foresight.belief == pytest.approx(MOST_BELIEF, abs=0.01)
 
 
 def test_a_series_without_changes_proves_nothing() -> None:
-    foresight, even = Foresight(), LightAhead((9.0,) * 200, BEHIND, 2.0)
+    foresight, even = Foresight(), followed(np.full(200, 9.0), BEHIND, 2.0)
     for change in (0.0, 2.0, -3.0):
         assert expected(foresight, even, [change] * 4, 2, otherwise=0.25) == pytest.approx(0.25 * (1 - UNPROVEN))
     assert foresight.belief == pytest.approx(UNPROVEN)
@@ -131,7 +136,7 @@ class ToldLoop(ControlLoop):
     def step(self, pair: StereoPair, *_: object) -> Decision:
         now = pair.trigger + self.off_frames
         there = np.clip(np.arange(now - 70, now + 50), 0, len(WAY) - 1)
-        return super().step(pair, None, LightAhead(tuple(np.array(WAY)[there].tolist()), 70, 2.0))
+        return super().step(pair, None, followed(np.array(WAY)[there], 70, 2.0))
 
 
 START = ExposureSetting(300.0, 0.0)
@@ -176,13 +181,24 @@ def test_any_series_and_any_light_give_probabilities(
     levels: list[float], spread: float, changes: list[float], frames: int
 ) -> None:
     foresight = Foresight()
-    expected(foresight, LightAhead(tuple(levels), len(levels) // 2, spread), changes, frames)
+    expected(foresight, followed(np.array(levels), len(levels) // 2, spread), changes, frames)
+    assert foresight.places.sum() == pytest.approx(1.0)
     assert LEAST_BELIEF <= foresight.belief <= MOST_BELIEF
 
 
 @pytest.mark.parametrize(
-    ("levels", "now", "spread"), [((), 0, 1.0), ((1.0,), 1, 1.0), ((1.0,), 0, float("nan")), ((float("inf"),), 0, 1.0)]
+    ("levels", "risen", "now", "spread"),
+    [
+        ((), (), 0, 1.0),
+        ((1.0,), (1.0,), 1, 1.0),
+        ((1.0,), (1.0,), 0, float("nan")),
+        ((float("inf"),), (0.0,), 0, 1.0),
+        ((0.0,), (float("nan"),), 0, 1.0),
+        ((0.0,), (0.0, 0.0), 0, 1.0),
+    ],
 )
-def test_a_series_that_makes_no_sense_is_refused(levels: tuple[float, ...], now: int, spread: float) -> None:
+def test_a_series_that_makes_no_sense_is_refused(
+    levels: tuple[float, ...], risen: tuple[float, ...], now: int, spread: float
+) -> None:
     with pytest.raises(ValueError, match=r"frame|spread|level"):
-        LightAhead(levels, now, spread)
+        LightAhead(levels, risen, now, spread)
