@@ -121,15 +121,17 @@ class ServedBefore:
             return None
         remembered = float(np.clip(expected + np.median(self.differences), prospect.levels[0], prospect.levels[-1]))
         self._judge(prospect, frames)
-        if self.leap is not None:
-            if abs(remembered - self.leap) <= FAR_STOPS:
-                return self.leap
-            self.leap = None
+        if self.leap is not None and abs(remembered - self.leap) <= FAR_STOPS:
+            return self.leap
+        self.leap = None
         known = float(places[np.abs(then - expected) <= FAR_STOPS].sum()) >= SURE
-        if not known or abs(remembered - prospect.best) <= FAR_STOPS or not self._trusts(foresight.belief):
-            return None
-        if not _view_changes(ahead, ahead.now + frames):
-            return None
+        far = abs(remembered - prospect.best) > FAR_STOPS
+        if known and far and self._trusts(foresight.belief) and _view_changes(ahead, ahead.now + frames):
+            return self._followed(remembered, prospect)
+        return None
+
+    def _followed(self, remembered: float, prospect: Prospect) -> float | None:
+        """Stay near a remembered level, or leap to it; None if the map is to decide all the same."""
         if abs(remembered - prospect.level) <= FAR_STOPS:
             near, worth = prospect.best_near(remembered)
             return near if prospect.worth.max() < BETTER * worth else None

@@ -98,9 +98,8 @@ def test_a_leap_whose_frame_never_comes_is_forgotten() -> None:
 
 
 def test_at_the_window_it_stays_unless_the_room_promises_twice_as_much() -> None:
-    for other, stays in ((0.6, True), (0.4, False)):
-        memory = acquainted()
-        found = memory.target(ahead(), weighed(), FRAMES, prospect(WINDOW, ROOM, other=other))
+    for lit, other, stays in ((0.0, 0.6, True), (0.0, 0.4, False), (6.0, 0.6, False)):
+        found = acquainted().target(ahead(lit), weighed(), FRAMES, prospect(WINDOW, ROOM, other=other))
         assert found == (WINDOW if stays else None)
 
 
