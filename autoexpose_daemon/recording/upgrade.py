@@ -39,7 +39,7 @@ def upgraded_setup(setup: Any) -> Any:
 def upgraded_light(light: Any) -> Any:
     """Light ahead of one of `FORMER_FORMATS` as of the present format; anything else is returned unchanged."""
     if isinstance(light, dict) and "risen" not in light and isinstance(light.get("levels"), list):
-        return {**light, "risen": [-level if isinstance(level, float) else level for level in light["levels"]]}
+        return {**light, "risen": [-level if isinstance(level, int | float) else level for level in light["levels"]]}
     return light
 
 

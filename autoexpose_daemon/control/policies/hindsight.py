@@ -24,6 +24,9 @@ from drivers.frames import Frame, Side
 REACH: Final = 30
 """Frames before and after one that tell which level would have served there."""
 
+MOST_WAITING: Final = 120
+"""While nothing shows how the light changes, moments wait for that, but no more than so many."""
+
 AGE_PER_PX: Final = 0.03
 """Stops by which another frame's prediction counts as farther, for each pixel of motion in between."""
 
@@ -83,8 +86,13 @@ class Hindsight:
         self._waiting = 0  # frames at the end of `_frames` that wait for those after them
         self._blind: list[Moment] = []
 
-    def see(self, frame: Frame, motion_px: float) -> Moment | None:
-        """Take the next frame, and its flow (pixels per 1/60 s); returns the moment `REACH` frames before it."""
+    def see(self, frame: Frame, motion_px: float) -> list[Moment]:
+        """Take the next frame, and its flow (pixels per 1/60 s).
+
+        Returns
+        -------
+            The moments of which no later frame says more, oldest first: as a rule, the one `REACH` frames before.
+        """
         look = self._view.look(self._side, frame)
         light = self._registration.change(look, frame.setting.level)
         change = light.stops if light else 0.0
@@ -98,7 +106,8 @@ class Hindsight:
         self._frames.append(_Seen(moment, frame.setting.level, view, self._aged))
         self._waiting += 1
         self._see_blindly(moment, change, blind=view.saturated_share + view.black_share >= BLIND_SHARE)
-        return self._next() if self._waiting > REACH else None
+        waits = MOST_WAITING if self._blind else REACH
+        return [self._next() for _ in range(self._waiting - waits)]
 
     def rest(self) -> list[Moment]:
         """The moments of the last frames: none follows."""
@@ -125,6 +134,8 @@ class Hindsight:
         worth = blended(np.minimum(values, own + hidden[:, None, None] * values), distances)[0]
         if worth.any():
             here.moment.served = plateau_centre(levels, worth)
+        if self._blind and self._blind[0] is here.moment:
+            self._blind.pop(0)
         self._waiting -= 1
         if len(self._frames) > REACH + self._waiting:
             self._frames.popleft()

@@ -20,21 +20,24 @@ class LightTrail:
 
     def __init__(self) -> None:
         self._rows: list[LightRow] = []
-        self._next_m = 0.0
+        self._next_m = self._motion_px = 0.0
         self._waiting_m: deque[float] = deque()
         self._hindsight: Hindsight | None = None
 
     def see(self, distance_m: float, frame: Frame, decision: Decision | None, response: ResponseFunction) -> None:
         """The left frame taken after this distance along the path, and what was decided on it, if anything was."""
-        if decision is None or distance_m < self._next_m:
+        if decision is None or not decision.motion_px >= 0.0:
+            return
+        self._motion_px += decision.motion_px
+        if distance_m < self._next_m:
             return
         self._next_m = distance_m + EVERY_M
         if self._hindsight is None:
             self._hindsight = Hindsight(SIDE, response)
         self._waiting_m.append(distance_m)
-        moment = self._hindsight.see(frame, decision.motion_px)
-        if moment is not None:
+        for moment in self._hindsight.see(frame, self._motion_px):
             self._add(moment)
+        self._motion_px = 0.0
 
     def new_rows(self, *, ended: bool = False) -> list[LightRow]:
         """What was found since this was last asked; the newest places wait for frames after them, or for the end."""

@@ -68,7 +68,9 @@ def test_a_robot_that_stands_or_drives_back_or_has_no_decision_adds_nothing() ->
     trail = LightTrail()
     for distance_m in (0.5, 0.5, 0.5 + 0.9 * EVERY_M, 0.3, 0.52):
         see(trail, distance_m, 9.0, 9.0)
-    trail.see(0.6, Frame(np.zeros((68, 90), np.uint8), 8, 1, 0, 0, 0, SETTING), None, LINEAR)
+    black = Frame(np.zeros((68, 90), np.uint8), 8, 1, 0, 0, 0, SETTING)
+    trail.see(0.6, black, None, LINEAR)
+    trail.see(0.6, black, replace(DECISION, motion_px=float("nan")), LINEAR)
     assert rows_of(trail)[:, 0].tolist() == [0.5, 0.52]
 
 

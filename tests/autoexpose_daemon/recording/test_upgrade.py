@@ -140,7 +140,7 @@ def test_anything_else_is_left_to_whoever_reads_it() -> None:
 
 
 def test_light_of_the_ninth_format_changed_as_its_levels_did() -> None:
-    light = {"levels": [9.0, 12.5], "now": 1, "spread_frames": 1.0}
+    light = {"levels": [9, 12.5], "now": 1, "spread_frames": 1.0}
     assert parse(upgraded_light(light), LightAhead) == LightAhead((9.0, 12.5), (-9.0, -12.5), 1, 1.0)
     for other in (None, [], {"levels": 3}, {**light, "risen": [0.0, 1.0]}):
         assert upgraded_light(other) == other

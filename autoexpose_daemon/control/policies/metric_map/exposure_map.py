@@ -141,6 +141,7 @@ class ExposureMap(ExposurePolicy):
         level = observation.setting.level
         self.latency.see(level, (past.setting.level for past in observation.past))
         self.votes.see(level, observation.limits.darkest.level, observation.looks)
+        self.served.pass_frame()
         target = self._vote(observation)
         self.target = observation.limits.clamp_level(target.level)
         remark = ("; steered" if self.STEERED and observation.steering is not None else "") + self.votes.remark()
@@ -240,7 +241,7 @@ class ExposureMap(ExposurePolicy):
             worth, value, metric = self._expected(levels, rises, shares, moving)
             ahead = float(shares @ rises)
         risen, self.ahead = change + ahead - self.ahead, ahead
-        remembered = self._served_before(observation, levels, worth)
+        remembered = self._served_before(observation, levels, value)
         if remembered is not None:
             return Target(remembered, "served here before", value_at(remembered, levels, metric))
         best = float(value.max())
@@ -272,7 +273,7 @@ class ExposureMap(ExposurePolicy):
         return (rises, shares) if np.abs(rises - forecast).max() > LEAST_FORETOLD else None
 
     def _served_before(
-        self, observation: Observation, levels: NDArray[np.float64], worth: NDArray[np.float64]
+        self, observation: Observation, levels: NDArray[np.float64], value: NDArray[np.float64]
     ) -> float | None:
         """`ServedBefore.target`, after `_foretold`; None without an earlier drive."""
         if observation.light_ahead is None:
@@ -282,7 +283,7 @@ class ExposureMap(ExposurePolicy):
             sum(shares) / len(views)
             for shares in zip(*((view.saturated_share, view.black_share) for view in views), strict=True)
         )
-        prospect = Prospect(observation.setting.level, saturated, black, levels, worth)
+        prospect = Prospect(observation.setting.level, saturated, black, levels, value)
         return self.served.target(observation.light_ahead, self.foresight, self.latency.frames, prospect)
 
     def _expected(

@@ -37,9 +37,10 @@ BETTER: Final = 2.0
 PROVEN_WORTH: Final = 0.6
 """A leap was right if its level is worth this share of the level before it."""
 
-BELIEVED: Final = 0.4
+BELIEVED: Final = 0.3
 BELIEVED_AGAIN: Final = 0.9
-"""Belief in the light that was foretold from which levels are followed: at first, and after leaps that were wrong."""
+"""Belief in the light that was foretold from which levels are followed: at first, when it need only not be disproved,
+since steady light never proves it; and after leaps that were wrong."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,7 +85,8 @@ class ServedBefore:
     Attributes
     ----------
     differences
-        This drive's levels less the earlier one's, where exposure had settled, stops, newest last.
+        By how much what promises most exceeds what served on the earlier drive, where exposure had settled within the
+        camera's limits, stops, newest last.
     leap, left
         The level of a leap whose frame has not come yet, and the one before it, stops; None: no leap is on its way.
     waited
@@ -100,6 +102,10 @@ class ServedBefore:
     left: float = 0.0
     waited: int = 0
     proven: int = 0
+
+    def pass_frame(self) -> None:
+        """Another frame has come, whoever decides on it."""
+        self.waited += 1
 
     def rest(self, *, forget: bool) -> None:
         """A frame without a memory of this place; `forget` what was proven: the next memory is of another drive."""
@@ -144,14 +150,14 @@ class ServedBefore:
     def _compare(self, served: NDArray[np.float64], now: int, here: float, prospect: Prospect) -> None:
         around = served[max(now - 3, 0) : now + 4]
         settled = abs(prospect.best - prospect.level) < SETTLED_STOPS and float(np.ptp(around)) < 2 * SETTLED_STOPS
-        if settled and prospect.saturated_share + prospect.black_share < BLIND_SHARE:
-            self.differences = [*self.differences[1 - COMPARED :], prospect.level - here]
+        free = prospect.levels[0] < prospect.best < prospect.levels[-1]
+        if settled and free and prospect.saturated_share + prospect.black_share < BLIND_SHARE:
+            self.differences = [*self.differences[1 - COMPARED :], prospect.best - here]
 
     def _judge(self, prospect: Prospect, frames: int) -> None:
         """Count a leap whose frame has come as right or wrong; one whose frame does not come is forgotten."""
         if self.leap is None:
             return
-        self.waited += 1
         if abs(prospect.level - self.leap) < SETTLED_STOPS:
             now, before = np.interp([prospect.level, self.left], prospect.levels, prospect.worth)
             self.proven += 1 if now >= PROVEN_WORTH * before else -1

@@ -30,9 +30,8 @@ def pan(levels: list[float]) -> list[Moment]:
         light = 64.0 * TEXTURE[:, seen] * np.exp2(level - serves[seen])
         setting = ExposureSetting(1000.0, 20.0 * (level - np.log2(1000.0)) * np.log10(2.0))
         pixels = np.clip(np.rint(light), 0, 255).astype(np.uint8)
-        moment = hindsight.see(Frame(pixels, 8, 1, 0, 0, 0, setting), float(STEP_PX))
-        assert (moment is not None) == (number >= REACH)
-        moments += [] if moment is None else [moment]
+        moments += hindsight.see(Frame(pixels, 8, 1, 0, 0, 0, setting), float(STEP_PX))
+        assert len(moments) <= max(number + 1 - REACH, 0)
     return moments + hindsight.rest()
 
 
@@ -57,3 +56,17 @@ def test_black_frames_say_nothing_and_keep_the_level_they_were_taken_with() -> N
         hindsight.see(black, 0.0)
     assert [moment.served for moment in hindsight.rest()] == pytest.approx([np.log2(1000.0)] * 3)
     assert hindsight.rest() == []
+
+
+@pytest.mark.parametrize("white", [10, 80])
+def test_light_that_rose_unseen_rose_when_the_picture_went_white(white: int) -> None:
+    hindsight, moments = Hindsight("left", ResponseFunction.linear()), []
+    for number in range(140):
+        level, serves = (14.0 if number < 20 + white else 8.0), (14.0 if number < 20 else 8.0)
+        setting = ExposureSetting(1000.0, 20.0 * (level - np.log2(1000.0)) * np.log10(2.0))
+        light = 64.0 * TEXTURE[:, :WIDTH] * np.exp2(level - serves)
+        pixels = np.clip(np.rint(light), 0, 255).astype(np.uint8)
+        moments += hindsight.see(Frame(pixels, 8, 1, 0, 0, 0, setting), 0.0)
+    risen = [moment.risen for moment in moments + hindsight.rest()]
+    assert risen[19] == pytest.approx(0.0, abs=0.1)
+    assert risen[21:] == pytest.approx([6.0] * 119, abs=0.3)

@@ -40,20 +40,19 @@ def prospect(level: float, best: float, *, saturated: float = 0.4, black: float 
     return Prospect(level, saturated, black, LEVELS, np.maximum(worth, other * (1.0 - 0.5 * np.abs(LEVELS - WINDOW))))
 
 
-def acquainted(at: int = 40, differs: float = 0.0) -> ServedBefore:
-    """After some settled frames in the room, at levels that differ from the earlier drive's."""
-    memory, early = ServedBefore(), Foresight(0.8, 0, np.array([at]), np.ones(1))
+def acquainted(level: float = ROOM, best: float = ROOM) -> ServedBefore:
+    """After some frames in the room, taken with a level where another one is best."""
+    memory, early = ServedBefore(), Foresight(0.8, 0, np.array([40]), np.ones(1))
     for _ in range(LEAST_COMPARED):
-        series = ahead()
-        series = LightAhead(series.levels, series.risen, at, 1.0)
-        assert memory.target(series, early, FRAMES, prospect(ROOM + differs, ROOM + differs)) is None
+        series = LightAhead(ahead().levels, ahead().risen, 40, 1.0)
+        assert memory.target(series, early, FRAMES, prospect(level, best)) is None
     return memory
 
 
 @pytest.mark.parametrize("differs", [0.0, 1.5])
 def test_it_leaps_to_the_window_before_the_frame_that_shows_it_as_today_differs(differs: float) -> None:
     seen = prospect(ROOM + differs, ROOM + differs)
-    assert acquainted(differs=differs).target(ahead(), weighed(), FRAMES, seen) == WINDOW + differs
+    assert acquainted(ROOM + differs, ROOM + differs).target(ahead(), weighed(), FRAMES, seen) == WINDOW + differs
 
 
 def test_it_does_not_leap_while_the_window_is_farther_than_the_next_frame_it_decides_on() -> None:
@@ -76,6 +75,15 @@ def test_it_leaves_the_map_alone(series: LightAhead, foresight: Foresight, seen:
     assert acquainted().target(series, foresight, delay, seen) is None
 
 
+def test_levels_at_a_limit_of_the_camera_are_not_compared() -> None:
+    limit = LEVELS.item(-1)
+    assert acquainted(limit, limit).differences == []
+
+
+def test_an_exposure_compensation_is_not_taken_for_a_brighter_day() -> None:
+    assert acquainted(ROOM + 0.5, ROOM).differences == [0.0] * LEAST_COMPARED
+
+
 def test_a_level_that_was_never_compared_is_not_followed() -> None:
     assert ServedBefore().target(ahead(), weighed(), FRAMES, prospect(ROOM, ROOM)) is None
 
@@ -85,6 +93,7 @@ def test_a_leap_is_held_until_its_frame_comes_and_then_judged() -> None:
         memory = acquainted()
         for _ in range(FRAMES):
             assert memory.target(ahead(), weighed(), FRAMES, prospect(ROOM, ROOM)) == WINDOW
+            memory.pass_frame()
         memory.target(ahead(), weighed(), FRAMES, prospect(WINDOW, ROOM, other=worth))
         assert (memory.leap, memory.proven) == (None, proven)
 
@@ -92,8 +101,9 @@ def test_a_leap_is_held_until_its_frame_comes_and_then_judged() -> None:
 def test_a_leap_whose_frame_never_comes_is_forgotten() -> None:
     memory = acquainted()
     memory.target(ahead(), weighed(), FRAMES, prospect(ROOM, ROOM))
-    for _ in range(FRAMES + 2):
-        memory.target(ahead(), weighed(belief=0.1), FRAMES, prospect(ROOM, ROOM))
+    for _ in range(FRAMES + 2):  # in which the map decides otherwise
+        memory.pass_frame()
+    memory.target(ahead(), weighed(belief=0.1), FRAMES, prospect(ROOM, ROOM))
     assert (memory.leap, memory.proven) == (None, 0)
 
 
