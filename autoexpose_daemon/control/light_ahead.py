@@ -77,7 +77,7 @@ class LightSeries:
     now
         Index of the present place.
     step_s
-        From one level to the next at the present speed.
+        From one place to the next at the present speed.
     spread_s
         Standard deviation of the error of the present place, as a time at the present speed.
     """

@@ -31,7 +31,7 @@ AGE_PER_PX: Final = 0.03
 """Stops by which another frame's prediction counts as farther, for each pixel of motion in between."""
 
 STEADY_PX: Final = 2.0
-"""Motion (pixels per 1/60 s) up to which nothing ages."""
+"""Flow (pixels) from one frame to the next up to which nothing ages."""
 
 BIN_STOPS: Final = 0.25
 """Between the levels that are compared."""
@@ -87,7 +87,7 @@ class Hindsight:
         self._blind: list[Moment] = []
 
     def see(self, frame: Frame, motion_px: float) -> list[Moment]:
-        """Take the next frame, and its flow (pixels per 1/60 s).
+        """Take the next frame, and the flow since the one before (pixels).
 
         Returns
         -------

@@ -16,7 +16,7 @@ BEHIND_S, AHEAD_S = 2.2, 2.0
 """Control uses a second back and half a second ahead, and on either side a margin for where the robot may really be."""
 
 EVERY_M: Final = 0.01
-"""From one remembered level to the next."""
+"""From one remembered place to the next."""
 
 SPREAD_M: Final = 0.05
 """Standard deviation of how far along the path a robot is from where it believes it is."""

@@ -58,7 +58,7 @@ WRONG_M: Final = 3.0
 
 DELAYS: Final = (2, 4, 8)
 SCENES: Final = (("shelves", 3000), ("hall", 3000), ("room", 3001), ("room", 3002))
-"""Tried on `room` 1, `street` 2, `shelves` 4 and `hall` 5 only."""
+"""Tried on seeds 1 to 18 only."""
 
 LAPS: Final = ("first", "second", "second, told", "second, told wrong")
 
@@ -310,7 +310,7 @@ to two degrees aside of where the first one looked. It is told what the first on
 {SPREAD_M:g} m (standard deviation, wandering within half a second); or is told what it saw {WRONG_M:g} m further on.
 Delay: frames from a decision until a frame shows it; 2 for most cameras, 8 for slow ones. A frame is bad when it is
 worth less than {BAD:g} of what the best exposure gives. Scenes are of those that judge the arena, with other seeds;
-constants were chosen on four others."""
+constants were chosen on twelve others."""
 
 EXPERIMENT = Experiment("second-lap", "Light that was seen before (ours)", jobs, section, data)
 """Not in the papers."""
