@@ -49,5 +49,5 @@ class LightTrail:
 
     def _add(self, moment: Moment) -> None:
         distance_m = self._waiting_m.popleft()
-        if max(abs(moment.served), abs(moment.risen)) <= MOST_STOPS:
+        if abs(moment.served) <= MOST_STOPS:
             self._rows.append((distance_m, moment.served, moment.risen))

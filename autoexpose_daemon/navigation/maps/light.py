@@ -49,4 +49,5 @@ class LightMemory:
         behind, ahead = round(BEHIND_S / STEP_S), round(AHEAD_S / STEP_S)
         there_m = distance_m + np.arange(-behind, ahead + 1) * STEP_S * speed_m_s
         levels, risen = (np.interp(there_m, self.distances_m, stops) for stops in (self.levels, self.risen))
+        risen -= np.rint(risen[behind])  # errors of registration add up over a drive, and only differences count
         return LightSeries(levels, risen, behind, STEP_S, SPREAD_M / speed_m_s)

@@ -85,6 +85,21 @@ def test_a_series_is_in_the_time_that_the_way_takes_at_the_present_speed() -> No
     assert memory.series(9.0, 0.9 * SLOWEST_M_S) is None
 
 
+def test_a_drive_on_which_false_changes_of_the_light_add_up_foretells_as_well_as_another() -> None:
+    memory = LightMemory.of([(0.0, 9.0, 0.0), (300.0, 9.0, -200.25), (300.5, 9.0, -202.0)])
+    series = memory.series(300.0, 1.0)
+    assert series is not None and np.abs(series.risen).max() < 5.0
+    assert series.risen[-1] - series.risen[series.now] == pytest.approx(-1.75)
+
+
+def test_an_impossible_level_is_not_remembered() -> None:
+    trail, white = LightTrail(), np.full((68, 90), 255, np.uint8)
+    for distance_m, gain_db in ((0.0, 0.0), (0.1, 600.0), (0.2, 0.0)):
+        frame = Frame(white, 8, 1, 0, 0, 0, ExposureSetting(1000.0, gain_db))
+        trail.see(distance_m, frame, DECISION, LINEAR)
+    assert rows_of(trail)[:, 0].tolist() == [0.0, 0.2]
+
+
 def test_before_the_start_and_behind_the_end_the_light_stays() -> None:
     series = LightMemory.of([(0.0, 9.0, 0.0), (1.0, 12.0, 0.0)]).series(0.5, 5.0)
     assert series is not None and series.levels[0] == 9.0 and series.levels[-1] == 12.0
