@@ -12,6 +12,7 @@ from autoexpose_daemon.control.metrics.contrast import contrast
 from autoexpose_daemon.control.metrics.information import InformationPrediction
 from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
 from autoexpose_daemon.control.parameters import ControlParameters
+from autoexpose_daemon.control.policies.metric_map.exposure_map import BIN, MOVING_PX
 from autoexpose_daemon.control.policies.metric_map.memory import MetricMemory, Sighting, blended
 from autoexpose_daemon.control.policies.metric_map.search import plateau_centre
 from autoexpose_daemon.control.policies.metric_map.view import DELTAS, MetricView, Tones
@@ -29,12 +30,6 @@ MOST_WAITING: Final = 120
 
 AGE_PER_PX: Final = 0.03
 """Stops by which another frame's prediction counts as farther, for each pixel of motion in between."""
-
-STEADY_PX: Final = 2.0
-"""Flow (pixels) from one frame to the next up to which nothing ages."""
-
-BIN_STOPS: Final = 0.25
-"""Between the levels that are compared."""
 
 BLIND_SHARE: Final = 0.8
 """With this share of a frame's pixels black or saturated, changes of the light do not show."""
@@ -101,7 +96,7 @@ class Hindsight:
         curve = self._prediction.curve(seen, look.averaged, gain, gain * same, same)
         view = MetricView(curve, *self._tones.measure(look))
         self._risen += change
-        self._aged += AGE_PER_PX * max(motion_px - STEADY_PX, 0.0)
+        self._aged += AGE_PER_PX * max(motion_px - MOVING_PX, 0.0)
         moment = Moment(self._risen, frame.setting.level)
         self._frames.append(_Seen(moment, frame.setting.level, view, self._aged))
         self._waiting += 1
@@ -127,7 +122,7 @@ class Hindsight:
         here = self._frames[-self._waiting]
         memory = MetricMemory([Sighting(each.level, (each.view,), abs(each.aged - here.aged)) for each in self._frames])
         lowest, highest = memory.lowest().level + DELTAS[0], memory.highest().level + DELTAS[-1]
-        levels = np.arange(lowest, highest + BIN_STOPS, BIN_STOPS)
+        levels = np.arange(lowest, highest + BIN, BIN)
         values, distances = memory.predictions(levels, moving=True)
         own = values[len(self._frames) - self._waiting]
         hidden = np.array([_hidden_share(here, each) for each in self._frames])

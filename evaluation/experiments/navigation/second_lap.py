@@ -264,17 +264,9 @@ def _claims(results: Results) -> Iterator[Claim]:
     by_scenario: dict[str, NDArray[np.int64]] = {}
     for (scenario, _), case in by_case.items():
         by_scenario[scenario] = by_scenario.get(scenario, 0) + case.bad
-    for of_whom, lap, bad in (
-        ("scenario", 0, by_scenario),
-        ("scenario and delay", 1, {f"{scenario}, {delay}": case.bad for (scenario, delay), case in by_case.items()}),
-    ):
-        yield Claim(
-            "this project",
-            f"what was remembered halves the bad frames of the {LAPS[lap]} lap in every {of_whom}",
-            "; ".join(f"{name}: {each[2]} of {each[lap]}" for name, each in bad.items()),
-            Verdict.REPRODUCED if all(each[2] <= 0.5 * each[lap] for each in bad.values()) else Verdict.NOT_REPRODUCED,
-            counted=False,
-        )
+    yield _halving(by_scenario, 0, "scenario")
+    by_delay = {f"{scenario}, {delay}": case.bad for (scenario, delay), case in by_case.items()}
+    yield _halving(by_delay, 1, "scenario and delay")
     cases = by_case.values()
     worst = min(float(np.mean([means[3] - means[1] for means in case.means])) for case in cases)
     yield Claim(
@@ -282,6 +274,18 @@ def _claims(results: Results) -> Iterator[Claim]:
         "to be told wrong costs at most 0.005 of the worth",
         f"{worst:+.3f} in the worst scenario and delay",
         Verdict.REPRODUCED if worst >= -0.005 else Verdict.NOT_REPRODUCED,
+        counted=False,
+    )
+
+
+def _halving(bad: dict[str, NDArray[np.int64]], lap: int, each: str) -> Claim:
+    """The claim that a lap which is told has at most half of the bad frames of another, of `LAPS`, in each of `bad`."""
+    halved = all(frames[2] <= 0.5 * frames[lap] for frames in bad.values())
+    return Claim(
+        "this project",
+        f"what was remembered halves the bad frames of the {LAPS[lap]} lap in every {each}",
+        "; ".join(f"{name}: {frames[2]} of {frames[lap]}" for name, frames in bad.items()),
+        Verdict.REPRODUCED if halved else Verdict.NOT_REPRODUCED,
         counted=False,
     )
 

@@ -279,10 +279,8 @@ class ExposureMap(ExposurePolicy):
         if observation.light_ahead is None:
             return None
         views = self.memory.sightings[-1].views
-        saturated, black = (
-            sum(shares) / len(views)
-            for shares in zip(*((view.saturated_share, view.black_share) for view in views), strict=True)
-        )
+        saturated = sum(view.saturated_share for view in views) / len(views)
+        black = sum(view.black_share for view in views) / len(views)
         prospect = Prospect(observation.setting.level, saturated, black, levels, value)
         return self.served.target(observation.light_ahead, self.foresight, self.latency.frames, prospect)
 
