@@ -95,8 +95,8 @@ def calibrate(name: str, origin: Origin, sweep: Sweep, notes: tuple[str, ...] = 
         return result
     solved = solve_tones(by_exposure)
     witness = hear_noise(sweep, solved.response)
-    solution = with_doubts(solved, by_exposure, witness)
-    doubts = [None if witness is None else witness.finding, uniform_scene(solved, by_exposure, witness)]
+    solution = with_doubts(solved, witness)
+    doubts = [None if witness is None else witness.finding, uniform_scene(solved, witness)]
     return replace(
         result,
         solution=solution,

@@ -39,7 +39,8 @@ SYSTEMATIC = 0.02
 """Relative error of a variance apart from chance."""
 ROUNDS = 3
 """Rounds of choosing variances by a fit, and fitting those chosen."""
-POWERS = np.linspace(0.5, 1.6, 111)
+POWERS = np.linspace(0.7, 1.6, 91)
+"""Those tried. Below, read noise and photons grow alike, and their sum explains any noise."""
 SURE = 25.0
 """By how much chi squared must fall for a power to be preferred to 1: five standard errors."""
 SAME_POWER = 0.03
@@ -64,8 +65,8 @@ class NoiseWitness:
     misfit
         Chi squared for each variance, with the power 1.
     dark_light
-        The light (saturation is 1) whose shot noise would explain all noise that is there without light: exposures that
-        are longer than stated by an offset can hide at most this much.
+        The light (saturation is 1) whose shot noise would explain all noise that may be there without light (two
+        standard errors more than is found): exposures that are longer than stated can hide at most this much.
     """
 
     power: float
@@ -104,7 +105,8 @@ def hear_noise(sweep: Sweep, response: ResponseFunction) -> NoiseWitness | None:
     scale = max(float(sizes[best]) / len(expected), 1.0)
     doubted = sizes[straight] - sizes[best] > SURE * scale and abs(power - 1.0) > SAME_POWER
     _, dark, slope = fits[straight]
-    return NoiseWitness(power, bool(doubted), float(sizes[straight]) / len(expected), dark / max(slope, 1e-12))
+    most_dark = dark + 2.0 * _dark_error(points, expected)
+    return NoiseWitness(power, bool(doubted), float(sizes[straight]) / len(expected), most_dark / max(slope, 1e-12))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -159,7 +161,7 @@ def _large(points: _Points) -> _Points:
 
 def _fit(points: _Points, expected: Array, power: float) -> tuple[float, float, float]:
     """Chi squared, and the amounts of read noise and photons (neither negative), by least squares under a power."""
-    weights = 1.0 / (np.maximum(expected, 1e-30) ** 2 * (2.0 / points.degrees + SYSTEMATIC**2))
+    weights = _weights(points, expected)
     basis, variance, root = points.basis(power), points.variance, np.sqrt(weights)
     found = np.linalg.lstsq(basis * root[:, None], variance * root)[0]
     if (found < 0.0).any():
@@ -167,6 +169,16 @@ def _fit(points: _Points, expected: Array, power: float) -> tuple[float, float, 
         misses = [float(weights @ (variance - basis[:, i] * alone[i]) ** 2) for i in range(2)]
         found = np.where(np.arange(2) == int(np.argmin(misses)), alone, 0.0)
     return float(weights @ (variance - basis @ found) ** 2), float(found[0]), float(found[1])
+
+
+def _weights(points: _Points, expected: Array) -> Array:
+    return np.asarray(1.0 / (np.maximum(expected, 1e-30) ** 2 * (2.0 / points.degrees + SYSTEMATIC**2)))
+
+
+def _dark_error(points: _Points, expected: Array) -> float:
+    """The standard error of the amount of read noise."""
+    basis, weights = points.basis(1.0), _weights(points, expected)
+    return float(np.sqrt(np.linalg.pinv(basis.T @ (basis * weights[:, None]), hermitian=True)[0, 0]))
 
 
 def _pairs(sweep: Sweep) -> list[tuple[int, int]]:

@@ -1,4 +1,4 @@
-"""What a sweep cannot show, as part of the error that is stated for its response."""
+"""What a sweep cannot show, as part of the error that is stated for its response, and where that error is small."""
 
 from __future__ import annotations
 
@@ -9,58 +9,60 @@ import numpy as np
 from calibration.findings import Finding
 from calibration.judges.noise_witness import NoiseWitness
 from calibration.response import ResponseFunction
+from calibration.response.facts import SIGMAS
 from calibration.response.solution import ResponseSolution
-from calibration.solver.tones import Curve, Tones
+from calibration.solver.tones import Curve
 
-UNIFORM_STOPS = 1.0
-"""Parts of the scene that differ by less see the same light at no two exposures, and so do not link them."""
+ACCURACIES_STOPS = (0.0025, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
+COVERED_SHARE = 0.5
+"""The grey levels covered are those known to the best of these errors to which so many of those seen are known."""
 
-HIDDEN_STOPS = 0.1
-"""Grey levels of a uniform scene whose light may be off by more, through an offset of the exposure times that only
-noise could show, do not count as covered."""
-
-
-def is_uniform(tones: Tones, response: ResponseFunction) -> bool:
-    """Whether a scene has one brightness only: then grey levels cannot tell a curve from wrong exposure times."""
-    greys = tones.greys - tones.middle
-    inside = (greys > response.black_level + 1) & (greys < response.saturation - 1)
-    row = int(np.argmax(inside.sum(axis=1)))
-    light = response.inverse_between(greys[row][inside[row]])
-    return bool(inside[row].mean() > 0.5 and np.ptp(np.percentile(light, [2, 98])) < UNIFORM_STOPS)
+ROUNDS = 3
+"""What is covered has the middle from which errors count, and they say what is covered."""
 
 
-def with_doubts(solution: ResponseSolution, tones: Tones, witness: NoiseWitness | None) -> ResponseSolution:
-    """The solution, its errors widened by what neither grey levels nor noise rule out, and its dark end not covered."""
+def with_doubts(solution: ResponseSolution, witness: NoiseWitness | None) -> ResponseSolution:
+    """The solution, its errors widened by what neither grey levels nor noise rule out, and what it covers well."""
     stops = solution.response.log2_exposure
-    uniform = is_uniform(tones, solution.response)
     bounds = []
     if witness is not None and witness.doubted:
         bounds.append((witness.power - 1.0) * stops)
-    covered = solution.covered
-    if witness is not None and uniform:
-        hidden = np.log2(1.0 + witness.dark_light / np.exp2(stops))
-        bounds.append(hidden)
-        low = next((grey for grey in range(covered[0], covered[1]) if hidden[grey] < HIDDEN_STOPS), covered[1] - 1)
-        covered = (low, covered[1])
-    if witness is None and uniform:
+    if solution.uniform:
+        hidden = min(solution.hidden_light, 1.0 if witness is None else witness.dark_light)
+        bounds.append(np.log2(1.0 + hidden / np.exp2(stops)))
+    if witness is None and solution.uniform:
         # As far as grey levels go, the sensor may be linear, and the exposure times wrong.
         bounds.append(stops - ResponseFunction.linear(solution.response.black_level).log2_exposure)
-    # A bound counts as two standard errors.
-    parts = [solution.uncertainty_stops, *(_from_the_middle(bound, covered) / 2.0 for bound in bounds)]
-    return replace(solution, covered=covered, uncertainty_stops=np.sqrt(np.sum(np.square(parts), axis=0)))
+
+    def uncertainty(middle: int) -> Curve:
+        own = solution.uncertainty_stops
+        parts = [own, np.full(len(own), own[middle]), *((bound - bound[middle]) / SIGMAS for bound in bounds)]
+        return np.asarray(np.sqrt(np.sum(np.square(parts), axis=0)))
+
+    covered = solution.covered
+    for _ in range(ROUNDS):
+        middle = sum(covered) // 2
+        covered = _covered(solution.covered, middle, uncertainty(middle))
+    return replace(solution, covered=covered, uncertainty_stops=uncertainty(sum(covered) // 2))
 
 
-def uniform_scene(solution: ResponseSolution, tones: Tones, witness: NoiseWitness | None) -> Finding | None:
+def _covered(seen: tuple[int, int], middle: int, uncertainty: Curve) -> tuple[int, int]:
+    """The grey levels around one that are known to the best of `ACCURACIES_STOPS` to which enough are known."""
+    for accuracy in ACCURACIES_STOPS:
+        beyond = np.flatnonzero(SIGMAS * uncertainty > accuracy)
+        low = max(seen[0], int(beyond[beyond < middle].max(initial=-1)) + 1)
+        high = min(seen[1], int(beyond[beyond > middle].min(initial=len(uncertainty))) - 1)
+        if high - low >= COVERED_SHARE * (seen[1] - seen[0]):
+            return low, high
+    return seen
+
+
+def uniform_scene(solution: ResponseSolution, witness: NoiseWitness | None) -> Finding | None:
     """A scene that cannot show wrong exposure times, and noise that cannot either."""
-    if witness is not None or not is_uniform(tones, solution.response):
+    if witness is not None or not solution.uniform:
         return None
     text = (
         "the scene has one brightness only, which cannot tell a curve from wrong exposure times, and the images have "
         "too little noise to ask: show bright and dark parts, and take more exposures"
     )
     return Finding("warned", "uniform_scene", text)
-
-
-def _from_the_middle(bound: Curve, covered: tuple[int, int]) -> Curve:
-    """Its amount counted from the middle of the covered grey levels, where the stated error is 0."""
-    return np.asarray(np.abs(bound - bound[(covered[0] + covered[1]) // 2]))

@@ -29,9 +29,13 @@ class ResponseSolution:
     uncertainty_stops
         Standard error of the log2 exposure of each grey level (stops), float64, shape (256,).
     covered
-        The first and last grey level that the sweep itself has seen; beyond them the curve is extended.
+        The first and last grey level that the sweep has seen, or, once judged, of those that are known well.
     residual_grey
         Root mean square of grey levels observed minus those predicted from the other exposures.
+    uniform
+        Whether the scene had one brightness only, so that grey levels cannot tell a curve from wrong exposure times.
+    hidden_light
+        The most light (saturation is 1) that black may contain, if exposures are all longer than stated.
     """
 
     response: ResponseFunction
@@ -40,3 +44,5 @@ class ResponseSolution:
     uncertainty_stops: NDArray[np.float64]
     covered: tuple[int, int]
     residual_grey: float
+    uniform: bool = False
+    hidden_light: float = 1.0

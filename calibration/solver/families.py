@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.response.solution import ResponseModel
-from calibration.solver.inverse_curve import Ends, InverseCurve, misfit, nodes, residuals
+from calibration.solver.inverse_curve import Ends, InverseCurve, Misfit, nodes, residuals
 from calibration.solver.tones import Curve, Tones
 
 BASIS_CURVES = 4
@@ -57,6 +57,10 @@ class Family:
         stops = np.log2(np.maximum(light - offset, 1e-9))
         return InverseCurve(greys, np.maximum.accumulate(stops - stops[-1]), black)
 
+    def light_of_black(self, black: float, parameters: Curve, saturation: float) -> float:
+        """The light (that at saturation is 1) that was added before the response, to be `black` without any other."""
+        return float(self._light(np.array([black / saturation]), parameters)[0])
+
     def _light(self, share: Curve, parameters: Curve) -> Curve:
         size = np.exp2(self.log2_light(np.maximum(np.abs(share), 1e-6), parameters))
         return np.where(np.abs(share) < 1e-6, 0.0, np.sign(share) * size)
@@ -64,13 +68,13 @@ class Family:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FamilyFit:
-    """The member of a family that explains a sweep best, and its `misfit`."""
+    """The member of a family that explains a sweep best."""
 
     family: Family
     black: float
     parameters: Curve
     curve: InverseCurve
-    misfit: float
+    misfit: Misfit
 
 
 def fit_family(
@@ -112,7 +116,7 @@ def fit_family(
         if abs(gain) < 1e-5 or damping > 1e6:
             break
     curve = curve_of(best)
-    return FamilyFit(family, float(best[0]), best[1:], curve, misfit(curve, tones, within))
+    return FamilyFit(family, float(best[0]), best[1:], curve, Misfit.of(curve, tones, within))
 
 
 def _derivative(errors_of: Callable[[Curve], Curve], errors: Curve, at: Curve, index: int, most: Curve) -> Curve:

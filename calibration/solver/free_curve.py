@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.solver.inverse_curve import InverseCurve, as_well, misfit, octaves, residuals
+from calibration.solver.inverse_curve import InverseCurve, Misfit, octaves, residuals
 from calibration.solver.tones import Curve, Tones
 
 SMOOTHNESS = (1e4, 1e3, 1e2, 10.0, 1.0, 0.1)
@@ -17,6 +17,9 @@ SMOOTHNESS = (1e4, 1e3, 1e2, 10.0, 1.0, 0.1)
 Where exposures are evenly spaced, ripples of the same spacing in the curve explain a sweep as well as no ripples. So
 the smoothest curve that explains it as well as the roughest is taken.
 """
+
+SHOULDER_GREY = 4.0
+"""Just below saturation curves may bend within this many grey levels, as those with a shoulder do."""
 
 LEAST_STEP_STOPS = 1e-6
 """Least rise of the curve from one node to the next."""
@@ -28,8 +31,28 @@ _SQUARE_UP_TO = 3.0
 """Standard deviations beyond which a residual counts by its size, no longer by its square."""
 
 
-def fit_free(tones: Tones, within: NDArray[np.bool_], prior: InverseCurve, anchor: int) -> tuple[InverseCurve, Curve]:
-    """The curve, and the standard errors (stops) at its nodes relative to one of them.
+@dataclass(frozen=True, slots=True, eq=False)
+class FreeFit:
+    """The free curve that explains a sweep.
+
+    Attributes
+    ----------
+    curve, misfit
+        The smoothest curve that is as good as any, and how well it fits.
+    errors_stops
+        Standard errors at its nodes, relative to the anchor.
+    smoothed_stops
+        What the curve would change by if it were one degree rougher: about what smoothness hides.
+    """
+
+    curve: InverseCurve
+    misfit: Misfit
+    errors_stops: Curve
+    smoothed_stops: Curve
+
+
+def fit_free(tones: Tones, within: NDArray[np.bool_], prior: InverseCurve, anchor: int) -> FreeFit:
+    """The curve of free shape.
 
     Parameters
     ----------
@@ -41,14 +64,22 @@ def fit_free(tones: Tones, within: NDArray[np.bool_], prior: InverseCurve, ancho
         The node that errors are relative to.
     """
     between = _Between.of(octaves(tones.greys, prior.black), prior.octaves)
-    roughness = _roughness(prior.octaves)
-    fits = []
-    for smoothness in SMOOTHNESS:
-        fit = _fit(tones, within, prior, between, smoothness * roughness)
-        fits.append((misfit(fit.curve, tones, within), fit))
-    best = min(size for size, _ in fits)
-    chosen = next(fit for size, fit in fits if as_well(size, best))
-    return chosen.curve, max(chosen.scale, 1.0) * np.sqrt(np.maximum(_variances(chosen.normal, anchor), 0.0))
+    roughness = _roughness(_stretched(prior.greys, prior.black))
+    fits = [_fit(tones, within, prior, between, smoothness * roughness) for smoothness in SMOOTHNESS]
+    misfits = [Misfit.of(fit.curve, tones, within) for fit in fits]
+    best = min(misfits, key=lambda misfit: misfit.size)
+    place = next(i for i, misfit in enumerate(misfits) if misfit.as_good_as(best))
+    chosen, rougher = fits[place], fits[min(place + 1, len(fits) - 1)]
+    errors = chosen.scale * np.sqrt(np.maximum(_variances(chosen.normal, anchor), 0.0))
+    smoothed = rougher.curve.stops - chosen.curve.stops
+    return FreeFit(chosen.curve, misfits[place], errors, smoothed - smoothed[anchor])
+
+
+def fit_as_smooth(tones: Tones, within: NDArray[np.bool_], prior: InverseCurve) -> InverseCurve:
+    """The curve with the second strongest smoothing: fast, and good enough to compare sweeps by."""
+    between = _Between.of(octaves(tones.greys, prior.black), prior.octaves)
+    rough = SMOOTHNESS[1] * _roughness(_stretched(prior.greys, prior.black))
+    return _fit(tones, within, prior, between, rough).curve
 
 
 class _Fit(NamedTuple):
@@ -111,8 +142,13 @@ class _Between:
         return np.asarray(summed + np.bincount(cells.ravel() + 1, above.ravel(), count))
 
 
+def _stretched(greys: Curve, black: float) -> Curve:
+    """The scale on which curves bend evenly: octaves of grey above black, less those of what saturation is above it."""
+    return np.asarray(octaves(greys, black) - np.log2(greys[-1] + SHOULDER_GREY - greys))
+
+
 def _roughness(grid: Curve) -> Curve:
-    """The matrix of the integral of the squared second derivative over the logarithm of grey."""
+    """The matrix of the integral of the squared second derivative over a scale."""
     left, right = np.diff(grid)[:-1], np.diff(grid)[1:]
     length = (left + right) / 2
     second = np.zeros((len(left), len(grid)))

@@ -16,6 +16,10 @@ CLEAR_OF_ENDS_GREY = 0.8
 LEAST_BEND = 0.02
 """Stops per octave of grey: a steeper response would be a step, and divide by zero."""
 
+SAME_BIAS_GREY = 0.1
+FEWEST_EXPOSURES = 3
+"""Mean residuals that differ by less are alike; medians of fewer exposures may have an error in common."""
+
 SAME_GREY = 0.5
 SAME_STOPS = 0.15
 """A group whose medians differ by less, over more stops of exposure than that, is black or saturated."""
@@ -132,12 +136,33 @@ def residuals_from_others(curve: InverseCurve, tones: Tones, within: NDArray[np.
     return np.asarray(residuals(curve, tones, within)[within] / np.maximum(1.0 - own_share[within], 0.02))
 
 
-def misfit(curve: InverseCurve, tones: Tones, within: NDArray[np.bool_]) -> float:
-    """Root mean square of residuals over standard errors, outliers (of 4 times its own size) counting as such."""
-    size = np.abs(residuals(curve, tones, within)[within] / tones.errors[within])
-    return float(np.sqrt(np.mean(np.minimum(size, 4.0 * 1.48 * max(float(np.median(size)), 0.1)) ** 2)))
+@dataclass(frozen=True, slots=True)
+class Misfit:
+    """How far a curve is from the medians.
 
+    Attributes
+    ----------
+    size
+        Root mean square of residuals over standard errors, outliers (of 4 times its own size) counting as such.
+    bias_grey
+        The largest mean residual between two nodes (grey levels): a bend that the curve lacks, however short.
+    """
 
-def as_well(size: float, best: float) -> bool:
-    """Whether one misfit is as good as a better one: less than a tenth worse, or by less than the error of medians."""
-    return size <= 1.1 * best + 0.4
+    size: float
+    bias_grey: float
+
+    @classmethod
+    def of(cls, curve: InverseCurve, tones: Tones, within: NDArray[np.bool_]) -> Misfit:
+        """That of a curve, by the medians of `within`."""
+        left = residuals(curve, tones, within)[within]
+        size = np.abs(left / tones.errors[within])
+        limit = 4.0 * 1.48 * max(float(np.median(size)), 0.1)
+        part, exposure = np.searchsorted(curve.greys, tones.greys[within]), np.nonzero(within)[0]
+        exposures = np.bincount(np.unique(part * len(within) + exposure) // len(within), minlength=part.max() + 1)
+        means = np.bincount(part, left) / np.maximum(np.bincount(part), 1)
+        bias = np.abs(means[exposures >= FEWEST_EXPOSURES]).max(initial=0.0)
+        return cls(float(np.sqrt(np.mean(np.minimum(size, limit) ** 2))), float(bias))
+
+    def as_good_as(self, other: Misfit) -> bool:
+        """Whether it is less than a tenth worse, or by less than the error of medians, and nowhere biased by more."""
+        return self.size <= 1.1 * other.size + 0.4 and self.bias_grey <= other.bias_grey + SAME_BIAS_GREY

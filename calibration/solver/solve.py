@@ -9,33 +9,20 @@ from numpy.typing import NDArray
 
 from calibration.response import GREY_LEVELS, ResponseFunction
 from calibration.response.solution import ResponseSolution
+from calibration.solver.exposure_offset import is_uniform
 from calibration.solver.families import FamilyFit, families, fit_family
 from calibration.solver.free_curve import fit_free
-from calibration.solver.inverse_curve import (
-    Ends,
-    InverseCurve,
-    as_well,
-    misfit,
-    octaves,
-    residuals,
-    residuals_from_others,
-    usable,
-)
-from calibration.solver.tones import Curve, Tones, tones_by_exposure
+from calibration.solver.inverse_curve import Ends, InverseCurve, octaves, residuals, residuals_from_others, usable
+from calibration.solver.sweep_fit import SweepFit
+from calibration.solver.tones import Tones, tones_by_exposure
 from calibration.sources.sweep import Sweep
 from drivers.errors import ConfigurationError
 
 LINEAR_WITHIN_GREY = 0.4
 """Sensors are linear to about a percent: what a straight line explains this well (rms) counts as linear."""
 
-FOLDS = 8
-"""Fits without some exposures."""
-
-OFFSETS = (-0.4, -0.15, 0.15, 0.5, 1.5, 4.0)
-"""Parts of the shortest exposure time, tried as an error of all exposure times."""
-
-BETTER = 0.9
-"""By this factor the misfit must fall for an offset to count."""
+BLACK_ERROR_GREY = 1.0
+"""How well black is known."""
 
 
 def solve_response(sweep: Sweep) -> ResponseSolution:
@@ -62,19 +49,19 @@ def solve_tones(tones: Tones) -> ResponseSolution:
             "no pixel was neither black nor saturated at two exposures: "
             "take exposures closer to each other, from where nothing is saturated to where little is dark"
         )
-    fits = [fit_family(family, tones, ends, within) for family in families()]
-    best = min(fit.misfit for fit in fits)
-    simplest = next(fit for fit in fits if _is_linear(fit, tones, within) or as_well(fit.misfit, best))
+    simplest = _simplest(tones, ends, within)
+    uniform = is_uniform(tones, within, simplest.curve)
     anchor = _anchor(tones, within, simplest.curve)
-    free, errors = fit_free(tones, within, simplest.curve, anchor)
-    linear = _is_linear(simplest, tones, within)
-    explained = linear or as_well(simplest.misfit, misfit(free, tones, within))
-    chosen = simplest if explained else None
-    difference = simplest.curve.stops - free.stops
-    left_out = left_out_stops(tones, ends, simplest, anchor)
-    doubts = (errors, difference - difference[anchor], left_out, _offset_stops(tones, ends, simplest, anchor))
-    uncertainty = np.sqrt(np.sum(np.square(doubts), axis=0))
-    return _solution(tones, within, chosen, simplest.curve if explained else free, uncertainty)
+    free = fit_free(tones, within, simplest.curve, anchor)
+    explained = _is_linear(simplest, tones, within) or simplest.misfit.as_good_as(free.misfit)
+    return _solution(SweepFit(tones, ends, within, simplest, free, explained, uniform, anchor))
+
+
+def _simplest(tones: Tones, ends: Ends, within: NDArray[np.bool_]) -> FamilyFit:
+    """The simplest family that explains the medians as well as any."""
+    fits = [fit_family(family, tones, ends, within) for family in families()]
+    best = min((fit.misfit for fit in fits), key=lambda misfit: misfit.size)
+    return next(fit for fit in fits if _is_linear(fit, tones, within) or fit.misfit.as_good_as(best))
 
 
 def _is_linear(fit: FamilyFit, tones: Tones, within: NDArray[np.bool_]) -> bool:
@@ -91,54 +78,32 @@ def _anchor(tones: Tones, within: NDArray[np.bool_], curve: InverseCurve) -> int
     return int(np.argmin(np.abs(curve.greys - (seen.min() + seen.max()) / 2.0)))
 
 
-def left_out_stops(tones: Tones, ends: Ends, fit: FamilyFit, anchor: int) -> Curve:
-    """By how much a family's curve depends on single exposures: standard errors (stops) at its nodes.
-
-    The jackknife (Quenouille, Tukey): fits without every n-th exposure, n at most `FOLDS`.
-    """
-    folds = min(len(tones.levels), FOLDS)
-    curves = []
-    for fold in range(folds):
-        kept = np.arange(len(tones.levels)) % folds != fold
-        part = replace(tones, levels=tones.levels[kept], greys=tones.greys[kept], errors=tones.errors[kept])
-        within = usable(part, ends)
-        if within.any():
-            stops = fit_family(fit.family, part, ends, within, fit).curve.at(fit.curve.greys)
-            curves.append(stops - stops[anchor])
-    return np.asarray(np.sqrt(max(len(curves) - 1, 0) * np.var(curves or [fit.curve.stops], axis=0)))
+def _hidden_light(fit: FamilyFit, ends: Ends) -> float:
+    """The light that black may stand for: a camera without light shows grey level 0 or more."""
+    if fit.black < -BLACK_ERROR_GREY:
+        return 1.0  # light is missing, not hidden: exposures may be shorter than stated
+    light = fit.family.light_of_black(max(fit.black, 0.0) + BLACK_ERROR_GREY, fit.parameters, ends.saturation)
+    return min(light / max(1.0 - light, 1e-3), 1.0)
 
 
-def _offset_stops(tones: Tones, ends: Ends, fit: FamilyFit, anchor: int) -> Curve:
-    """How much the curve would change (stops) if all exposures were off by the time that explains the medians best."""
-    best, within = fit, usable(tones, ends)
-    times = np.exp2(tones.levels - tones.levels[0])
-    for offset in OFFSETS:
-        shifted = replace(tones, levels=np.log2(times + offset))
-        other = fit_family(fit.family, shifted, ends, within, fit)
-        best = min(best, other, key=lambda each: each.misfit)
-    if best.misfit > BETTER * fit.misfit:
-        return np.zeros(len(fit.curve.greys))
-    change = best.curve.at(fit.curve.greys) - fit.curve.stops
-    return np.asarray(change - change[anchor])
-
-
-def _solution(
-    tones: Tones, within: NDArray[np.bool_], family: FamilyFit | None, curve: InverseCurve, uncertainty: Curve
-) -> ResponseSolution:
+def _solution(fit: SweepFit) -> ResponseSolution:
+    tones, curve, family = fit.tones, fit.curve, fit.simplest
     greys = np.arange(GREY_LEVELS, dtype=np.float64) + tones.middle
     saturation = min(round(float(curve.greys[-1]) - tones.middle), GREY_LEVELS - 1)
     black = min(max(round(curve.black - tones.middle), 0), saturation - 1)
     stops = np.maximum.accumulate(curve.at(greys))
     parameters: dict[str, float] = {}
-    if family:
+    if fit.explained:
         named = zip(family.family.names, family.parameters, strict=True)
         parameters = {"black": round(family.black - tones.middle, 3)} | {name: float(value) for name, value in named}
-    seen = tones.greys[within] - tones.middle
+    seen = tones.greys[fit.within] - tones.middle
     return ResponseSolution(
         response=ResponseFunction(stops - stops[saturation], black, saturation),
-        model=family.family.model if family else "free",
+        model=family.family.model if fit.explained else "free",
         parameters=parameters,
-        uncertainty_stops=np.interp(octaves(greys, curve.black), curve.octaves, uncertainty),
+        uncertainty_stops=np.interp(octaves(greys, curve.black), curve.octaves, fit.errors_stops()),
         covered=(int(np.ceil(seen.min() - 0.5)), int(np.floor(seen.max() + 0.5))),
-        residual_grey=float(np.sqrt(np.mean(residuals_from_others(curve, tones, within) ** 2))),
+        residual_grey=float(np.sqrt(np.mean(residuals_from_others(curve, tones, fit.within) ** 2))),
+        uniform=fit.uniform,
+        hidden_light=_hidden_light(family, fit.ends),
     )

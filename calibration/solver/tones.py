@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,9 @@ MAX_SAMPLES = 16_000_000
 
 MEDIAN_FLOOR_GREY = 0.1
 """Least uncertainty of a median, since grey levels are whole numbers."""
+
+LEAST_SHARE = 0.05
+"""Of what is stated, an exposure is taken to have been at least."""
 
 Curve = NDArray[np.float64]
 
@@ -43,6 +46,13 @@ class Tones:
     greys: Curve
     errors: Curve
     middle: float
+
+    def longer(self, by: float) -> Tones:
+        """The same if all exposures were longer than stated by that much, in the unit of ``2 ** levels``."""
+        if not by:
+            return self
+        stated = np.exp2(self.levels)
+        return replace(self, levels=np.log2(np.maximum(stated + by, LEAST_SHARE * stated)))
 
 
 def grey8(shot: Shot) -> NDArray[np.uint8]:

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from calibration.judges.noise_witness import NoiseWitness, hear_noise
-from calibration.judges.stated_error import is_uniform, with_doubts
+from calibration.judges.stated_error import with_doubts
 from calibration.noise.photon_transfer import photon_transfer
 from calibration.response import ResponseFunction
 from calibration.response.file import Origin
+from calibration.response.solution import ResponseSolution
 from calibration.result import Result, calibrate
 from calibration.solver.solve import solve_tones
 from calibration.sources.sweep import Sweep
@@ -82,12 +85,35 @@ def test_images_without_noise_say_nothing() -> None:
 
 
 def test_doubts_only_widen_the_error() -> None:
-    flat = calibrated(noisy_sweep(scene="flat"))
-    solution = solve_tones(flat.by_exposure)
-    assert is_uniform(flat.by_exposure, solution.response)
+    solution = solve_tones(calibrated(noisy_sweep(scene="flat")).by_exposure)
+    assert solution.uniform
     for witness in (None, NoiseWitness(1.0, False, 1.0, 0.01), NoiseWitness(0.9, True, 2.0, 0.0)):
-        wider = with_doubts(solution, flat.by_exposure, witness)
+        wider = with_doubts(solution, witness)
         assert (wider.uncertainty_stops >= solution.uncertainty_stops).all()
-        assert wider.covered[0] >= solution.covered[0]
-    textured = calibrated(noisy_sweep(scene="textured"))
-    assert not is_uniform(textured.by_exposure, solution.response)
+        assert solution.covered[0] <= wider.covered[0] < wider.covered[1] <= solution.covered[1]
+    assert not solve_tones(calibrated(noisy_sweep(scene="textured")).by_exposure).uniform
+
+
+def response_known_to(errors_stops: Callable[[NDArray[np.float64]], NDArray[np.float64]]) -> ResponseSolution:
+    """A linear camera's, seen from grey 10 to 250, with these standard errors by grey level."""
+    errors = errors_stops(np.arange(256.0))
+    return ResponseSolution(ResponseFunction.linear(), "linear", {}, errors, (10, 250), 0.1)
+
+
+def test_what_is_known_well_counts_as_covered() -> None:
+    worse_when_dark = with_doubts(response_known_to(lambda grey: 0.02 / np.maximum(grey, 1.0)), None)
+    low, high = worse_when_dark.covered
+    assert 10 < low < 30
+    assert high == 250
+    assert 2.0 * worse_when_dark.uncertainty_stops[low : high + 1].max() <= 0.0025
+    assert 2.0 * worse_when_dark.uncertainty_stops[low - 1] > 0.0025
+
+
+def test_with_errors_of_stops_all_that_was_seen_is_covered() -> None:
+    assert with_doubts(response_known_to(lambda grey: 3.0 + 0.0 * grey), None).covered == (10, 250)
+
+
+def test_a_few_grey_levels_alone_are_not_covered_however_well_they_are_known() -> None:
+    """A third of those seen are known to 0.001 stops, and all to 0.04."""
+    covered = with_doubts(response_known_to(lambda grey: np.where(np.abs(grey - 130) < 40, 0.0005, 0.02)), None).covered
+    assert covered == (10, 250)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from calibration.solver.solve import solve_response
 from evaluation.sweeps.score import scored
 from evaluation.sweeps.simulated import KINDS, Kind, simulated
 
@@ -26,3 +27,19 @@ def test_the_stated_error_covers_the_true_one(seed: int, kind: Kind) -> None:
 def test_groups_that_only_noise_lifts_out_of_the_dark_make_no_exposure_odd() -> None:
     """Of a uniform scene behind a gamma, the darkest exposures show a few groups of pixels, all by their noise."""
     assert scored(200_010, simulated(200_010)).verdict != "refused"
+
+
+@pytest.mark.parametrize("seed", [303, 511, 30])
+def test_a_curve_that_bends_just_below_saturation_is_followed(seed: int) -> None:
+    """Smoothness over octaves of grey alone hid it: 0.03 to 0.07 stops at grey 254."""
+    case = simulated(seed)
+    found, true = solve_response(case.sweep).response.log2_exposure, case.true.log2_exposure
+    bright = slice(128, 255)
+    assert np.ptp(found[bright] - true[bright]) < 0.006
+
+
+def test_an_offset_that_a_uniform_scene_hides_is_within_the_stated_error() -> None:
+    """Of the light that black may stand for, and of the noise that is there without light."""
+    result = scored(53, simulated(53))
+    assert (result.kind, result.scene) == ("offset", "uniform")
+    assert result.covered
