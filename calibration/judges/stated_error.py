@@ -14,15 +14,15 @@ from calibration.response.solution import ResponseSolution
 from calibration.solver.tones import Curve
 
 ACCURACIES_STOPS = (0.0025, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
-COVERED_SHARE = 0.5
-"""The grey levels covered are those known to the best of these errors to which so many of those seen are known."""
+ACCURATE_SHARE = 0.5
+"""Accurate are the grey levels that are known to the best of these errors to which so many of those seen are known."""
 
 ROUNDS = 3
-"""What is covered has the middle from which errors count, and they say what is covered."""
+"""Errors count from the middle of the accurate grey levels, and decide which those are."""
 
 
 def with_doubts(solution: ResponseSolution, witness: NoiseWitness | None) -> ResponseSolution:
-    """The solution, its errors widened by what neither grey levels nor noise rule out, and what it covers well."""
+    """The solution, its errors widened by what neither grey levels nor noise rule out, and where they are small."""
     stops = solution.response.log2_exposure
     bounds = []
     if witness is not None and witness.doubted:
@@ -39,20 +39,20 @@ def with_doubts(solution: ResponseSolution, witness: NoiseWitness | None) -> Res
         parts = [own, np.full(len(own), own[middle]), *((bound - bound[middle]) / SIGMAS for bound in bounds)]
         return np.asarray(np.sqrt(np.sum(np.square(parts), axis=0)))
 
-    covered = solution.covered
+    accurate = solution.covered
     for _ in range(ROUNDS):
-        middle = sum(covered) // 2
-        covered = _covered(solution.covered, middle, uncertainty(middle))
-    return replace(solution, covered=covered, uncertainty_stops=uncertainty(sum(covered) // 2))
+        middle = sum(accurate) // 2
+        accurate = _accurate(solution.covered, middle, uncertainty(middle))
+    return replace(solution, accurate=accurate, uncertainty_stops=uncertainty(sum(accurate) // 2))
 
 
-def _covered(seen: tuple[int, int], middle: int, uncertainty: Curve) -> tuple[int, int]:
+def _accurate(seen: tuple[int, int], middle: int, uncertainty: Curve) -> tuple[int, int]:
     """The grey levels around one that are known to the best of `ACCURACIES_STOPS` to which enough are known."""
     for accuracy in ACCURACIES_STOPS:
         beyond = np.flatnonzero(SIGMAS * uncertainty > accuracy)
         low = max(seen[0], int(beyond[beyond < middle].max(initial=-1)) + 1)
         high = min(seen[1], int(beyond[beyond > middle].min(initial=len(uncertainty))) - 1)
-        if high - low >= COVERED_SHARE * (seen[1] - seen[0]):
+        if high - low >= ACCURATE_SHARE * (seen[1] - seen[0]):
             return low, high
     return seen
 

@@ -28,7 +28,7 @@ DASHES: Sequence[tuple[float, str, str, str]] = (
 """Changes of exposure level (stops), each with its colour (after Okabe and Ito), dash and marker."""
 INK = "#1b1b1b"
 UNSEEN: dict[str, Any] = {"facecolor": "none", "edgecolor": "#999999", "hatch": "///", "lw": 0, "alpha": 0.5}
-"""How grey levels that are not covered are drawn."""
+"""How grey levels that the sweep did not see are drawn."""
 LEAST_DRAWN_STOPS = 1e-5
 MOST_POINTS = 4000
 MOST_RINGS = 250
@@ -66,7 +66,7 @@ def pictures(result: Result) -> list[Picture]:
         Picture(
             "Response",
             "Rings: parts of the scene, each placed by its own radiance. Line: the response, with twice its standard "
-            "error. Hatched: grey levels that are known less well, or that the sweep did not see.",
+            "error. Hatched: grey levels that the sweep did not see, where the curve is extended.",
             lambda axes: _draw_response(axes, result, solution),
         ),
         Picture(
@@ -82,9 +82,9 @@ def pictures(result: Result) -> list[Picture]:
         ),
         Picture(
             "Uncertainty",
-            "Standard error of the response; a tenth of a stop is 7 % of the light. It counts from the middle of the "
-            "part without hatching, as only differences have a meaning. The error stated is twice the largest value "
-            "there.",
+            "Standard error of the response; a tenth of a stop is 7 % of the light. It counts from the middle between "
+            "the dashed lines, as only differences have a meaning. The error stated is twice the largest value "
+            "between them; grey levels that the sweep did not see are hatched.",
             lambda axes: _draw_uncertainty(axes, solution),
         ),
         *sweep,
@@ -169,6 +169,8 @@ def _draw_uncertainty(axes: Axes, solution: ResponseSolution) -> None:
     axes.semilogy(GREYS, np.maximum(solution.uncertainty_stops, LEAST_DRAWN_STOPS), "-", color="#0072b2", lw=1.8)
     for bottom, top in ((0, low), (high, GREY_LEVELS - 1)):
         axes.axvspan(bottom, top, **UNSEEN)
+    for end in solution.accurate or ():
+        axes.axvline(end, color=INK, lw=0.9, ls="--")
     axes.set_xlim(0, GREY_LEVELS)
     _finish(axes, "grey level", "standard error (stops)")
 

@@ -38,7 +38,14 @@ def curve_facts(file: ResponseFile) -> Iterator[Fact]:
         low, high = file.covered
         yield "covered range", f"grey {low} to {high}"
         if file.uncertainty_stops:
-            worst = SIGMAS * max(file.uncertainty_stops[low : high + 1])
-            yield "error", f"at most {worst:.2g} stops in that range, counted from grey {(low + high) // 2}"
+            yield "error", _error(file.uncertainty_stops, file.covered, file.accurate or file.covered)
     if file.residual_grey is not None:
         yield "residual", f"{file.residual_grey:.2f} grey levels rms"
+
+
+def _error(uncertainty_stops: tuple[float, ...], covered: tuple[int, int], accurate: tuple[int, int]) -> str:
+    """What is stated: how well most grey levels are known, and all that were seen."""
+    well, all_seen = (SIGMAS * max(uncertainty_stops[low : high + 1]) for low, high in (accurate, covered))
+    low, high = accurate
+    rest = "" if accurate == covered else f", {all_seen:.2g} in the covered range"
+    return f"at most {well:.2g} stops from grey {low} to {high}{rest}, counted from grey {(low + high) // 2}"

@@ -59,7 +59,7 @@ class ResponseFile:
         The curve itself.
     origin
         Where it comes from.
-    model, parameters, covered, residual_grey, uncertainty_stops
+    model, parameters, covered, residual_grey, uncertainty_stops, accurate
         See `calibration.response.solution.ResponseSolution`.
     findings
         What was found wrong with the sweep and its solution.
@@ -79,6 +79,7 @@ class ResponseFile:
     noise: Mapping[str, Any] = field(default_factory=dict)
     latency: Mapping[str, Any] = field(default_factory=dict)
     uncertainty_stops: tuple[float, ...] = ()
+    accurate: tuple[int, int] | None = None
     path: Path | None = None
 
     @classmethod
@@ -95,6 +96,7 @@ class ResponseFile:
             solution.residual_grey,
             findings,
             uncertainty_stops=tuple(solution.uncertainty_stops.tolist()),
+            accurate=solution.accurate,
         )
 
     @classmethod
@@ -136,6 +138,7 @@ class ResponseFile:
             "model": self.model,
             "parameters": {name: _rounded(value) for name, value in self.parameters.items()},
             "covered": self.covered and list(self.covered),
+            "accurate": self.accurate and list(self.accurate),
             "residual_grey": None if self.residual_grey is None else round(float(self.residual_grey), 3),
             "findings": [asdict(finding) for finding in self.findings],
             "noise": dict(self.noise),
@@ -181,17 +184,18 @@ class _Document(CalibrationDocument):
     model: ResponseModel | None = optional(f"give one of {', '.join(get_args(ResponseModel))}")
     parameters: dict[Text, Number] | None = optional("give numbers by name")
     covered: tuple[_Grey, _Grey] | None = optional("give the first and the last grey level, such as [4, 250]")
+    accurate: tuple[_Grey, _Grey] | None = optional("give the first and the last grey level, such as [20, 250]")
     residual_grey: Number | None = optional("give a number of grey levels")
     noise: dict[Any, Any] | None = optional("keep it as it was written")
     latency: dict[Any, Any] | None = optional("keep it as it was written")
     uncertainty_stops: _Uncertainties | None = optional("give 256 numbers that are not negative")
 
-    @field_validator("covered")
+    @field_validator("covered", "accurate")
     @classmethod
-    def _rises(cls, covered: tuple[int, int] | None) -> tuple[int, int] | None:
-        if covered is not None and covered[0] > covered[1]:
+    def _rises(cls, greys: tuple[int, int] | None) -> tuple[int, int] | None:
+        if greys is not None and greys[0] > greys[1]:
             raise ValueError("the first grey level is above the last")
-        return covered
+        return greys
 
     def response(self) -> ResponseFunction:
         """The response function; raises ConfigurationError, as that does."""

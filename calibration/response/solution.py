@@ -29,11 +29,13 @@ class ResponseSolution:
     uncertainty_stops
         Standard error of the log2 exposure of each grey level (stops), float64, shape (256,).
     covered
-        The first and last grey level that the sweep has seen, or, once judged, of those that are known well.
+        The first and last grey level that the sweep itself has seen; beyond them the curve is extended.
     residual_grey
         Root mean square of grey levels observed minus those predicted from the other exposures.
     uniform
         Whether the scene had one brightness only, so that grey levels cannot tell a curve from wrong exposure times.
+    accurate
+        The first and last of those that are known well, for which the error is stated; None: not judged yet.
     hidden_light
         The most light (saturation is 1) that black may contain, if exposures are all longer than stated.
     """
@@ -44,5 +46,6 @@ class ResponseSolution:
     uncertainty_stops: NDArray[np.float64]
     covered: tuple[int, int]
     residual_grey: float
+    accurate: tuple[int, int] | None = None
     uniform: bool = False
     hidden_light: float = 1.0

@@ -70,12 +70,13 @@ def scored(seed: int, case: SimulatedSweep) -> Stated:
 
 
 def errors_stops(result: Result, case: SimulatedSweep) -> tuple[float, float]:
-    """The error as the report states it, and the true one (stops), both the largest over the covered grey levels."""
+    """The error as the report states it, and the true one (stops), both the largest over the accurate grey levels."""
     solution = result.solution
     assert solution is not None
-    low, high = solution.covered
-    covered = np.arange(low, high + 1)
+    assert solution.accurate is not None
+    low, high = solution.accurate
+    accurate = np.arange(low, high + 1)
     difference = solution.response.log2_exposure - case.true.log2_exposure
     anchor = (low + high) // 2
-    true = float(np.abs(difference[covered] - difference[anchor]).max())
-    return SIGMAS * float(solution.uncertainty_stops[covered].max()), true
+    true = float(np.abs(difference[accurate] - difference[anchor]).max())
+    return SIGMAS * float(solution.uncertainty_stops[accurate].max()), true

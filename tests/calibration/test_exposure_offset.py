@@ -33,11 +33,12 @@ def calibrated(sweep: Sweep) -> Result:
 
 
 def errors_stops(solution: ResponseSolution, true: NDArray[np.float64]) -> tuple[float, float]:
-    """The error stated, and the true one, over what is covered."""
-    low, high = solution.covered
-    covered, error = np.arange(low, high + 1), solution.response.log2_exposure - true
-    stated = 2.0 * float(solution.uncertainty_stops[covered].max())
-    return stated, float(np.abs(error[covered] - error[(low + high) // 2]).max())
+    """The error stated, and the true one, over the grey levels that are known well."""
+    assert solution.accurate is not None
+    low, high = solution.accurate
+    accurate, error = np.arange(low, high + 1), solution.response.log2_exposure - true
+    stated = 2.0 * float(solution.uncertainty_stops[accurate].max())
+    return stated, float(np.abs(error[accurate] - error[(low + high) // 2]).max())
 
 
 @pytest.mark.parametrize("response", ["linear", "gamma", "s_shaped"])

@@ -90,7 +90,9 @@ def test_doubts_only_widen_the_error() -> None:
     for witness in (None, NoiseWitness(1.0, False, 1.0, 0.01), NoiseWitness(0.9, True, 2.0, 0.0)):
         wider = with_doubts(solution, witness)
         assert (wider.uncertainty_stops >= solution.uncertainty_stops).all()
-        assert solution.covered[0] <= wider.covered[0] < wider.covered[1] <= solution.covered[1]
+        assert wider.accurate is not None
+        assert wider.covered == solution.covered
+        assert solution.covered[0] <= wider.accurate[0] < wider.accurate[1] <= solution.covered[1]
     assert not solve_tones(calibrated(noisy_sweep(scene="textured")).by_exposure).uniform
 
 
@@ -100,20 +102,21 @@ def response_known_to(errors_stops: Callable[[NDArray[np.float64]], NDArray[np.f
     return ResponseSolution(ResponseFunction.linear(), "linear", {}, errors, (10, 250), 0.1)
 
 
-def test_what_is_known_well_counts_as_covered() -> None:
+def test_the_error_is_stated_where_it_is_small() -> None:
     worse_when_dark = with_doubts(response_known_to(lambda grey: 0.02 / np.maximum(grey, 1.0)), None)
-    low, high = worse_when_dark.covered
+    assert worse_when_dark.accurate is not None
+    low, high = worse_when_dark.accurate
     assert 10 < low < 30
     assert high == 250
     assert 2.0 * worse_when_dark.uncertainty_stops[low : high + 1].max() <= 0.0025
     assert 2.0 * worse_when_dark.uncertainty_stops[low - 1] > 0.0025
 
 
-def test_with_errors_of_stops_all_that_was_seen_is_covered() -> None:
-    assert with_doubts(response_known_to(lambda grey: 3.0 + 0.0 * grey), None).covered == (10, 250)
+def test_errors_of_stops_are_stated_for_all_that_was_seen() -> None:
+    assert with_doubts(response_known_to(lambda grey: 3.0 + 0.0 * grey), None).accurate == (10, 250)
 
 
-def test_a_few_grey_levels_alone_are_not_covered_however_well_they_are_known() -> None:
-    """A third of those seen are known to 0.001 stops, and all to 0.04."""
-    covered = with_doubts(response_known_to(lambda grey: np.where(np.abs(grey - 130) < 40, 0.0005, 0.02)), None).covered
-    assert covered == (10, 250)
+def test_a_third_of_the_grey_levels_is_too_few_to_state_an_error_for() -> None:
+    """They are known to 0.001 stops, and all to 0.04."""
+    solution = with_doubts(response_known_to(lambda grey: np.where(np.abs(grey - 130) < 40, 0.0005, 0.02)), None)
+    assert solution.accurate == (10, 250)

@@ -20,7 +20,7 @@ from drivers.pixels.formats import PixelFormat
 from drivers.python310 import UTC
 
 SOLUTION = ResponseSolution(
-    ResponseFunction.linear(4), "gamma", {"gamma": 0.4545}, np.full(256, 0.0125), (6, 250), 0.312
+    ResponseFunction.linear(4), "gamma", {"gamma": 0.4545}, np.full(256, 0.0125), (6, 250), 0.312, accurate=(20, 240)
 )
 
 
@@ -83,6 +83,7 @@ def test_a_curve_made_by_hand_is_as_good(tmp_path: Path) -> None:
         ("parameters", {1: 2.0}),
         ("covered", [250, 6]),
         ("covered", [0, 256]),
+        ("accurate", [250, 6]),
         ("residual_grey", True),
         ("findings", [{"severity": "fatal", "reason": "x", "text": "x"}]),
         ("noise", 3),
