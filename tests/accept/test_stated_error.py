@@ -16,11 +16,11 @@ def of_seed(seed: int) -> Stated:
     return scored(seed, simulated(seed))
 
 
-def test_the_stated_error_covers_the_true_one_in_nine_of_ten_sweeps() -> None:
+def test_the_stated_error_covers_the_true_one_in_19_of_20_sweeps() -> None:
     results = [result for _, result in over_processes(of_seed, range(FIRST_SEED, FIRST_SEED + 100), 2)]
     good = [result for result in results if result.good]
     uncovered = [(result.seed, result.kind) for result in results if not result.covered]
     print("uncovered", uncovered, "good ones refused", [r.seed for r in good if r.verdict == "refused"])
 
-    assert len(uncovered) <= 10  # 3 of 45 on the report seeds; 5 are wanted
+    assert len(uncovered) <= 5  # 13 of 300 on the report seeds
     assert np.mean([result.verdict == "refused" for result in good]) <= 0.05
