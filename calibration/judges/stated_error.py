@@ -28,11 +28,11 @@ def with_doubts(solution: ResponseSolution, witness: NoiseWitness | None) -> Res
     if witness is not None and witness.doubted:
         bounds.append((witness.power - 1.0) * stops)
     if solution.uniform:
-        hidden = min(solution.hidden_light, 1.0 if witness is None else witness.dark_light)
+        hidden = min(solution.hidden_light, witness.dark_light) if witness else solution.hidden_light
         bounds.append(np.log2(1.0 + hidden / np.exp2(stops)))
-    if witness is None and solution.uniform:
-        # As far as grey levels go, the sensor may be linear, and the exposure times wrong.
-        bounds.append(stops - ResponseFunction.linear(solution.response.black_level).log2_exposure)
+        if not witness:
+            # As far as grey levels go, the sensor may be linear, and the exposure times wrong.
+            bounds.append(stops - ResponseFunction.linear(solution.response.black_level).log2_exposure)
 
     def uncertainty(middle: int) -> Curve:
         own = solution.uncertainty_stops

@@ -53,7 +53,7 @@ class Family:
         """The member with these parameters. Black is light that was added before the response, and is subtracted."""
         greys = nodes(black, saturation)
         light = self._light(greys / saturation, parameters)
-        offset = self._light(np.array([black / saturation]), parameters)
+        offset = self.light_of_black(black, parameters, saturation)
         stops = np.log2(np.maximum(light - offset, 1e-9))
         return InverseCurve(greys, np.maximum.accumulate(stops - stops[-1]), black)
 

@@ -7,9 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calibration.response import ResponseFunction
 from calibration.response.facts import SIGMAS
 from calibration.response.file import Origin
-from calibration.result import Result, Verdict, calibrate
+from calibration.response.solution import ResponseSolution
+from calibration.result import Verdict, calibrate
 from evaluation.sweeps.simulated import SimulatedSweep
 
 
@@ -52,7 +54,8 @@ def scored(seed: int, case: SimulatedSweep) -> Stated:
     start_s = time.process_time()
     result = calibrate("simulated", Origin(), case.sweep)
     seconds = time.process_time() - start_s
-    stated, true = (None, None) if result.file is None else errors_stops(result, case)
+    kept = None if result.file is None else result.solution
+    stated, true = (None, None) if kept is None else errors_stops(kept, case.true)
     reasons = tuple(finding.reason for finding in result.findings)
     return Stated(
         seed,
@@ -69,14 +72,11 @@ def scored(seed: int, case: SimulatedSweep) -> Stated:
     )
 
 
-def errors_stops(result: Result, case: SimulatedSweep) -> tuple[float, float]:
+def errors_stops(solution: ResponseSolution, true: ResponseFunction) -> tuple[float, float]:
     """The error as the report states it, and the true one (stops), both the largest over the accurate grey levels."""
-    solution = result.solution
-    assert solution is not None
     assert solution.accurate is not None
     low, high = solution.accurate
     accurate = np.arange(low, high + 1)
-    difference = solution.response.log2_exposure - case.true.log2_exposure
-    anchor = (low + high) // 2
-    true = float(np.abs(difference[accurate] - difference[anchor]).max())
-    return SIGMAS * float(solution.uncertainty_stops[accurate].max()), true
+    difference = solution.response.log2_exposure - true.log2_exposure
+    true_stops = float(np.abs(difference[accurate] - difference[(low + high) // 2]).max())
+    return SIGMAS * float(solution.uncertainty_stops[accurate].max()), true_stops

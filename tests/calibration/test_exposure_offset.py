@@ -7,14 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from calibration.response import ResponseFunction
 from calibration.response.file import Origin
-from calibration.response.solution import ResponseSolution
 from calibration.result import Result, calibrate
 from calibration.solver.solve import solve_response
 from calibration.sources.sweep import Shot, Sweep
 from drivers.exposure import ExposureSetting
+from evaluation.sweeps.score import errors_stops
 from tests.calibration.noisy_shots import noisy_sweep
 
 
@@ -32,22 +32,13 @@ def calibrated(sweep: Sweep) -> Result:
     return calibrate("camera", Origin(), sweep)
 
 
-def errors_stops(solution: ResponseSolution, true: NDArray[np.float64]) -> tuple[float, float]:
-    """The error stated, and the true one, over the grey levels that are known well."""
-    assert solution.accurate is not None
-    low, high = solution.accurate
-    accurate, error = np.arange(low, high + 1), solution.response.log2_exposure - true
-    stated = 2.0 * float(solution.uncertainty_stops[accurate].max())
-    return stated, float(np.abs(error[accurate] - error[(low + high) // 2]).max())
-
-
 @pytest.mark.parametrize("response", ["linear", "gamma", "s_shaped"])
 @pytest.mark.parametrize("share", [-0.2, 0.0, 0.1, 0.5])
 def test_an_offset_is_within_the_stated_error(share: float, response: str) -> None:
     sweep = noisy_sweep(response=response)
     offset_us = share * min(shot.setting.exposure_time_us for shot in sweep.shots)
     result = calibrated(misstated(sweep, lambda time_us: time_us - offset_us))
-    right = solve_response(sweep).response.log2_exposure
+    right = solve_response(sweep).response
     if result.verdict == "refused":
         assert share
     else:
@@ -80,7 +71,7 @@ def test_black_images_are_no_reason_for_doubt() -> None:
     result = calibrated(sweep)
     assert result.findings == ()
     assert result.solution is not None
-    assert errors_stops(result.solution, result.solution.response.log2_exposure)[0] <= 0.01
+    assert errors_stops(result.solution, result.solution.response)[0] <= 0.01
 
 
 @pytest.mark.parametrize("share", [0.5, 2.0])
@@ -96,5 +87,5 @@ def test_a_wall_without_noise_may_hide_what_black_may(share: float) -> None:
     solution = calibrated(Sweep(tuple(shots))).solution
     assert solution is not None
     assert solution.uniform
-    stated, true = errors_stops(solution, np.log2(np.maximum(np.arange(256.0), 0.5) / 255.0))
+    stated, true = errors_stops(solution, ResponseFunction(np.log2(np.maximum(np.arange(256.0), 0.5) / 255.0), 0, 255))
     assert true <= stated
