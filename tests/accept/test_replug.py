@@ -48,6 +48,13 @@ def _has_reconnected(run: Run, times: int) -> bool:
     return run.daemon.telemetry.counts.reconnects >= times
 
 
+def _at_rest(run: Run, threads: int) -> Resources:
+    """What is held once dead cameras are closed, without the frames that the test itself has collected until then."""
+    run.wait_until(lambda: threading.active_count() <= threads, "dead cameras closed")
+    run.seen.clear()
+    return Resources.now()
+
+
 def test_unplugged_cameras_come_back_and_leave_nothing_behind() -> None:
     with stereo_cameras() as cameras, running_daemon(cameras, {"control": {"policy": "fixed"}}) as run:
         run.wait_for_pairs(60)
@@ -56,12 +63,10 @@ def test_unplugged_cameras_come_back_and_leave_nothing_behind() -> None:
             (run.left, run.right)[cycle % 2].inject(Fault.VANISH, count=TRIGGERS_OUT)
             run.wait_until(partial(_has_reconnected, run, cycle + 1), f"return {cycle}")
             run.wait_for_pairs(20)
-            run.seen.clear()  # it holds on to the frames
             if cycle == WARM_UP_CYCLES - 1:
-                run.wait_until(lambda: threading.active_count() <= before.threads, "dead cameras closed")
-                warm = Resources.now()
-        run.wait_until(lambda: threading.active_count() <= before.threads, "dead cameras closed")
-        after = Resources.now()
+                warm = _at_rest(run, before.threads)
+            run.seen.clear()
+        after = _at_rest(run, before.threads)
         assert run.daemon.telemetry.counts.reconnects == WARM_UP_CYCLES + CYCLES
         assert after.threads == before.threads
         assert after.descriptors <= before.descriptors
