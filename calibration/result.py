@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 from calibration.findings import Finding
 from calibration.judges.noise_witness import NoiseWitness, hear_noise
 from calibration.judges.solution import judge_solution
-from calibration.judges.stated_error import uniform_scene, with_doubts
+from calibration.judges.stated_error import gains_disagree, uniform_scene, with_doubts
 from calibration.judges.sweep import judge_sweep
 from calibration.response.file import Origin, ResponseFile
 from calibration.response.solution import ResponseSolution
 from calibration.solver.agreement import Agreement, agreement
+from calibration.solver.inverse_curve import covered_greys
 from calibration.solver.solve import solve_tones
-from calibration.solver.tones import Tones, exposure_index, of_exposures, tones_by_shot
-from calibration.sources.sweep import Sweep
+from calibration.solver.tones import Tones, exposure_index, of_exposures, tones_by_shot, with_brighter
+from calibration.sources.sweep import Shot, Sweep
 
 Verdict = Literal["believe it", "with care", "refused"]
 
@@ -86,14 +87,37 @@ def verdict(findings: tuple[Finding, ...]) -> Verdict:
     return "refused" if "refused" in severities else "with care" if "warned" in severities else "believe it"
 
 
-def calibrate(name: str, origin: Origin, sweep: Sweep, notes: tuple[str, ...] = ()) -> Result:
-    """Judge a sweep, solve it unless it is refused, and judge the solution."""
+def calibrate(
+    name: str,
+    origin: Origin,
+    sweep: Sweep,
+    notes: tuple[str, ...] = (),
+    brighter: Callable[[], tuple[Shot, ...]] = tuple,
+) -> Result:
+    """Judge a sweep, solve it unless it is refused, and judge the solution.
+
+    If the scene turns out to have one brightness only, `brighter` is asked for the sweep at a higher gain (see
+    `Sweep.brighter`), and both are solved together. It may return nothing.
+    """
+    alone = _calibrate(name, origin, sweep, notes)
+    uniform = alone.solution is not None and alone.solution.uniform and alone.verdict != "refused"
+    shots = brighter() if uniform else ()
+    if not shots:
+        return alone
+    both = _calibrate(name, origin, replace(sweep, brighter=shots), notes)
+    if both.verdict != "refused":
+        return both
+    return replace(alone, findings=(*alone.findings, gains_disagree(shots[0].setting.gain_db)))
+
+
+def _calibrate(name: str, origin: Origin, sweep: Sweep, notes: tuple[str, ...]) -> Result:
     by_shot = tones_by_shot(sweep)
-    by_exposure = of_exposures(by_shot, *exposure_index(sweep))
+    at_first_gain = of_exposures(by_shot, *exposure_index(sweep))
+    by_exposure = with_brighter(at_first_gain, sweep)
     result = Result(name, origin, sweep, by_shot, by_exposure, tuple(judge_sweep(sweep)), notes)
     if result.verdict == "refused":
         return result
-    solved = solve_tones(by_exposure)
+    solved = replace(solve_tones(by_exposure), covered=covered_greys(at_first_gain))
     witness = hear_noise(sweep, solved.response)
     solution = with_doubts(solved, witness)
     doubts = [None if witness is None else witness.finding, uniform_scene(solved, witness)]

@@ -71,7 +71,7 @@ def check_camera(path: Path, serial: str, console: Console) -> Check:
         file.check_belongs(serial, session.description.pixel_format)
         check_gain(session, gain_db)
         plan = plan_check(session, file.response, gain_db)
-        sweep = Sweep(tuple(take(session, plan, serial, console)))
+        sweep = Sweep(take(session, plan, serial, console))
     match = agreement(file.response, tones_by_exposure(sweep))
     # Four stops need not cover many grey levels, but they must show that light and scene stood still.
     unsteady = [finding for finding in judge_sweep(sweep) if finding.reason != "few_levels"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from datetime import datetime
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 
@@ -31,17 +32,31 @@ def measure_camera(mode: CameraMode, gain_db: float, console: Console) -> Result
     """
     with Session(open_camera(mode.serial, mode.setup())) as session:
         check_gain(session, gain_db)
-        sweep = Sweep(tuple(take(session, plan_sweep(session, gain_db), mode.serial, console)))
-        camera = session.description
-    origin = Origin(
-        CameraIdentity(camera.vendor, camera.model, camera.serial),
-        camera.pixel_format,
-        mode.binning,
-        sweep.shots[0].setting.gain_db,
-        datetime.now(UTC).replace(microsecond=0),
-        tool(),
+        plan, camera = plan_sweep(session, gain_db), session.description
+        sweep = Sweep(take(session, plan, mode.serial, console))
+        origin = Origin(
+            CameraIdentity(camera.vendor, camera.model, camera.serial),
+            camera.pixel_format,
+            mode.binning,
+            sweep.shots[0].setting.gain_db,
+            datetime.now(UTC).replace(microsecond=0),
+            tool(),
+        )
+        brighter = partial(_brighter, session, plan, mode.serial, console)
+        return calibrate(f"camera {camera.serial}", origin, sweep, camera.limitations, brighter)
+
+
+def _brighter(session: Session, plan: SweepPlan, name: str, console: Console) -> tuple[Shot, ...]:
+    """The sweep at a higher gain, if the camera has one."""
+    brighter = plan.brighter(session.limits)
+    if brighter is None:
+        return ()
+    gain_db = brighter.settings[0].gain_db
+    console.print(
+        f"camera {name}: the scene has one brightness only: again at {gain_db:.1f} dB, to check the exposure times",
+        soft_wrap=True,
     )
-    return calibrate(f"camera {camera.serial}", origin, sweep, camera.limitations)
+    return take(session, brighter, name, console)
 
 
 def measure_images(source: Path) -> Result:
@@ -52,7 +67,7 @@ def measure_images(source: Path) -> Result:
     return calibrate(f"the images of {source}", origin, read_images(source))
 
 
-def take(session: Session, plan: SweepPlan, name: str, console: Console) -> list[Shot]:
+def take(session: Session, plan: SweepPlan, name: str, console: Console) -> tuple[Shot, ...]:
     """Take the shots of a plan under a progress bar with the time left."""
     columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("left"), TimeRemainingColumn())
     shots: list[Shot] = []
@@ -66,7 +81,7 @@ def take(session: Session, plan: SweepPlan, name: str, console: Console) -> list
                 )
     except KeyboardInterrupt:
         raise AutoexposeError(f"camera {name}: stopped before the sweep was done: nothing was written") from None
-    return shots
+    return tuple(shots)
 
 
 def check_gain(session: Session, gain_db: float) -> None:

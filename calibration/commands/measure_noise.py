@@ -167,5 +167,5 @@ def _measure(session: Session, gains_db: Sequence[float] | None, console: Consol
     for gain_db in gains_db or default_gains_db(session.limits):
         check_gain(session, gain_db)
         shots = take(session, plan_noise(session, gain_db), f"{session.description.serial} at {gain_db:g} dB", console)
-        results[gain_db] = photon_transfer(Sweep(tuple(shots)))
+        results[gain_db] = photon_transfer(Sweep(shots))
     return results

@@ -14,7 +14,7 @@ from calibration.response.solution import ResponseSolution
 from calibration.solver.tones import Curve
 
 ACCURACIES_STOPS = (0.0025, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
-ACCURATE_SHARE = 0.5
+ACCURATE_SHARE = 0.75
 """Accurate are the grey levels that are known to the best of these errors to which so many of those seen are known."""
 
 ROUNDS = 3
@@ -66,3 +66,12 @@ def uniform_scene(solution: ResponseSolution, witness: NoiseWitness | None) -> F
         "too little noise to ask: show bright and dark parts, and take more exposures"
     )
     return Finding("warned", "uniform_scene", text)
+
+
+def gains_disagree(gain_db: float) -> Finding:
+    """A second sweep at a higher gain (dB) that makes no sense together with the first, which does on its own."""
+    text = (
+        f"the sweep at {gain_db:.1f} dB contradicts the one at the lower gain: exposure times are off, the black level "
+        "rises with the gain, or the light changed: show bright and dark parts"
+    )
+    return Finding("warned", "gains_disagree", text)

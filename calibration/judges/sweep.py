@@ -43,7 +43,11 @@ def judge_sweep(sweep: Sweep) -> list[Finding]:
     finding = _without_structure(tones) or _too_few(levels) or judge_exposures(sweep, tones)
     if finding:
         return [finding]
-    return [*_bounds(levels, index), *_unsteady(sweep, tones), *_few_levels(of_exposures(tones, levels, index))]
+    unsteady = _unsteady(sweep, tones)
+    if sweep.brighter and not unsteady:
+        brighter = Sweep(sweep.brighter)
+        unsteady = _unsteady(brighter, tones_by_shot(brighter))
+    return [*_bounds(levels, index), *unsteady, *_few_levels(of_exposures(tones, levels, index))]
 
 
 def _without_structure(tones: Tones) -> Finding | None:

@@ -82,7 +82,9 @@ def facts(result: Result) -> Iterator[Fact]:
     """The facts listed above the plots."""
     yield from origin_facts(result.origin)
     times_us = [shot.setting.exposure_time_us for shot in result.sweep.shots]
-    yield "sweep", f"{len(times_us)} images, {min(times_us):.0f} to {max(times_us):.0f} us"
+    brighter = result.sweep.brighter
+    again = f", and as many at {brighter[0].setting.gain_db:.1f} dB" if brighter else ""
+    yield "sweep", f"{len(times_us)} images, {min(times_us):.0f} to {max(times_us):.0f} us{again}"
     if result.solution is not None:
         yield from curve_facts(ResponseFile.of_solution(result.solution, result.origin))
         yield "scale", "log2 exposure is 0 at saturation by convention: a sweep does not measure absolute light"

@@ -115,6 +115,12 @@ def usable(tones: Tones, ends: Ends) -> NDArray[np.bool_]:
     return np.asarray(inside & (inside.sum(axis=0) >= 2))
 
 
+def covered_greys(tones: Tones) -> tuple[int, int]:
+    """The first and last grey level that medians which count have shown."""
+    seen = tones.greys[usable(tones, Ends.of(tones))] - tones.middle
+    return int(np.ceil(seen.min() - 0.5)), int(np.floor(seen.max() + 0.5))
+
+
 def radiances(curve: InverseCurve, tones: Tones, within: NDArray[np.bool_]) -> Curve:
     """log2 radiance of each group (stops), shape (groups,), 0 where nothing is known."""
     weights = np.where(within, 1.0 / (tones.errors * curve.slope(tones.greys)) ** 2, 0.0)

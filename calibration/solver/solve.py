@@ -12,7 +12,15 @@ from calibration.response.solution import ResponseSolution
 from calibration.solver.exposure_offset import is_uniform
 from calibration.solver.families import FamilyFit, families, fit_family
 from calibration.solver.free_curve import fit_free
-from calibration.solver.inverse_curve import Ends, InverseCurve, octaves, residuals, residuals_from_others, usable
+from calibration.solver.inverse_curve import (
+    Ends,
+    InverseCurve,
+    covered_greys,
+    octaves,
+    residuals,
+    residuals_from_others,
+    usable,
+)
 from calibration.solver.sweep_fit import SweepFit
 from calibration.solver.tones import Tones, tones_by_exposure
 from calibration.sources.sweep import Sweep
@@ -96,13 +104,12 @@ def _solution(fit: SweepFit) -> ResponseSolution:
     if fit.explained:
         named = zip(family.family.names, family.parameters, strict=True)
         parameters = {"black": round(family.black - tones.middle, 3)} | {name: float(value) for name, value in named}
-    seen = tones.greys[fit.within] - tones.middle
     return ResponseSolution(
         response=ResponseFunction(stops - stops[saturation], black, saturation),
         model=family.family.model if fit.explained else "free",
         parameters=parameters,
         uncertainty_stops=np.interp(octaves(greys, curve.black), curve.octaves, fit.errors_stops()),
-        covered=(int(np.ceil(seen.min() - 0.5)), int(np.floor(seen.max() + 0.5))),
+        covered=covered_greys(tones),
         residual_grey=float(np.sqrt(np.mean(residuals_from_others(curve, tones, fit.within) ** 2))),
         uniform=fit.uniform,
         hidden_light=_hidden_light(family, fit.ends),

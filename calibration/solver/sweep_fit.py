@@ -19,6 +19,9 @@ FOLDS = 8
 STUDENT = (12.71, 4.30, 3.18, 2.78, 2.57, 2.45, 2.36, 2.31)
 """Student's t within which 95 % lie, by degrees of freedom from 1: few exposures hardly know their own errors."""
 
+COUNTED = 0.4
+"""Of the squares of what chance and the kind of curve do, with which the error covers simulated sweeps."""
+
 INTERPOLATED_GREY = 0.004
 """Error of the curve between its nodes, in grey levels."""
 
@@ -64,11 +67,10 @@ class SweepFit:
     def errors_stops(self) -> Curve:
         """Standard errors at the curve's nodes, shape (nodes,).
 
-        Chance and the kind of curve count by half of their squares, with which they cover simulated sweeps. The formal
-        error is that of a free curve, and says nothing of a family's, which bends less.
+        The formal error is that of a free curve, and says nothing of a family's, which bends less.
         """
         chance = self._left_out_stops() ** 2 + (0.0 if self.explained else self.free.errors_stops**2)
-        squares = (chance + self._model_stops() ** 2) / 2.0
+        squares = COUNTED * (chance + self._model_stops() ** 2)
         freedom = len(self.tones.levels) - 2
         if freedom <= len(STUDENT):
             squares = squares * (STUDENT[max(freedom, 1) - 1] / 2.0) ** 2

@@ -89,7 +89,16 @@ def tones_by_shot(sweep: Sweep) -> Tones:
 
 def tones_by_exposure(sweep: Sweep) -> Tones:
     """The groups' medians at every distinct exposure, from the lowest to the highest."""
-    return of_exposures(tones_by_shot(sweep), *exposure_index(sweep))
+    return with_brighter(of_exposures(tones_by_shot(sweep), *exposure_index(sweep)), sweep)
+
+
+def with_brighter(tones: Tones, sweep: Sweep) -> Tones:
+    """The tones of a sweep by exposure, and those of its `brighter` shots, as groups of more radiance."""
+    if not sweep.brighter:
+        return tones
+    brighter = tones_by_exposure(Sweep(sweep.brighter))
+    greys, errors = np.hstack([tones.greys, brighter.greys]), np.hstack([tones.errors, brighter.errors])
+    return replace(tones, greys=greys, errors=errors)
 
 
 def of_exposures(by_shot: Tones, levels: Curve, index: NDArray[np.intp]) -> Tones:

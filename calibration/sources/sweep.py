@@ -36,9 +36,18 @@ class Shot:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sweep:
-    """Shots of a static scene in the order in which they were taken, all of one size, bit depth and gain."""
+    """Shots of a static scene in the order in which they were taken, all of one size and bit depth.
+
+    Attributes
+    ----------
+    shots
+        All of one gain.
+    brighter
+        The same exposure times at a higher gain, which make two brightnesses of one; none if the scene has many.
+    """
 
     shots: tuple[Shot, ...]
+    brighter: tuple[Shot, ...] = ()
 
 
 def mean_of(shots: Sequence[Shot], saturation: int) -> tuple[NDArray[np.float32], float]:

@@ -10,7 +10,7 @@ from typing import Protocol
 import numpy as np
 
 from calibration.sources.sweep import Shot
-from drivers.exposure import ExposureLimits, ExposureSetting
+from drivers.exposure import DB_PER_STOP, ExposureLimits, ExposureSetting
 
 FIRST_TIME_US = 2000.0
 LONGEST_TIME_US = 500_000.0
@@ -22,6 +22,8 @@ MOST_EXPOSURES = 33
 SEARCH_STOPS = 2.0
 NEARLY_ALL_PERCENT = 95
 BLACK_GREY, WHITE_GREY = 6.0, 250.0
+BRIGHTER_STOPS, LEAST_BRIGHTER_STOPS = 1.75, 1.5
+"""How much more gain makes one brightness two; the least that does."""
 STANDSTILL_GREY = 1.0
 """An image that changes by no more over `SEARCH_STOPS` is at its end, wherever the camera's black or white is."""
 KEPT_PIXELS = 400_000
@@ -51,6 +53,20 @@ class SweepPlan:
     def seconds(self, setting: ExposureSetting) -> float:
         """About how long one setting takes (s): its frames, and those under way when it is written."""
         return OVERHEAD_S + (self.frames + 2) * setting.exposure_time_us * 1e-6
+
+    def brighter(self, limits: ExposureLimits) -> SweepPlan | None:
+        """The same exposure times at a higher gain; None if the camera has hardly more.
+
+        Of one brightness, the grey levels lie between those that are seen without it.
+        """
+        first, second = self.settings[:2]
+        step = second.level - first.level
+        stops = max((round(BRIGHTER_STOPS / step - 0.5) + 0.5) * step, LEAST_BRIGHTER_STOPS)
+        more_db = min(stops * DB_PER_STOP, limits.max_gain_db - first.gain_db)
+        if more_db < LEAST_BRIGHTER_STOPS * DB_PER_STOP:
+            return None
+        gain_db = first.gain_db + more_db
+        return replace(self, settings=tuple(replace(setting, gain_db=gain_db) for setting in self.settings))
 
     def run(self, camera: StaticCamera) -> Iterator[tuple[ExposureSetting, list[Shot]]]:
         """Take the sweep, setting by setting.

@@ -52,7 +52,7 @@ class Stated:
 def scored(seed: int, case: SimulatedSweep) -> Stated:
     """Calibrate with a sweep and compare."""
     start_s = time.process_time()
-    result = calibrate("simulated", Origin(), case.sweep)
+    result = calibrate("simulated", Origin(), case.sweep, brighter=lambda: case.brighter)
     seconds = time.process_time() - start_s
     kept = None if result.file is None else result.solution
     stated, true = (None, None) if kept is None else errors_stops(kept, case.true)

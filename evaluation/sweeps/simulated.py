@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 
 from calibration.response import ResponseFunction
 from calibration.sources.sweep import Shot, Sweep
-from drivers.exposure import ExposureSetting
+from calibration.sources.sweep_plan import SweepPlan
+from drivers.exposure import ExposureLimits, ExposureSetting
+from drivers.pixels.layout import Pixels
 from fake_camera.world.lighting import Change, Flicker, LightScript
 
 HEIGHT, WIDTH = 150, 200
@@ -19,6 +21,7 @@ STEPS = 1 << 20
 """Of the table of a curve."""
 CYCLE_S = 0.02
 """Least time from one shot to the next."""
+LIMITS = ExposureLimits(1.0, 1e6, 0.0, 48.0)
 STEP_STOPS = 0.5
 """Between exposures of a sound sweep, as `plan_sweep` takes them."""
 
@@ -49,6 +52,8 @@ class SimulatedSweep:
         Whether exposures were repeated: three frames each, up and down again. Otherwise once each, as files.
     sweep
         The images.
+    brighter
+        The same at a higher gain, if exposures were repeated and the scene is uniform: as the command takes it.
     true
         The response of the camera.
     """
@@ -58,6 +63,7 @@ class SimulatedSweep:
     scene: Scene
     repeated: bool
     sweep: Sweep
+    brighter: tuple[Shot, ...]
     true: ResponseFunction
 
     @property
@@ -76,9 +82,9 @@ class _Camera:
     black: float
     bit_depth: int
 
-    def expose(self, electrons: Values, rng: np.random.Generator) -> NDArray[np.uint8] | NDArray[np.uint16]:
+    def expose(self, electrons: Values, gain: float, rng: np.random.Generator) -> Pixels:
         noise = rng.standard_normal(electrons.shape) * np.sqrt(electrons + self.read_noise_e**2)
-        share = np.minimum(electrons + noise, self.full_well_e) / self.full_well_e + self.black
+        share = np.minimum(gain * (electrons + noise) / self.full_well_e, 1.0) + self.black
         table = np.rint(self.curve * (2**self.bit_depth - 1)).astype(np.uint8 if self.bit_depth == 8 else np.uint16)
         return np.asarray(table[np.clip(share * (STEPS - 1) + 0.5, 0, STEPS - 1).astype(np.intp)])
 
@@ -112,16 +118,28 @@ def simulated(seed: int, kind: Kind | None = None) -> SimulatedSweep:
     full_us = float(rng.uniform(3e3, 3e4))
     times_us = np.round(full_us * np.exp2(_levels(kind, camera, radiance, rng)), 1)
     really_us = _REALLY.get(kind, _as_stated)(times_us, rng)
-    order = np.repeat([*range(len(times_us)), *reversed(range(len(times_us)))], 3) if repeated else range(len(times_us))
-    starts_s = np.concatenate([[0.0], np.cumsum([max(CYCLE_S, times_us[i] * 1e-6 + 0.002) for i in order])])
+    once = np.arange(len(times_us))
+    order = np.repeat([*once, *reversed(once)], 3) if repeated else once
+    gains_db = (0.0, _higher_gain_db(times_us)) if repeated and scene == "uniform" else (0.0,)
+    starts_s = np.cumsum([0.0, *(max(CYCLE_S, times_us[i] * 1e-6 + 0.002) for i in np.tile(order, len(gains_db)))])
     light = _light(kind, float(starts_s[-1]), rng)
     shots = []
-    for index, start_s in zip(order, starts_s, strict=False):
-        factor = light.mean_lux(float(start_s), float(really_us[index]) * 1e-6)
-        image = camera.expose(radiance * (camera.full_well_e * factor * really_us[index] / full_us), rng)
-        setting = ExposureSetting(float(times_us[index]), 0.0)
-        shots.append(Shot(image, camera.bit_depth, setting, float(start_s) if repeated else None))
-    return SimulatedSweep(kind, curve, scene, repeated, Sweep(tuple(shots)), camera.response())
+    for place, start_s in enumerate(map(float, starts_s[:-1])):
+        index, gain_db = order[place % len(order)], gains_db[place // len(order)]
+        factor = light.mean_lux(start_s, float(really_us[index]) * 1e-6)
+        electrons = radiance * (camera.full_well_e * factor * really_us[index] / full_us)
+        setting = ExposureSetting(float(times_us[index]), gain_db)
+        image = camera.expose(electrons, 10.0 ** (gain_db / 20.0), rng)
+        shots.append(Shot(image, camera.bit_depth, setting, start_s if repeated else None))
+    sweep, brighter = Sweep(tuple(shots[: len(order)])), tuple(shots[len(order) :])
+    return SimulatedSweep(kind, curve, scene, repeated, sweep, brighter, camera.response())
+
+
+def _higher_gain_db(times_us: Values) -> float:
+    plan = SweepPlan(tuple(ExposureSetting(float(time_us), 0.0) for time_us in times_us))
+    brighter = plan.brighter(LIMITS)
+    assert brighter is not None
+    return brighter.settings[0].gain_db
 
 
 # Curves, from 0 at 0 to 1 at 1

@@ -134,11 +134,12 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @contextlib.contextmanager
-def bright_camera(tmp_path: Path, response: str) -> Iterator[FakeCamera]:
+def bright_camera(tmp_path: Path, response: str, scene: str = "room", lux: int = 6000) -> Iterator[FakeCamera]:
     """On a tripod under light so bright that all exposures are short, and the sweep is."""
     light = tmp_path / "light.yaml"
-    light.write_text("light: [{at_s: 0, lux: 6000}]")
-    with fake_camera(options=["--still", "--light", str(light), "--response", response]) as camera:
+    light.write_text(f"light: [{{at_s: 0, lux: {lux}}}]")
+    options = ["--still", "--light", str(light), "--response", response, "--scene", scene]
+    with fake_camera(options=options) as camera:
         yield camera
 
 
@@ -167,6 +168,21 @@ def test_a_camera_is_swept_checked_and_predicted_as_it_really_is(tmp_path: Path)
     difference = (tables - true)[open_ends]
     assert np.sqrt(np.mean(difference**2)) < 1.0
     assert np.percentile(np.abs(difference), 99) <= 2.0
+
+
+@pytest.mark.wire
+@pytest.mark.usefixtures("quick")
+def test_a_wall_is_swept_at_two_gains(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("calibration.sources.sweep_plan.STEP_STOPS", 0.8)  # a wall shows too little in full stops
+    file = tmp_path / "left.response.yaml"
+    with bright_camera(tmp_path, "gamma", "wall", 1000) as camera:
+        code, output = calibrate("response", "--camera", camera.serial, "-o", str(file))
+    assert code == 0, output
+    assert "the scene has one brightness only: again at 1" in output
+    assert ", and as many at 1" in output
+    loaded = ResponseFile.load(file)
+    assert (loaded.model, loaded.origin.gain_db) == ("gamma", 0.0)
+    assert loaded.parameters["gamma"] == pytest.approx(1 / 2.2, rel=0.01)
 
 
 @pytest.mark.wire

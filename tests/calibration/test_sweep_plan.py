@@ -6,7 +6,7 @@ import pytest
 from calibration.sources.sweep import Shot
 from calibration.sources.sweep_plan import KEPT_PIXELS, LONGEST_TIME_US, SweepPlan, exposure_span_us, plan_sweep
 from drivers.exposure import ExposureLimits, ExposureSetting
-from tests.calibration.made_up_camera import Curve, MadeUpCamera, gamma, linear
+from tests.calibration.made_up_camera import LIMITS, Curve, MadeUpCamera, gamma, linear
 
 
 @pytest.mark.parametrize("curve", [linear, gamma])
@@ -37,6 +37,27 @@ def test_exposures_are_taken_up_and_down_again_at_one_gain() -> None:
     assert (np.diff(np.log2(half)) < 0.51).all()
     assert (np.diff(half) > 0).all()
     assert {setting.gain_db for setting in plan.settings} == {3.0}
+
+
+@pytest.mark.parametrize(("max_gain_db", "known"), [(30.0, True), (13.0, True), (11.0, False), (3.0, False)])
+def test_a_brighter_sweep_has_the_same_times_at_about_four_times_the_gain(max_gain_db: float, known: bool) -> None:
+    limits = ExposureLimits(10.0, 1e6, 0.0, max_gain_db)
+    plan = plan_sweep(MadeUpCamera(limits=limits), 3.0)
+    brighter = plan.brighter(limits)
+    assert (brighter is not None) == known
+    if brighter is not None:
+        (gain_db,) = {setting.gain_db for setting in brighter.settings}
+        assert 9.0 <= gain_db - 3.0 <= 15.0
+        assert gain_db <= max_gain_db
+        assert [s.exposure_time_us for s in brighter.settings] == [s.exposure_time_us for s in plan.settings]
+
+
+def test_grey_levels_of_a_brighter_sweep_lie_between_the_others() -> None:
+    plan = plan_sweep(MadeUpCamera(), 0.0)
+    brighter = plan.brighter(LIMITS)
+    assert brighter is not None
+    levels = np.unique([setting.level for setting in plan.settings])
+    assert np.interp(brighter.settings[0].level, levels, np.arange(len(levels))) % 1.0 == pytest.approx(0.5, abs=0.01)
 
 
 def test_large_images_are_thinned() -> None:
