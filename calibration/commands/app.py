@@ -20,6 +20,7 @@ from calibration.commands.measure_latency import latency
 from calibration.commands.measure_noise import noise
 from calibration.commands.measure_vignetting import vignette
 from calibration.commands.measure_white import white
+from calibration.commands.place import check_report
 from calibration.commands.rig import CameraMode, places_of, rig_of_config
 from calibration.commands.tum import tum_table
 from calibration.findings import Finding
@@ -64,8 +65,12 @@ def response(
         places = places_of(rig, output, "response")
         jobs = {path: partial(measure_camera, mode, gain_db, console) for path, mode in places.items()}
     previous = {path: _previous(path) for path in jobs}
-    results = {path: measure().keeping(previous[path]) for path, measure in jobs.items()}
-    _keep(results, console)
+    results: dict[Path, Result] = {}
+    try:
+        for path, measure in jobs.items():
+            results[path] = measure().keeping(previous[path])
+    finally:  # what one camera has been swept for is kept, whatever becomes of the other
+        _keep(results, console)
     if any(result.verdict == "refused" for result in results.values()):
         raise typer.Exit(1)
 
@@ -108,7 +113,10 @@ def export(
         typer.echo(text, nl=False)
         return
     try:
-        output.write_text(text, encoding="utf-8")
+        with output.open("x", encoding="utf-8") as new:
+            new.write(text)
+    except FileExistsError:
+        raise ConfigurationError(f"{output}: already exists: name a new file") from None
     except OSError as error:
         raise ConfigurationError(f"{output}: cannot be written ({error.strerror}): choose another place") from error
 
@@ -128,6 +136,7 @@ def _previous(path: Path) -> ResponseFile | None:
         raise ConfigurationError(f"{path}: the report needs this name: name the response file .yaml")
     if path.is_dir() or not path.parent.is_dir() or not os.access(path.parent, os.W_OK):
         raise ConfigurationError(f"{path}: cannot be written: name a file in an existing folder that you may write to")
+    check_report(path, "Response of ", ".png")
     if not path.exists():
         return None
     try:

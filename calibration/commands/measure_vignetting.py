@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from calibration.commands.measure import tool
-from calibration.commands.place import check_place
+from calibration.commands.place import check_place, check_report
 from calibration.commands.rig import CameraMode, places_of, rig_of_config
 from calibration.document import CameraIdentity
 from calibration.report import check_extra
@@ -67,6 +67,7 @@ def _check_place(path: Path) -> None:
     if path.suffix == ".html":
         raise ConfigurationError(f"{path}: the report needs this name: name the vignetting file .yaml")
     check_place(path, VignettingFile.load, "vignetting file")
+    check_report(path, "Vignetting of ")
 
 
 def _response(path: Path | None, serial: str | None) -> ResponseFunction:

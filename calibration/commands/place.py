@@ -24,3 +24,17 @@ def check_place(path: Path, load: Callable[[Path], object], kind: str) -> None:
             load(path)
         except ConfigurationError as error:
             raise ConfigurationError(f"{error}; it is not a {kind} to replace: choose another name") from None
+
+
+def check_report(path: Path, title: str, *suffixes: str) -> None:
+    """Refuse to replace what is not a former report, whose title begins so, by the report of `path`."""
+    page = path.with_suffix(".html")
+    try:
+        former = f"<title>{title}" in page.read_text(encoding="utf-8", errors="replace")[:1000]
+    except OSError:
+        former = False
+    for report in (page, *(path.with_suffix(suffix) for suffix in suffixes)):
+        if report.exists() and not former:
+            raise ConfigurationError(
+                f"{report}: is not a former report, and the report of {path} would replace it: choose another name"
+            )

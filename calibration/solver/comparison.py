@@ -24,7 +24,7 @@ class Comparison:
     worst_delta: float
 
     def __str__(self) -> str:
-        alike = "one file would do for both" if self.rms_grey <= SAME_GREY else "each needs its own file"
+        alike = "they respond alike" if self.rms_grey <= SAME_GREY else "each needs its own file"
         return (
             f"left and right predict grey levels that differ by {self.rms_grey:.2f} rms, "
             f"{self.worst_grey:.1f} at worst (at {self.worst_delta:+g} stops): {alike}"

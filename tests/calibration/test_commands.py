@@ -9,18 +9,22 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from rich.console import Console
 from typer.testing import CliRunner
 
 from calibration.commands.app import calibrate_app
+from calibration.commands.rig import CameraMode
 from calibration.document import CameraIdentity
 from calibration.response import ResponseFunction
 from calibration.response.file import Origin, ResponseFile
 from calibration.response.prediction import prediction_tables
+from calibration.result import Result
+from calibration.result import calibrate as solved
 from calibration.sources.sweep_plan import SweepPlan
-from drivers.errors import AutoexposeError
+from drivers.errors import AutoexposeError, CameraError
 from drivers.exposure import ExposureSetting
 from drivers.pixels.formats import PixelFormat
-from tests.calibration.made_up_camera import MadeUpCamera
+from tests.calibration.made_up_camera import MadeUpCamera, sweep
 from tests.calibration.true_response import true_response
 from tests.fakes import FakeCamera, fake_camera
 
@@ -69,6 +73,35 @@ def test_a_refused_sweep_leaves_a_report_and_no_file(tmp_path: Path) -> None:
     assert "Refused" in file.with_suffix(".html").read_text(encoding="utf-8")
 
 
+def test_the_first_camera_of_a_rig_is_kept_if_the_second_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def measured(mode: CameraMode, gain_db: float, console: Console) -> Result:
+        if mode.serial == "B":
+            raise CameraError("no camera with serial B")
+        origin = Origin(CameraIdentity("Maker", "Model 7", mode.serial))
+        return solved(mode.serial, origin, sweep(MadeUpCamera(), [100.0 * 2**n for n in range(11)]))
+
+    monkeypatch.setattr("calibration.commands.app.measure_camera", measured)
+    code, output = calibrate("response", "--camera", "A", "--camera", "B", "-o", str(tmp_path))
+    assert (code, output) == (1, "autoexpose: no camera with serial B")
+    assert ResponseFile.load(tmp_path / "left.response.yaml").model == "gamma"
+    assert not (tmp_path / "right.response.yaml").exists()
+
+
+@pytest.mark.parametrize("name", ["mask.png", "mask.html"])
+def test_only_a_former_report_is_replaced(tmp_path: Path, name: str) -> None:
+    images = write_images(tmp_path / "shots", MadeUpCamera(), [100.0 * 2**n for n in range(11)])
+    foreign, file = tmp_path / name, tmp_path / "mask.yaml"
+    foreign.write_text("precious")
+    code, output = calibrate("response", "--images", str(images), "-o", str(file))
+    assert code == 1
+    assert f"{foreign}: is not a former report" in output
+    assert foreign.read_text() == "precious"
+    foreign.unlink()
+    for _ in range(2):
+        code, output = calibrate("response", "--images", str(images), "-o", str(file))
+        assert code == 0, output
+
+
 def test_check_tells_what_a_file_is(tmp_path: Path) -> None:
     file = tmp_path / "r.yaml"
     identity = CameraIdentity("Maker", "Model 7", "0012")
@@ -90,6 +123,11 @@ def test_export_writes_tums_table(tmp_path: Path) -> None:
     assert len(output.split()) == 256
     assert calibrate("export", str(file), "--format", "tum", "-o", str(table))[0] == 0
     assert table.read_text(encoding="utf-8") == output
+    for existing in (table, file):
+        content = existing.read_bytes()
+        code, output = calibrate("export", str(file), "--format", "tum", "-o", str(existing))
+        assert (code, output) == (1, f"autoexpose: {existing}: already exists: name a new file")
+        assert existing.read_bytes() == content
 
 
 @pytest.mark.parametrize(
