@@ -14,7 +14,7 @@ from drivers.python310 import Self
 
 def _refuse_number(serial: object) -> object:
     if isinstance(serial, int | float):  # as a number it may have lost leading zeros already
-        raise ValueError(f'{serial} is a number: put the serial in quotes, "{serial}"')
+        raise ValueError("is a number to YAML: put the serial in quotes, as `autoexpose list` shows it")
     return serial
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 from pydantic import ValidationError
@@ -14,6 +15,9 @@ from drivers.config.readable import readable
 from drivers.config.strict_yaml import load_mapping
 from drivers.errors import ConfigurationError
 
+_OPTIONAL = ("publish", "cameras.right", "control.bracket", "motion.imu")
+"""Sections without which nothing is published, and so on."""
+
 
 def load_config(path: Path) -> Config:
     """Read and check a configuration file, with the calibration and mask files it names.
@@ -24,6 +28,7 @@ def load_config(path: Path) -> Config:
         One sentence for each thing that is wrong, with file and key.
     """
     content = load_mapping(path, "begin with `cameras:`; see docs/configuration.md")
+    _refuse_empty(path, content)
     try:
         config = Config.model_validate(content)
     except ValidationError as error:
@@ -37,6 +42,18 @@ def load_config(path: Path) -> Config:
         raise ConfigurationError(f"{path}: {error}") from error
     refuse_driven_features(path, config)
     return config
+
+
+def _refuse_empty(path: Path, content: Mapping[str, object]) -> None:
+    """Refuse an optional section whose keys are all commented out: it would mean that there is none."""
+    for name in _OPTIONAL:
+        section: object = content
+        for key in name.split("."):
+            section = section.get(key, {}) if isinstance(section, Mapping) else {}
+        if section is None:
+            raise ConfigurationError(
+                f"{path}: {name}: is empty: give keys below it, {{}} for all defaults, or remove it"
+            )
 
 
 def _with_absolute_paths(config: Config, folder: Path) -> Config:

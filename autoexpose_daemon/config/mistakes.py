@@ -22,6 +22,8 @@ def _complaint(error: ErrorDetails, model: type[BaseModel]) -> str:
         near = difflib.get_close_matches(last, known, n=1)
         hint = f"did you mean {'.'.join([*parents, near[0]])}?" if near else f"known: {', '.join(known)}"
         return f"{key}: unknown key; {hint}"
+    if error["type"] == "model_type" and key:
+        return f"{key}: is {'empty' if error['input'] is None else 'no section'}: give keys below it, or remove it"
     if error["type"] == "missing":
         return f"{key}: is missing"
     message = error["msg"].removeprefix("Value error, ")

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import signal
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 import typer
@@ -21,6 +23,7 @@ from drivers.genicam.driven import advice
 from drivers.genicam.inventory import changed_from_default, differing, read_inventory
 from drivers.genicam.nodes import NodeMap
 
+_STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _NO_CONFIGURATION = CameraSetup(TriggerSetup("external"))
 
 
@@ -34,7 +37,8 @@ def show_features(serial: str, changed: bool, save: Path | None) -> None:
         settings, lost = list(inventory.settings), list[FeatureSetting]()
         if changed:
             try:
-                settings, lost = changed_from_default(nodes, settings)
+                with _undisturbed():
+                    settings, lost = changed_from_default(nodes, settings)
             except CameraLostError as error:
                 raise CameraLostError(f"{error}; it may be left with its default user set") from error
         free = _free(nodes, settings)
@@ -107,3 +111,17 @@ def _value(value: object) -> str:
 def _tell(what: str, names: Sequence[str]) -> None:
     if names:
         typer.echo(readable(f"{what}: {', '.join(dict.fromkeys(names))}"), err=True)
+
+
+@contextmanager
+def _undisturbed() -> Iterator[None]:
+    """Ctrl-C, SIGTERM and a closed terminal wait: the camera must not be left with its default user set."""
+    came: list[int] = []
+    former = {one: signal.signal(one, lambda number, _: came.append(number)) for one in _STOPPING}
+    try:
+        yield
+    finally:
+        for one, handler in former.items():
+            signal.signal(one, handler)
+        if came:
+            signal.raise_signal(came[0])

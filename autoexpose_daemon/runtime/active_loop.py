@@ -8,16 +8,17 @@ from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.light_ahead import LightAhead
 from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.override import NO_OVERRIDE, Override
-from autoexpose_daemon.control.picture.region import Region
 from autoexpose_daemon.control.picture.steering import Steering
 from autoexpose_daemon.runtime.tuning import Tuning
 from drivers.camera import CameraDescription
 from drivers.exposure import ExposureLimits
 from drivers.frames import Side, StereoPair
-from drivers.pixels.layout import plane_shape
 from drivers.rig.events import CameraReady
 
 log = logging.getLogger(__name__)
+
+_ROUNDING_STOPS = 0.05
+"""Brackets that are clipped by less are not worth a word."""
 
 
 class ActiveLoop:
@@ -63,9 +64,8 @@ class ActiveLoop:
         """The loop of another tuning, for `use`; ConfigurationError if it does not fit cameras or frames."""
         tuning.check_belongs(self._cameras)
         loop = tuning.loop(tuning.limits(self._limits.values()))
-        for side, region in tuning.regions.items():
-            if side in self._cameras:
-                _check_fits(region, self._cameras[side])
+        for side, camera in self._cameras.items():
+            tuning.check_region(side, camera)
         if self._newest is not None:
             loop.step(self._newest)
         return loop
@@ -100,16 +100,16 @@ class ActiveLoop:
             "exposure within %g to %g us, %g to %g dB",
             limits.min_time_us, limits.max_time_us, limits.min_gain_db, limits.max_gain_db,
         )  # fmt: skip
+        bracketing = self.tuning.config.control.bracket
+        room = limits.brightest.level - limits.darkest.level
+        if bracketing is not None and bracketing.range_stops > room + _ROUNDING_STOPS:
+            log.warning(
+                "brackets of %.1f stops do not fit into the %.1f stops of these limits, and their outer shots are "
+                "clipped: widen `exposure`, or narrow the brackets", bracketing.range_stops, room,
+            )  # fmt: skip
         if loop.shortfall:
             log.warning("policy %s: %s", self.tuning.config.control.policy, loop.shortfall)
         self.loop = loop
-
-
-def _check_fits(region: Region, camera: CameraDescription) -> None:
-    """Raise ConfigurationError for a region that does not fit what a camera sends."""
-    if camera.size is not None and camera.pixel_format is not None:
-        width, height = camera.size
-        region.weights((height, width), plane_shape((height, width), camera.pixel_format.layout))
 
 
 def _flicker_in_words(flicker_hz: float | None) -> str:

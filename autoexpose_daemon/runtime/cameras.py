@@ -7,6 +7,7 @@ from functools import partial
 
 from autoexpose_daemon.config.camera_setup import camera_setup
 from autoexpose_daemon.config.document import Config
+from autoexpose_daemon.runtime.tuning import Tuning
 from drivers.aravis import open_camera
 from drivers.camera import Camera
 from drivers.config.setup import CameraSetup
@@ -20,10 +21,16 @@ def openers(config: Config) -> dict[Side, Callable[[], Camera]]:
 
 
 def refusals(config: Config) -> Iterator[tuple[Side, AutoexposeError | None]]:
-    """Why each side's camera cannot be opened and set up as configured, or None if it can; it is closed again."""
+    """Why each side's camera cannot be opened, set up and exposed as configured, or None; it is closed again."""
+    tuning = Tuning(config)
     for side, opener in openers(config).items():
         try:
-            opener().close()
+            camera = opener()
+            try:
+                tuning.limits([camera.limits])
+                tuning.check_region(side, camera.description)
+            finally:
+                camera.close()
         except AutoexposeError as error:
             yield side, error
         else:

@@ -18,6 +18,7 @@ from drivers.camera import CameraDescription
 from drivers.errors import ConfigurationError
 from drivers.exposure import ExposureLimits
 from drivers.frames import SIDES, Side
+from drivers.pixels.layout import plane_shape
 from drivers.python310 import Self
 
 
@@ -89,8 +90,21 @@ class Tuning:
         """The bounds, cut to those of the cameras; raises ConfigurationError if nothing is left."""
         limits = self.config.exposure.limits()
         for own in cameras:
-            limits = limits.within(own)
+            try:
+                limits = limits.within(own)
+            except ConfigurationError as error:
+                raise ConfigurationError(
+                    f"exposure: {error}; the camera takes {own.min_time_us:g} to {own.max_time_us:g} us, "
+                    f"{own.min_gain_db:g} to {own.max_gain_db:g} dB"
+                ) from error
         return limits
+
+    def check_region(self, side: Side, camera: CameraDescription) -> None:
+        """Refuse a region that does not fit what a camera sends; raises ConfigurationError."""
+        region = self.regions.get(side)
+        if region is not None and camera.size is not None and camera.pixel_format is not None:
+            width, height = camera.size
+            region.weights((height, width), plane_shape((height, width), camera.pixel_format.layout))
 
     def loop(self, limits: ExposureLimits) -> ControlLoop:
         """A new control loop."""

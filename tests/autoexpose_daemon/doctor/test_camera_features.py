@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator
+import signal
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import pytest
 import yaml
 
+from drivers.config.feature import FeatureSetting
+from drivers.genicam.inventory import differing
+from drivers.genicam.nodes import NodeMap
 from tests.autoexpose_daemon.test_cli import Within, autoexpose
 from tests.fakes import FakeCamera, fake_camera
 
@@ -59,6 +63,47 @@ def test_what_is_saved_can_be_used_and_compared(within: Within, tmp_path: Path, 
     code, _, complaint = within("features", camera.serial, "--save", str(saved))
     assert (code, complaint.count("\n")) == (1, 1)
     assert "cannot be written (File exists): name a new file" in complaint
+
+
+def test_ctrl_c_while_the_default_user_set_is_loaded_waits_until_the_camera_is_as_before(
+    within: Within, tmp_path: Path, camera: FakeCamera, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = rig(tmp_path, camera, FEATURES)
+    assert within("config", "check", "--camera", str(file))[0] == 0
+    compared = []
+
+    def interrupted(nodes: NodeMap, settings: Sequence[FeatureSetting]) -> Iterator[tuple[FeatureSetting, object]]:
+        if not compared:
+            signal.raise_signal(signal.SIGINT)
+        compared.append(settings)
+        return differing(nodes, settings)
+
+    monkeypatch.setattr("drivers.genicam.inventory.differing", interrupted)
+    code, output, _ = within("features", camera.serial, "--changed")
+    assert (code, output) == (128 + signal.SIGINT, "")
+    assert compared
+    assert within("features", camera.serial, "--diff", str(file))[0] == 0
+
+
+@pytest.mark.parametrize(
+    ("section", "words"),
+    [
+        (
+            "exposure: {min_gain_db: 60, max_gain_db: 100}",
+            "exposure: gain limits 60 to 47 dB leave no gain to choose; the",
+        ),
+        ("control: {roi: {left: {rectangles: [{box: [5000, 5000, 10, 10]}]}}}", "frames are 720x540"),
+    ],
+)
+def test_what_leaves_nothing_of_what_the_camera_does_is_refused_beforehand(
+    within: Within, tmp_path: Path, camera: FakeCamera, section: str, words: str
+) -> None:
+    file = tmp_path / "rig.yaml"
+    file.write_text(f"cameras: {{left: {{serial: {camera.serial}, features: [OffsetX: 0, Width: 720]}}}}\n{section}")
+    assert within("config", "check", str(file))[0] == 0
+    code, _, complaint = within("config", "check", "--camera", str(file))
+    assert (code, complaint.count("\n")) == (1, 1)
+    assert words in complaint
 
 
 def test_what_the_camera_does_not_take_is_refused_beforehand(

@@ -9,8 +9,10 @@ import pytest
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.runtime.active_loop import ActiveLoop
+from drivers.camera import CameraDescription
 from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import StereoPair
+from drivers.rig.events import CameraReady
 from tests.autoexpose_daemon.virtual import SteadyLoop, tuning
 
 
@@ -35,4 +37,19 @@ def test_the_log_says_once_that_the_light_flickers_or_no_longer_does(caplog: pyt
     assert caplog.messages == [
         "the light flickers at 100 Hz: exposure times of whole periods, where they fit",
         "the light no longer flickers: any exposure time",
+    ]
+
+
+@pytest.mark.parametrize(("range_stops", "told"), [(6.0, True), (3.0, False)])
+def test_brackets_that_do_not_fit_into_the_limits_are_told(
+    range_stops: float, told: bool, caplog: pytest.LogCaptureFixture
+) -> None:
+    sections = {"start": {"exposure_time_us": 2000}, "bracket": {"exposures": 3, "range_stops": range_stops}}
+    active = ActiveLoop(tuning(2000.0, control=sections))
+    camera = CameraDescription("Maker", "Model 7", "A")
+    active.ready(CameraReady("left", camera, ExposureLimits(1000.0, 2000.0, 0.0, 12.0)))
+    warned = [record.getMessage() for record in caplog.records if record.levelname == "WARNING"]
+    assert warned == told * [
+        "brackets of 6.0 stops do not fit into the 3.0 stops of these limits, and their outer shots are clipped: widen "
+        "`exposure`, or narrow the brackets"
     ]
