@@ -54,8 +54,6 @@ class RecordingFile:
         Must not exist.
     rig
         Name of the rig: topics are named like the keys of published frames.
-    stamp
-        The moment of the left frame's exposure that messages carry.
 
     Raises
     ------
@@ -68,9 +66,9 @@ class RecordingFile:
         Steps that can be read back whatever happens next: those in the chunks already written.
     """
 
-    def __init__(self, path: Path, rig: str, stamp: Stamp = "middle") -> None:
+    def __init__(self, path: Path, rig: str) -> None:
         self._path = path
-        self._rig, self._stamp = rig, stamp
+        self._rig = rig
         self._offset_ns = realtime_offset_ns()  # for the whole file: its times must not run backwards
         self._time_ns = 0
         self._setup: ControlSetup | None = None
@@ -89,8 +87,11 @@ class RecordingFile:
         self._writer.start(profile="ros2", library=f"autoexpose-daemon {version('autoexpose-daemon')}")
         self._writer.add_metadata(rosbag2.METADATA, rosbag2.EARLY_YAML)
 
-    def write(self, step: Step, setup: ControlSetup, state: Plain) -> None:
-        """Append a step, with the setup of the loop that made it, and the loop's state after it unless None."""
+    def write(self, step: Step, setup: ControlSetup, state: Plain, stamp: Stamp = "middle") -> None:
+        """Append a step, with the setup of the loop that made it, and the loop's state after it unless None.
+
+        `stamp` is the moment of the left frame's exposure that its messages carry.
+        """
         try:
             space = os.fstatvfs(self._stream.fileno())
             if space.f_bavail * space.f_frsize < RESERVE_BYTES:
@@ -111,7 +112,7 @@ class RecordingFile:
                 self._say(OVERRIDE, {"override": plain(step.override)})
             if step.steering is not None:
                 self._say(STEERING, {"steering": plain(step.steering)})
-            messages = MessageWriter(self._rig, step.cameras, self._stamp)
+            messages = MessageWriter(self._rig, step.cameras, stamp)
             made = messages.messages(
                 step.pair, step.decision, step.sequence, self._offset_ns, calibrations=step.calibrations
             )

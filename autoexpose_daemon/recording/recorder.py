@@ -20,6 +20,7 @@ from autoexpose_daemon.config.publish import PublishConfig
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.loop import ControlLoop, ControlSetup
 from autoexpose_daemon.control.snapshot import Plain
+from autoexpose_daemon.messages.stamp import Stamp
 from autoexpose_daemon.recording.file import RecordingFile
 from autoexpose_daemon.recording.step import RecordingError, Step
 from calibration.geometry.model import CameraGeometry
@@ -42,12 +43,13 @@ _SAID_S = 10.0  # a disk that is a little too slow drops a step here and there
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Entry:
-    """A step, the setup of the loop that made it, the loop's state after it if one is due, and when it was taken."""
+    """A step, how its messages are stamped, the setup of its loop, the state after it if due, and when it was taken."""
 
     step: Step
     setup: ControlSetup
     state: Plain
     taken_ns: int
+    stamp: Stamp
 
 
 class Recorder(ABC):
@@ -65,20 +67,27 @@ class Recorder(ABC):
         Whether something that should be recorded is not: for the exit code.
     """
 
-    def __init__(self, rate_hz: float, room_s: float) -> None:
+    def __init__(self, rate_hz: float, room_s: float, frames: PublishConfig) -> None:
         self.steps = 0
         self.dropped = 0
         self.failure: str | None = None
         self.incomplete = False
         self._ended = False
-        self._steps_per_snapshot = math.ceil(SNAPSHOT_S * rate_hz)
-        self._room = math.ceil(room_s * rate_hz)
+        self._room_s = room_s
+        self._room = 0
+        self.follow(rate_hz, frames)
         self._queue: queue.SimpleQueue[Entry | None] = queue.SimpleQueue()  # its `put` never waits; None: the end
         self._dropped_said = 0
         self._throttle = LogThrottle(_SAID_S)
         self._setup: ControlSetup | None = None
         self._snapshot_step = 0
         self._thread = threading.Thread(target=self._run, name="recorder")
+
+    def follow(self, rate_hz: float, frames: PublishConfig) -> None:
+        """Steps come at this rate from now on, of frames stamped like this; while no control thread runs."""
+        self._steps_per_snapshot = math.ceil(SNAPSHOT_S * rate_hz)
+        self._room = max(self._room, math.ceil(self._room_s * rate_hz))  # what is kept was taken at the rate before
+        self._frames = frames
 
     def __enter__(self) -> Self:
         self._thread.start()
@@ -118,7 +127,7 @@ class Recorder(ABC):
             self._setup, self._snapshot_step, state = loop.setup, self.steps, loop.state()
         given = loop.angular_rate_rad_s, loop.light_ahead, loop.override
         step = Step(self.steps, cameras, pair, decision, *given, requests, loop.steering, calibrations or {})
-        self._queue.put(Entry(step, loop.setup, state, now_ns))
+        self._queue.put(Entry(step, loop.setup, state, now_ns, self._frames.stamp))
 
     @abstractmethod
     def save(self) -> None:
@@ -153,9 +162,9 @@ class ContinuousRecorder(Recorder):
     """
 
     def __init__(self, file: Path, rate_hz: float, frames: PublishConfig) -> None:
-        super().__init__(rate_hz, QUEUE_S)
+        super().__init__(rate_hz, QUEUE_S, frames)
         self._path = file
-        self._file = RecordingFile(file, frames.rig, frames.stamp)
+        self._file = RecordingFile(file, frames.rig)
 
     def save(self) -> None:
         """Nothing: everything is written anyway."""
@@ -172,7 +181,7 @@ class ContinuousRecorder(Recorder):
     def _run(self) -> None:
         try:
             while (entry := self._queue.get()) is not None:
-                self._file.write(entry.step, entry.setup, entry.state)
+                self._file.write(entry.step, entry.setup, entry.state, entry.stamp)
         except RecordingError as error:
             self._end(error)
         try:
@@ -210,12 +219,11 @@ class LastSecondsRecorder(Recorder):
     """
 
     def __init__(self, file: Path, rate_hz: float, frames: PublishConfig, last_s: float) -> None:
-        super().__init__(rate_hz, last_s + SNAPSHOT_S)
-        self._ring: deque[Entry] = deque(maxlen=self._room + 1)
+        super().__init__(rate_hz, last_s + SNAPSHOT_S, frames)
+        self._ring: deque[Entry] = deque()
         if not os.access(file.absolute().parent, os.W_OK):
             raise RecordingError(f"{file}: cannot be written; name a file in an existing folder")
         self._path = file
-        self._frames = frames
         self._last_s = last_s
         self._save_asked = False
         self._written: list[str] = []
@@ -237,6 +245,8 @@ class LastSecondsRecorder(Recorder):
                 closing = entry is None
                 if entry is not None:
                     self._ring.append(entry)
+                    while len(self._ring) > self._room + 1:
+                        self._ring.popleft()
             # Steps that came while the file before was written are among the last seconds, too.
             if closing or (self._save_asked and self._queue.empty()):
                 self._save_asked = False
@@ -247,14 +257,14 @@ class LastSecondsRecorder(Recorder):
             return
         try:
             path = self._free_path()
-            file = RecordingFile(path, self._frames.rig, self._frames.stamp)
+            file = RecordingFile(path, self._frames.rig)
         except RecordingError as error:
             self._fell_short("nothing is saved", error)
             return
         self.failure = None
         try:
             for entry in entries:
-                file.write(entry.step, entry.setup, entry.state)
+                file.write(entry.step, entry.setup, entry.state, entry.stamp)
         except RecordingError as error:
             self._fell_short("not all is saved", error)
         try:

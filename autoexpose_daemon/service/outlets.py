@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.config.motion import ImuConfig
+from autoexpose_daemon.config.publish import PublishConfig
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.messages.keys import response_key, status_key
 from autoexpose_daemon.messages.response import response_to_json
@@ -51,6 +52,7 @@ def add_outlets(daemon: Daemon, config: Config, recorder: Recorder | None = None
         _add_imu(daemon, config.motion.imu)
     daemon.telemetry.recorder = recorder
     if recorder is not None:
+        recorder.follow(config.trigger.rate_hz, config.publish or PublishConfig())
         daemon.outlets.append(RecorderTap(recorder, daemon, len(config.sides)))
     if config.publish is None:
         return daemon

@@ -27,7 +27,7 @@ from autoexpose_daemon.config.publish import PublishConfig
 from autoexpose_daemon.control.light_ahead import LightAhead
 from autoexpose_daemon.control.picture.steering import Steering
 from autoexpose_daemon.control.picture.tracked_cells import CELLS
-from autoexpose_daemon.messages.types import CAMERA_INFO, TYPESTORE
+from autoexpose_daemon.messages.types import CAMERA_INFO, EXPOSURE_INFO, TYPESTORE
 from autoexpose_daemon.recording.file import METADATA, RESERVE_BYTES, RecordingFile
 from autoexpose_daemon.recording.read import Recording
 from autoexpose_daemon.recording.recorder import ContinuousRecorder, LastSecondsRecorder, new_recorder
@@ -424,3 +424,26 @@ def test_deep_pixels_of_former_recordings_are_in_the_low_bits(tmp_path: Path, mo
     old = record(tmp_path / "old.mcap", VirtualRun(bits=12), 4)
     pairs = zip(frames_of(new), frames_of(old), strict=True)
     assert all(np.array_equal(one.pixels, other.pixels) for one, other in pairs)
+
+
+def test_last_seconds_are_as_many_when_the_rate_rises(tmp_path: Path) -> None:
+    with LastSecondsRecorder(tmp_path / "a.mcap", 2, PublishConfig(), 10) as recorder:
+        recorder.follow(20, PublishConfig())
+        VirtualRun().feed(recorder, 100)
+    assert recorder.summary.endswith("a-1.mcap (100 steps)")
+
+
+def test_a_changed_stamp_is_recorded_from_then_on(tmp_path: Path) -> None:
+    """As after a reload; the moment counts from the start of the exposure."""
+    path, run = tmp_path / "a.mcap", VirtualRun()
+    with ContinuousRecorder(path, 60, PublishConfig(rig="scout")) as recorder:
+        run.feed(recorder, 4)
+        recorder.follow(60, PublishConfig(rig="scout", stamp="start"))
+        run.feed(recorder, 4)
+    with path.open("rb") as stream:
+        messages = make_reader(stream).iter_messages(topics=["/autoexpose/scout/left/exposure"])
+        infos = [TYPESTORE.deserialize_cdr(message.data, EXPOSURE_INFO) for _, _, message in messages]
+    stamps = np.array([info.header.stamp.sec * 10**9 + info.header.stamp.nanosec - info.host_time_ns for info in infos])
+    halves = np.array([500.0 * info.exposure_time_us for info in infos])
+    assert len(stamps) == 8
+    assert (np.abs(stamps - stamps[-1] - np.where(np.arange(8) < 4, halves, 0.0)) <= 1.0).all()
