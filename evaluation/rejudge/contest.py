@@ -145,10 +145,11 @@ def _worse(one: Figures, best: Figures) -> bool:
     return bool(apart.mean() > SURE * apart.std(ddof=1) / math.sqrt(len(apart)))
 
 
-def section(policy: str, limits: ExposureLimits) -> str:
-    """What to put into the configuration, YAML."""
+def section(policy: str, limits: ExposureLimits, start: ExposureSetting) -> str:
+    """What to put into the configuration, YAML: with the start, at which `fixed` stays."""
     return (
         f"control:\n  policy: {policy}\n"
+        f"  start: {{exposure_time_us: {start.exposure_time_us:g}, gain_db: {start.gain_db:g}}}\n"
         f"exposure:\n  min_time_us: {limits.min_time_us:g}\n  max_time_us: {limits.max_time_us:g}\n"
         f"  min_gain_db: {limits.min_gain_db:g}\n  max_gain_db: {limits.max_gain_db:g}\n"
     )
@@ -168,8 +169,8 @@ def _judge(drive: Drive, odometry: str, folder: Path, name: str) -> Judge:
     return Judge(rectifier, following.begin(name))
 
 
-def document(figures: Sequence[Figures], limits: ExposureLimits) -> dict[str, Any]:
+def document(figures: Sequence[Figures], limits: ExposureLimits, start: ExposureSetting) -> dict[str, Any]:
     """What is written as JSON."""
     best = recommended(figures)
     rows = [{name: getattr(one, name) for name in Figures.__dataclass_fields__} for one in figures]
-    return {"policies": rows, "recommended": best, "section": section(best, limits)}
+    return {"policies": rows, "recommended": best, "section": section(best, limits, start)}

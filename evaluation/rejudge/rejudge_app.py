@@ -21,7 +21,7 @@ from drivers.config.files import check_writable
 from drivers.errors import AutoexposeError, ConfigurationError
 from evaluation.pool import over_processes
 from evaluation.progress import LongProgress
-from evaluation.rejudge.contest import Outcome, Round, document, follow_best_shots, play
+from evaluation.rejudge.contest import Outcome, Round, document, first_setting, follow_best_shots, play
 from evaluation.rejudge.drive import Drive
 from evaluation.rejudge.folder import read_folder
 from evaluation.rejudge.following import IN_HOUSE, check_odometry
@@ -51,8 +51,10 @@ def rejudge(
     """Take policies through a drive that was recorded in brackets, and say which one serves the robot best."""
     chosen = _chosen(policies)
     check_odometry(odometry)
-    for file in (json_file, report):
+    for file, option, suffix in ((json_file, "--json", ".json"), (report, "--report", ".html")):
         if file is not None:
+            if file.suffix != suffix:  # so that no drive, trajectory or configuration is ever replaced
+                raise ConfigurationError(f"{option} {file}: name a {suffix} file")
             check_writable(file)
     truth = None if trajectory is None else read_tum(trajectory)
     console = Console()
@@ -69,8 +71,10 @@ def rejudge(
         outcomes = _play(Round(recorded, chosen, odometry, reference, Path(folder)), jobs, console)
     figures = [outcome.figures for outcome in outcomes]
     limits = recorded.setup.limits
-    result = document(figures, limits)
+    result = document(figures, limits, first_setting(recorded))
     _print(figures, result["recommended"], console)
+    if all(one.rpe_mm is None and not one.matches for one in figures):
+        console.print("recommended by M_g alone, since nothing was matched", highlight=False)
     console.print(f"recommended for this drive, to paste into the configuration:\n\n{result['section']}", markup=False)
     if json_file is not None:
         json_file.write_text(json.dumps(result, indent=1, allow_nan=False) + "\n", encoding="utf-8")
@@ -112,6 +116,13 @@ def _print_drive(drive: Drive, console: Console) -> None:
         f"rest{moved}; {jumps} {'jump' if jumps == 1 else 'jumps'} of the light",
         highlight=False,
     )
+    if jumps > len(timeline.glimpses) / timeline.cycle / 2:
+        console.print(
+            "the light seems to jump in most cycles: more likely, a response is missing or wrong, and nothing below "
+            "can be trusted: give cameras.left.response and cameras.right.response "
+            "(`autoexpose calibrate response`), and record again",
+            highlight=False,
+        )
     if len(drive.geometries) < 2:
         console.print(
             "no matches and no odometry: the drive has no calibrated pair of cameras; give "

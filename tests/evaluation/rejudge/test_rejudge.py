@@ -154,6 +154,9 @@ def test_what_cannot_be_judged_is_refused_in_a_sentence(drive_file: Path, tmp_pa
     assert "there is no policy 'fishy'" in said(drive_file, "--policies", "fishy")
     assert "no-such-slam is no program" in said(drive_file, *QUICK, "--odometry", "no-such-slam --fast")
     assert "cannot be written" in said(drive_file, *QUICK, "--json", tmp_path / "none" / "f.json")
+    assert "name a .html file" in said(drive_file, *QUICK, "--report", drive_file)
+    assert "name a .json file" in said(drive_file, *QUICK, "--json", drive_file)
+    assert drive_file.read_bytes() == content
 
 
 def test_a_trajectory_of_another_time_is_refused(drive_file: Path, tmp_path: Path) -> None:
