@@ -67,7 +67,7 @@ class StereoClient:
     Raises
     ------
     ConfigurationError
-        When `rig` or `name` is not a valid name.
+        When `rig` or `name` is not a valid name, or `connect` names something that is no endpoint.
     """
 
     def __init__(
@@ -129,7 +129,8 @@ class StereoClient:
         Raises
         ------
         ValueError
-            For counts of another shape or below 0, more than 10000 features in a cell, or more inliers than features.
+            For counts of another shape, below 0, or with a fraction, more than 10000 features in a cell, more inliers
+            than features, and another side or stamp than a frame has.
         """
         self._send(tracking_key(self._rig), tracked_cells(TrackedCells(self._name, stamp_ns, side, features, inliers)))
 

@@ -23,8 +23,8 @@ Ask = Callable[[Request], Future[Answer]]
 
 _Queries = zenoh.Queryable[Handler[zenoh.Query]]
 
-WAITING_REQUESTS = 16
-"""In zenoh, and as many here; the oldest is dropped when more wait, and whoever sent it then gets no answer."""
+WAITING_REQUESTS = 32
+"""In zenoh if they come at once, then here; the oldest is dropped when more wait, and its sender gets no answer."""
 
 _PAUSE_S = 0.05
 """After each request: control must get on with its pairs, and the log must stay readable, however often anyone asks."""

@@ -34,7 +34,7 @@ from autoexpose_daemon.publish.refusal import reading
 from autoexpose_daemon.publish.ros2_keys import Attachments, Ros2Node
 from autoexpose_daemon.publish.session import Endpoints, SessionHolder
 from autoexpose_daemon.runtime.inputs.foretold_light import ForetoldLight
-from autoexpose_daemon.runtime.inputs.tracking import MOST_WAITING, Tracking
+from autoexpose_daemon.runtime.inputs.tracking import Tracking
 from autoexpose_daemon.status.publishing import DropReason, PublishTally
 from calibration.geometry.model import CameraGeometry
 from drivers.frames import Side, StereoPair
@@ -45,6 +45,8 @@ log = logging.getLogger(__name__)
 MAILBOX_PAIRS = 12
 """0.2 s at 60 Hz: longer than stuck consumers, or a busy machine, delay the thread; 9 MB of 720 x 540."""
 _TELL_S = 1.0
+_TRACKING_MESSAGES = 1024
+"""At most 1 MB: what zenoh drops from here is not counted as `too_often`."""
 _PRIORITIES: dict[Side, zenoh.Priority] = {"left": zenoh.Priority.DATA, "right": zenoh.Priority.DATA_LOW}
 """Each priority has its own queue, which makes room for twice as many images."""
 
@@ -178,7 +180,7 @@ class Publisher:
 
         take_message = reading(read_tracked_cells, take, tracking.refuse)
         key = tracking_key(self._config.rig)
-        self._holder.subscribe(session, key, take_message, MOST_WAITING, LARGEST_TRACKING_BYTES)
+        self._holder.subscribe(session, key, take_message, _TRACKING_MESSAGES, LARGEST_TRACKING_BYTES)
 
     def _next(self, until_s: float) -> tuple[StereoPair, Decision | None] | None:
         with self._news:

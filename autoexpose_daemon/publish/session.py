@@ -14,6 +14,7 @@ from typing import Any, Literal
 import zenoh
 from zenoh.handlers import Handler, RingChannel
 
+from autoexpose_daemon.messages.keys import check_endpoints
 from drivers.errors import AutoexposeError
 
 LARGEST_MESSAGE_BYTES = 64 << 20
@@ -76,8 +77,13 @@ class Endpoints:
 
     @classmethod
     def of_client(cls, connect: Sequence[str], file: Path | None) -> Endpoints:
-        """Where a client connects: to what its file says if it has one, otherwise to these endpoints."""
-        return cls(connect=connect) if file is None else cls(file=file)
+        """Where a client connects: to what its file says if it has one, otherwise to these endpoints.
+
+        Raises ConfigurationError for what is no endpoint: it would be tried for ever.
+        """
+        endpoints = [connect] if isinstance(connect, str) else connect
+        check_endpoints(endpoints)
+        return cls(connect=endpoints) if file is None else cls(file=file)
 
     def __str__(self) -> str:
         if self.file is not None:

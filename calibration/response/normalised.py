@@ -30,6 +30,7 @@ _LAST_16 = 65534.0
 _ROUNDING = 1.0 + 1e-6
 """Keeps a frame at the reference exposure as it is, whatever rounding did to its level."""
 
+_FURTHEST_STOPS = 100.0
 _KEPT_TABLES = 16
 """Both frames of four pairs; a table of Mono16 has 128 KiB."""
 
@@ -66,7 +67,7 @@ def normalised(
     Raises
     ------
     ConfigurationError
-        For frames of luminance and chroma.
+        For frames of luminance and chroma, bits other than 8 and 16, and a reference that no camera comes near.
 
     Notes
     -----
@@ -77,6 +78,10 @@ def normalised(
 
     if frame.layout == "YUYV":
         raise ConfigurationError("frames of YUV422_8 cannot be brought to another exposure: use a Bayer format or RGB8")
+    if bits not in (8, 16):
+        raise ConfigurationError(f"images of {bits} bits are not made: give 8 or 16")
+    if not abs(reference) <= _FURTHEST_STOPS:  # nor NaN
+        raise ConfigurationError(f"a reference of {reference} stops: give an `ExposureSetting.level`")
     flat_bits = bits if relative_light is None else 16
     table = _table(response, frame.bit_depth - 8, frame.setting.level - reference, flat_bits, dither)
     if frame.pixels.dtype == np.uint8:

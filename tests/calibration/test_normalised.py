@@ -126,6 +126,16 @@ def test_luminance_and_chroma_are_refused() -> None:
         normalised(frame, ResponseFunction.linear(), 10.0)
 
 
+@pytest.mark.parametrize(
+    ("reference", "bits", "words"),
+    [(10.0, 12, "images of 12 bits"), (np.nan, 16, "a reference of nan"), (1e6, 8, "a reference of 1000000.0 stops")],
+)
+def test_what_nobody_means_is_refused(reference: float, bits: Bits, words: str) -> None:
+    frame = Frame(np.zeros((6, 8), np.uint8), 8, 1, 1, 1, 1, ExposureSetting(TIME_US, 0.0))
+    with pytest.raises(ConfigurationError, match=words):
+        normalised(frame, ResponseFunction.linear(), reference, bits=bits)
+
+
 @pytest.mark.parametrize("dither", [False, True])
 @pytest.mark.parametrize("response", RESPONSES)
 def test_without_vignetting_a_flat_frame_is_the_same(response: ResponseFunction, dither: bool) -> None:

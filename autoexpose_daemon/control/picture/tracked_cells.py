@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.frames import Side
+from drivers.frames import SIDES, Side
 
 ROWS: Final = 6
 COLUMNS: Final = 8
@@ -42,15 +42,22 @@ class TrackedCells:
     inliers: NDArray[np.uint16]
 
     def __post_init__(self) -> None:
-        for counts in (self.features, self.inliers):
+        if self.side not in SIDES:
+            raise ValueError(f"a camera named {self.side!r}: give left or right")
+        if not isinstance(self.stamp_ns, int | np.integer):
+            raise ValueError(f"a stamp of {self.stamp_ns!r}: give the pair's stamp_ns, a whole number")
+        features, inliers = np.asarray(self.features), np.asarray(self.inliers)
+        for counts in (features, inliers):
             if counts.shape != (ROWS, COLUMNS):
                 raise ValueError(f"counts of shape {counts.shape}: give {ROWS} rows of {COLUMNS} cells")
-        if not (self.inliers >= 0).all():
+        if not (inliers >= 0).all():
             raise ValueError("inliers of a cell that are below 0")
-        if not (self.inliers <= self.features).all():
+        if not (inliers <= features).all():
             raise ValueError("more inliers than features in a cell")
-        if self.features.max() > MOST_FEATURES:
-            raise ValueError(f"{self.features.max()} features in a cell: at most {MOST_FEATURES} are believed")
+        if features.max() > MOST_FEATURES:
+            raise ValueError(f"{features.max()} features in a cell: at most {MOST_FEATURES} are believed")
+        if not all(np.issubdtype(counts.dtype, np.integer) for counts in (features, inliers)):
+            raise ValueError("counts with fractions: give whole numbers, uint16")
 
 
 def count_by_cell(points_px: NDArray[np.floating], width: int, height: int) -> NDArray[np.uint16]:

@@ -48,7 +48,7 @@ class Progress:
                 self._said_s = now_s
                 self._live.update(Text(line), refresh=True)
             return
-        words = re.sub(r"[0-9.]+", "", line)
+        words = re.sub(r"[+-]?[0-9.]+", "", line)
         if words != self._words:
             self._words = words
             self._console.print(line, markup=False, highlight=False, soft_wrap=True)

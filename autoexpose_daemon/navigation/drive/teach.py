@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from pathlib import Path
@@ -17,6 +18,9 @@ from autoexpose_daemon.navigation.drive.source import Source, newest_pair
 from autoexpose_daemon.navigation.store import MapError, MapFile, MapInfo, Run
 from autoexpose_daemon.navigation.views.detectors import FINDERS
 from autoexpose_daemon.publish.session import Endpoints
+
+_SILENT_S = 0.5
+"""Cameras may be slower than `newest_pair` waits: only without a frame for this long is one missing."""
 
 
 class Teacher:
@@ -94,15 +98,17 @@ def teach(teacher: Teacher, source: Source, stop: threading.Event, progress: Pro
         StereoClient(source.rig, source.connect, name="teach", normalised=True) as client,
         progress,
     ):
+        frame_s = -math.inf
         try:
             while not stop.is_set():
                 pair = newest_pair(client)
+                frame_s = frame_s if pair is None else time.monotonic()
                 if robot.odometry_ns is None:
                     progress.say(robot.trouble or f"waiting for odometry under {source.robot.odometry}")
-                elif pair is None or status.status is None:
+                elif status.status is None or time.monotonic() - frame_s > _SILENT_S:
                     trouble = f": {status.trouble}" if status.trouble else ""
                     progress.say(f"waiting for frames and status of {source.rig}{trouble}")
-                else:
+                elif pair is not None:
                     teacher.look(pair, robot.distance_m, status.status.policy)
                     progress.say(
                         f"{robot.distance_m:.1f} m driven, {teacher.places} local maps{_missing(robot, teacher)}"

@@ -230,11 +230,21 @@ def test_so_many_consumers_steer_and_no_more_until_one_is_silent() -> None:
         (NOWHERE.ravel(), NOWHERE.ravel(), r"counts of shape \(48,\)"),
         (NOWHERE, np.full(SHAPE, -1), "below 0"),
         (np.full(SHAPE, np.nan), NOWHERE, "more inliers than features"),
+        (np.full(SHAPE, 2.5), NOWHERE, "counts with fractions: give whole numbers"),
     ],
 )
 def test_impossible_counts_are_no_report(features: NDArray[np.uint16], inliers: NDArray[np.uint16], why: str) -> None:
     with pytest.raises(ValueError, match=why):
         report(inliers, features)
+
+
+def test_counts_may_be_lists_but_sides_and_stamps_are_those_of_frames() -> None:
+    empty = NOWHERE.tolist()
+    TrackedCells("slam", 10, "left", empty, empty)
+    with pytest.raises(ValueError, match="'middle': give left or right"):
+        TrackedCells("slam", 10, "middle", NOWHERE, NOWHERE)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match=r"a stamp of 1\.5: give the pair's stamp_ns"):
+        TrackedCells("slam", 1.5, "left", NOWHERE, NOWHERE)  # type: ignore[arg-type]
 
 
 def test_points_are_counted_in_the_cell_they_lie_in() -> None:

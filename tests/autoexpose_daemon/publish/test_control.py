@@ -271,6 +271,23 @@ def test_an_answer_of_another_program_is_refused() -> None:
                 control.show()
 
 
+def test_as_many_requests_at_once_as_may_wait_are_all_answered() -> None:
+    at = endpoint()
+    with exposing(at), open_session("client", Endpoints(connect=[at])) as session:
+        wait_until(lambda: bool(asked(session, b"?")), "an answer")
+        replies = [session.get(control_key("rig"), payload=b"?") for _ in range(WAITING_REQUESTS)]
+        assert [len(list(each)) for each in replies] == [1] * WAITING_REQUESTS
+
+
+@pytest.mark.parametrize("connect", ["10.0.0.1:7447", ["tcp/127.0.0.1:1", "10.0.0.1:7447"]])
+@pytest.mark.parametrize("client", [StereoClient, ControlClient])
+def test_what_is_no_endpoint_is_refused_at_once(
+    client: type[StereoClient | ControlClient], connect: str | list[str]
+) -> None:
+    with pytest.raises(ConfigurationError, match="7447 is not an endpoint: write protocol/address"):
+        client("rig", connect)
+
+
 def test_a_name_is_checked_before_anything_is_sent() -> None:
     control = ControlClient(name="\x1b[2J")
     with pytest.raises(ConfigurationError, match="is not a valid name"):

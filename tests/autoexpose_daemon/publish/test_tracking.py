@@ -95,6 +95,10 @@ def test_a_consumer_steers_control_and_its_recording_replays(tmp_path: Path, cap
         status = Status.from_json(describe(daemon.telemetry, daemon.tuning.config).to_json())
         assert status is not None and "steered by slam, age " in line_of(status)
         wait_until(lambda: client.send_tracking(1, FEATURES, INLIERS) or tally.refused["stale"], "a refusal")
+        known = tally.reports + sum(tally.refused.values())
+        for _ in range(40):
+            client.send_tracking(1, FEATURES, INLIERS)
+        wait_until(lambda: tally.reports + sum(tally.refused.values()) >= known + 40, "all of a burst to be counted")
         with open_session("client", Endpoints(connect=[at])) as other:
             wait_until(lambda: other.put(tracking_key("rig"), b"?") or tally.refused["damaged"], "a refusal")
             other.put(tracking_key("rig"), bytes(LARGEST_TRACKING_BYTES + 1))
