@@ -82,6 +82,22 @@ def test_few_changes_make_no_verdict() -> None:
     assert refine(true_response("gamma"), list(watch.changes)) is None
 
 
+@pytest.mark.parametrize("odd", [0, 3])
+def test_of_four_frames_only_the_middle_two_may_differ_in_exposure(odd: int) -> None:
+    """What a camera does while its exposure moves from frame to frame says nothing."""
+    watch = ResponseWatch(true_response("linear"))
+    scene = np.random.default_rng(3).uniform(10.0, 60.0, (120, 160))
+    levels = [0.0, 0.0, 1.0, 1.0]
+    levels[odd] += 0.5 if odd else -0.5
+    for level in levels:
+        watch.see(np.rint(scene * 2.0**level).astype(np.uint8), level)
+    assert watch.counted == 0
+    watch.interrupt()
+    for level in (0.0, 0.0, 1.0, 1.0):
+        watch.see(np.rint(scene * 2.0**level).astype(np.uint8), level)
+    assert watch.counted == 1
+
+
 def test_light_that_changes_with_the_exposure_does_not_count() -> None:
     """Half a stop brighter at every second frame: no two frames before a change look alike."""
     watch = ResponseWatch(true_response("linear"))

@@ -11,11 +11,12 @@ from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.metrics.gradient import GradientMetric
 from autoexpose_daemon.control.picture.image import ImagePreparation
 from autoexpose_daemon.control.picture.region import Rectangle, Region
+from autoexpose_daemon.control.view import View
 from calibration.response import ResponseFunction
 from drivers.exposure import ExposureSetting
 from drivers.frames import Frame, StereoPair
 from drivers.pixels.formats import PixelFormat
-from drivers.pixels.layout import Layout, Pixels
+from drivers.pixels.layout import MOSAIC_SHARE, Layout, Pixels
 from drivers.python310 import exp2
 from fake_camera.imaging import ImageSettings
 from fake_camera.world.lighting import Change, LightScript
@@ -45,6 +46,17 @@ def sign(shape: tuple[int, int], red: int) -> Pixels:
     mosaic = np.full(shape, GREEN, np.uint8)
     mosaic[::2, : shape[1] // 4 : 2] = red
     return mosaic
+
+
+@pytest.mark.parametrize(("layout", "counted"), [("grey", 1.0), ("RGGB", MOSAIC_SHARE)])
+@pytest.mark.parametrize("width", [640, 1280])
+def test_a_look_says_how_many_samples_were_averaged_into_each_of_its_pixels(
+    width: int, layout: Layout, counted: float
+) -> None:
+    shape = (3 * width // 4, width)
+    frame = Frame(np.full(shape, GREEN, np.uint8), 8, 0, 0, 0, 0, START, layout=layout)
+    look = View(LINEAR).look("left", frame)
+    assert look.averaged == pytest.approx(counted * frame.pixels.size / look.image.size)
 
 
 @pytest.mark.parametrize("shape", [(540, 720), (480, 640)])
