@@ -20,7 +20,7 @@ from evaluation.progress import LongProgress
 from evaluation.sweeps.score import Stated, scored
 from evaluation.sweeps.simulated import simulated
 
-FIRST_SEED = {"tuning": 0, "report": 600_000}
+FIRST_SEED = {"tuning": 0, "report": 700_005}
 """The method was chosen on the tuning seeds; the report seeds are for the figures in docs/calibration-method.md."""
 COUNT, QUICK = 300, 45
 

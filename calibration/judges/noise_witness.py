@@ -41,8 +41,8 @@ ROUNDS = 3
 """Rounds of choosing variances by a fit, and fitting those chosen."""
 POWERS = np.linspace(0.7, 1.6, 91)
 """Those tried. Below, read noise and photons grow alike, and their sum explains any noise."""
-SURE = 25.0
-"""By how much chi squared must fall for a power to be preferred to 1: five standard errors."""
+DOUBTFUL, SURE = 9.0, 25.0
+"""By how much chi squared falls where a power is preferred to 1, and surely so: three and five standard errors."""
 SAME_POWER = 0.03
 """A power this near to 1 is as good."""
 REFUSED_POWER = 0.06
@@ -61,23 +61,26 @@ class NoiseWitness:
     power
         The found light to this power is the light that the noise implies; 1: they agree.
     doubted
-        Whether the power is surely not 1.
+        Whether the power is hardly 1.
     misfit
         Chi squared for each variance, with the power 1.
     dark_light
         The light (saturation is 1) whose shot noise would explain all noise that may be there without light (two
         standard errors more than is found): exposures that are longer than stated can hide at most this much.
+    sure
+        Whether the power is surely not 1.
     """
 
     power: float
     doubted: bool
     misfit: float
     dark_light: float
+    sure: bool = False
 
     @property
     def finding(self) -> Finding | None:
         """What to report if the noise contradicts the response."""
-        if self.misfit > REFUSED_MISFIT or (self.doubted and abs(self.power - 1.0) > REFUSED_POWER):
+        if self.misfit > REFUSED_MISFIT or (self.sure and abs(self.power - 1.0) > REFUSED_POWER):
             text = (
                 "the noise of the images contradicts the response: it does not grow with the light that the response "
                 "finds, as that of photons must; exposure times are not in proportion to light, or the gain changed"
@@ -103,10 +106,11 @@ def hear_noise(sweep: Sweep, response: ResponseFunction) -> NoiseWitness | None:
     best, straight = int(np.argmin(sizes)), int(np.argmin(np.abs(POWERS - 1.0)))
     power = float(POWERS[best])
     scale = max(float(sizes[best]) / len(expected), 1.0)
-    doubted = sizes[straight] - sizes[best] > SURE * scale and abs(power - 1.0) > SAME_POWER
+    fall = float(sizes[straight] - sizes[best]) / scale if abs(power - 1.0) > SAME_POWER else 0.0
     _, dark, slope = fits[straight]
     most_dark = dark + 2.0 * _dark_error(points, expected)
-    return NoiseWitness(power, bool(doubted), float(sizes[straight]) / len(expected), most_dark / max(slope, 1e-12))
+    misfit, dark_light = float(sizes[straight]) / len(expected), most_dark / max(slope, 1e-12)
+    return NoiseWitness(power, fall > DOUBTFUL, misfit, dark_light, fall > SURE)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
