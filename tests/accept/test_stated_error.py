@@ -22,5 +22,5 @@ def test_the_stated_error_covers_the_true_one_in_19_of_20_sweeps() -> None:
     uncovered = [(result.seed, result.kind) for result in results if not result.covered]
     print("uncovered", uncovered, "good ones refused", [r.seed for r in good if r.verdict == "refused"])
 
-    assert len(uncovered) <= 5  # 13 of 300 on the report seeds
+    assert len(uncovered) <= 5  # 15 of 300 on the report seeds
     assert np.mean([result.verdict == "refused" for result in good]) <= 0.05
