@@ -104,9 +104,10 @@ def calibrate(
     shots = brighter() if uniform else ()
     if not shots:
         return alone
-    both = _calibrate(name, origin, replace(sweep, brighter=shots), notes)
-    if both.verdict != "refused":
-        return both
+    if len(exposure_index(sweep)[0]) == len(exposure_index(Sweep(shots))[0]):
+        both = _calibrate(name, origin, replace(sweep, brighter=shots), notes)
+        if both.verdict != "refused":
+            return both
     return replace(alone, findings=(*alone.findings, gains_disagree(shots[0].setting.gain_db)))
 
 

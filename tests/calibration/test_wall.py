@@ -96,6 +96,12 @@ def test_a_black_level_that_rises_with_the_gain_is_no_reason_to_refuse() -> None
     assert (kept.uncertainty_stops == alone.uncertainty_stops).all()
 
 
+def test_a_camera_that_exposes_otherwise_at_the_higher_gain_is_calibrated_without() -> None:
+    result = calibrated(dimmer(), brighter()[:-4])
+    assert [finding.reason for finding in result.findings] == ["gains_disagree"]
+    assert result.sweep.brighter == ()
+
+
 def test_grey_levels_that_only_the_higher_gain_showed_are_not_covered() -> None:
     """A full well, which bends the curve near saturation, may show at the lower gain only."""
     low, high = STOPS[0], STOPS[1] - 3.0
