@@ -105,7 +105,8 @@ def _foreign_camera(options: Sequence[str]) -> Iterator[str]:
     with subprocess.Popen([FOREIGN_COMMAND, "-i", FOREIGN_ADDRESS, "-s", name, *options]) as process:
         try:
             deadline_s = time.monotonic() + 10
-            while name not in subprocess.run(["arv-tool-0.8"], capture_output=True, text=True, check=True).stdout:
+            # Bytes, since it also lists cameras of other tests, whatever their names are encoded in.
+            while name.encode() not in subprocess.run(["arv-tool-0.8"], capture_output=True, check=True).stdout:
                 assert time.monotonic() < deadline_s
             yield name
         finally:

@@ -36,7 +36,9 @@ def fake() -> Iterator[FakeCamera]:
 
 def output(environment: Mapping[str, str], *command: str) -> str:
     """What a command prints; it must print nothing on standard error."""
-    process = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=30, check=False)
+    process = subprocess.run(
+        command, env=environment, capture_output=True, text=True, errors="replace", timeout=30, check=False
+    )
     assert (process.returncode, process.stderr) == (0, ""), process.stdout
     return process.stdout
 
@@ -67,7 +69,9 @@ def test_a_killed_camera_is_gone_and_its_place_can_be_taken(tmp_path: Path) -> N
     with usb3_camera(socket=tmp_path / "camera") as camera:
         assert camera.serial in output(environment, "arv-tool-0.8")
         camera.kill()
-        listing = subprocess.run(["arv-tool-0.8"], env=environment, capture_output=True, text=True, check=False)
+        listing = subprocess.run(
+            ["arv-tool-0.8"], env=environment, capture_output=True, text=True, errors="replace", check=False
+        )
         assert camera.serial not in listing.stdout
     with usb3_camera(socket=tmp_path / "camera") as camera:
         assert camera.serial in output(environment, "arv-tool-0.8")
