@@ -70,6 +70,6 @@ def test_unplugged_cameras_come_back_and_leave_nothing_behind() -> None:
             run.seen.clear()
         after = _at_rest(run, before.threads)
         assert run.daemon.telemetry.counts.reconnects == WARM_UP_CYCLES + CYCLES
-        assert after.threads == before.threads
+        assert after.threads <= before.threads  # one of an earlier test may have ended
         assert after.descriptors <= before.descriptors
         assert after.bytes - warm.bytes < GROWTH_BYTES * CYCLES
