@@ -68,7 +68,7 @@ class Inbox:
         """The next pair; None if closed, or none arrives in time."""
         closed = self.session.closed
         with self._news:
-            patience_s = None if timeout_s is None else min(timeout_s, threading.TIMEOUT_MAX)  # inf, too
+            patience_s = None if timeout_s is None else min(timeout_s, threading.TIMEOUT_MAX)
             self._news.wait_for(lambda: len(self._queue) or closed.is_set(), patience_s)
             return self._queue.take() if len(self._queue) and not closed.is_set() else None
 

@@ -45,7 +45,7 @@ def load_config(path: Path) -> Config:
 
 
 def _refuse_empty(path: Path, content: Mapping[str, object]) -> None:
-    """Refuse an optional section whose keys are all commented out: it would mean that there is none."""
+    """Refuse an optional section whose keys are all commented out: it would be ignored."""
     for name in _OPTIONAL:
         section: object = content
         for key in name.split("."):

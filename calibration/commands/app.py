@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
@@ -20,7 +19,7 @@ from calibration.commands.measure_latency import latency
 from calibration.commands.measure_noise import noise
 from calibration.commands.measure_vignetting import vignette
 from calibration.commands.measure_white import white
-from calibration.commands.place import check_report
+from calibration.commands.place import check_place, check_report
 from calibration.commands.rig import CameraMode, places_of, rig_of_config
 from calibration.commands.tum import tum_table
 from calibration.findings import Finding
@@ -134,15 +133,9 @@ def _previous(path: Path) -> ResponseFile | None:
     """The response file that is to be replaced; impossible names are refused before a camera is swept."""
     if path.suffix in (".html", ".png"):
         raise ConfigurationError(f"{path}: the report needs this name: name the response file .yaml")
-    if path.is_dir() or not path.parent.is_dir() or not os.access(path.parent, os.W_OK):
-        raise ConfigurationError(f"{path}: cannot be written: name a file in an existing folder that you may write to")
+    former = check_place(path, ResponseFile.load, "response file")
     check_report(path, "Response of ", ".png")
-    if not path.exists():
-        return None
-    try:
-        return ResponseFile.load(path)
-    except ConfigurationError as error:
-        raise ConfigurationError(f"{error}; it is not a response file to replace: choose another name") from None
+    return former
 
 
 def _keep(results: dict[Path, Result], console: Console) -> None:

@@ -5,12 +5,15 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from pathlib import Path
+from typing import TypeVar
 
 from drivers.errors import ConfigurationError
 
+File = TypeVar("File")
 
-def check_place(path: Path, load: Callable[[Path], object], kind: str) -> None:
-    """Refuse impossible names, and files of another kind, before anything is measured.
+
+def check_place(path: Path, load: Callable[[Path], File], kind: str) -> File | None:
+    """The file that is to be replaced; refuses impossible names and files of another kind before anything is measured.
 
     Raises
     ------
@@ -19,11 +22,12 @@ def check_place(path: Path, load: Callable[[Path], object], kind: str) -> None:
     """
     if path.is_dir() or not path.parent.is_dir() or not os.access(path.parent, os.W_OK):
         raise ConfigurationError(f"{path}: cannot be written: name a file in an existing folder that you may write to")
-    if path.exists():
-        try:
-            load(path)
-        except ConfigurationError as error:
-            raise ConfigurationError(f"{error}; it is not a {kind} to replace: choose another name") from None
+    if not path.exists():
+        return None
+    try:
+        return load(path)
+    except ConfigurationError as error:
+        raise ConfigurationError(f"{error}; it is not a {kind} to replace: choose another name") from None
 
 
 def check_report(path: Path, title: str, *suffixes: str) -> None:

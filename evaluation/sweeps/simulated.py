@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from calibration.response import ResponseFunction
 from calibration.sources.sweep import Shot, Sweep
 from calibration.sources.sweep_plan import SweepPlan
-from drivers.exposure import ExposureLimits, ExposureSetting
+from drivers.exposure import ExposureLimits, ExposureSetting, linear_gain
 from drivers.pixels.layout import Pixels
 from fake_camera.world.lighting import Change, Flicker, LightScript
 
@@ -129,7 +129,7 @@ def simulated(seed: int, kind: Kind | None = None) -> SimulatedSweep:
         factor = light.mean_lux(start_s, float(really_us[index]) * 1e-6)
         electrons = radiance * (camera.full_well_e * factor * really_us[index] / full_us)
         setting = ExposureSetting(float(times_us[index]), gain_db)
-        image = camera.expose(electrons, 10.0 ** (gain_db / 20.0), rng)
+        image = camera.expose(electrons, linear_gain(gain_db), rng)
         shots.append(Shot(image, camera.bit_depth, setting, start_s if repeated else None))
     sweep, brighter = Sweep(tuple(shots[: len(order)])), tuple(shots[len(order) :])
     return SimulatedSweep(kind, curve, scene, repeated, sweep, brighter, camera.response())
