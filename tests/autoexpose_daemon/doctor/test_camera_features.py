@@ -33,6 +33,14 @@ def camera() -> Iterator[FakeCamera]:
         yield running
 
 
+@pytest.fixture
+def ctrl_c_ends() -> Iterator[None]:
+    """As in a new process, whatever handlers other tests have left in this one."""
+    former = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, former)
+
+
 def rig(folder: Path, camera: FakeCamera, features: str) -> Path:
     file = folder / "rig.yaml"
     file.write_text(f"cameras: {{left: {{serial: {camera.serial}, features: {features}}}}}")
@@ -65,6 +73,7 @@ def test_what_is_saved_can_be_used_and_compared(within: Within, tmp_path: Path, 
     assert "cannot be written (File exists): name a new file" in complaint
 
 
+@pytest.mark.usefixtures("ctrl_c_ends")
 def test_ctrl_c_while_the_default_user_set_is_loaded_waits_until_the_camera_is_as_before(
     within: Within, tmp_path: Path, camera: FakeCamera, monkeypatch: pytest.MonkeyPatch
 ) -> None:
