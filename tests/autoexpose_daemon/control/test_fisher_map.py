@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -53,6 +55,38 @@ def test_a_step_of_light_is_followed(change: float) -> None:
     assert abs(settled - after) < 1.5
     arrived = next(frame for frame in range(30, 70) if np.abs(np.array(levels[frame:]) - settled).max() < 0.5)
     assert arrived <= 30 + 10
+
+
+def flash(frame: int, exposure_time_us: float, offset: float) -> float:
+    """Mean light of a lamp that goes out 100 times a second, over an exposure at 60 frames per second, 0 to 1."""
+    start = 2 * np.pi * (100 * frame / 60 + offset)
+    swept = 2 * np.pi * 100 * exposure_time_us * 1e-6
+    return float(0.5 * (1 - (np.sin(start + swept) - np.sin(start)) / swept))
+
+
+@pytest.mark.parametrize("offset", [0.0, 0.06])
+@pytest.mark.parametrize(("scene", "half_scale_level"), [(1, 9.5), (2, 10.5)])
+@pytest.mark.parametrize("delay", [2, 3])
+def test_in_light_that_beats_with_the_frames_each_phase_finds_its_exposure(
+    scene: int, half_scale_level: float, delay: int, offset: float
+) -> None:
+    """Exposures of milliseconds see another part of the flash when they get longer."""
+    loop, picture, settings, exposed = make(), radiance(scene, 1.0), [START] * delay, []
+    for index in range(150):
+        setting = settings[index]
+        needed = half_scale_level - np.log2(flash(index, setting.exposure_time_us, offset))
+        frame = at_time(expose(picture, setting, needed), index)
+        settings.append(loop.step(StereoPair(index, {"left": frame, "right": frame})).setting)
+        exposed.append(setting.level - needed)
+    assert np.mean(np.abs(exposed[90:]) < 1.0) > 0.95
+
+
+def test_a_bound_on_the_time_yields_only_to_the_greatest_gain() -> None:
+    bounded = replace(BALANCE, longest_us=500.0)
+    assert bounded.exposure_time_us(8.0, 0.0, LIMITS) == BALANCE.exposure_time_us(8.0, 0.0, LIMITS)
+    assert bounded.exposure_time_us(12.0, 0.0, LIMITS) == 500.0
+    needed_us = LIMITS.realise(15.0, 0.0).exposure_time_us
+    assert bounded.exposure_time_us(15.0, 0.0, LIMITS) == pytest.approx(needed_us) and needed_us > 500.0
 
 
 DARK_ROOM = np.where(np.arange(180) < 50, radiance(1, 1.0), 2.0**-7 * radiance(2, 1.0))

@@ -178,6 +178,16 @@ def test_a_periodic_change_is_expected_again(cycle: list[float], delay: int) -> 
     assert forecast.ahead(delay, steady=False) == pytest.approx(sum(coming[90 : 90 + delay]), abs=0.2)
 
 
+def test_light_swings_by_what_it_rises_and_falls_again() -> None:
+    forecast = Forecast()
+    for _ in range(20):
+        forecast.add(0.5)
+    assert forecast.swing() == pytest.approx(0.0)
+    for change in [2.0, -1.0, -0.5] * 4:
+        forecast.add(change)
+    assert forecast.swing() == pytest.approx(4 * 3.5 - 4 * 0.5)
+
+
 def test_random_changes_have_no_period() -> None:
     forecast, rng = Forecast(), np.random.default_rng(2)
     for change in rng.normal(0.0, 0.5, 96):

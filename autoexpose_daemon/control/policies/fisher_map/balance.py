@@ -38,11 +38,14 @@ class BlurPhotonBalance:
         Pixels of a frame for each pixel of the image that control sees, along one side.
     averaged
         Samples of the sensor averaged into each pixel of that image.
+    longest_us
+        No time is longer (us), unless the greatest gain asks for it.
     """
 
     noise: SensorNoise
     scale: float = 2.0
     averaged: float = 4.0
+    longest_us: float = math.inf
 
     def exposure_time_us(self, level: float, motion_px: float, limits: ExposureLimits) -> float:
         """The best time (us); the longest of equals."""
@@ -61,7 +64,7 @@ class BlurPhotonBalance:
                 levels, shortest, longest, least_gain, greatest_gain, shot, read, self.averaged,
                 motion_px * PER_US, self.scale, best_us,
             )  # fmt: skip
-            return best_us
+            return self._bounded(best_us, levels, greatest_gain)
         long = np.minimum(levels - least_gain, longest)
         short = np.minimum(np.maximum(levels - greatest_gain, shortest), long)
         times_us = np.exp2(long + _STEPS * (short - long))
@@ -69,7 +72,14 @@ class BlurPhotonBalance:
         variance = variance_of(shot * gains + read * gains**2, self.averaged)
         sharp = sharpness(blur_length_px(motion_px, times_us, self.scale))
         best = np.argmax(sharp / (variance + FRONT_END_DN**2), axis=0)
-        return np.asarray(times_us[best, np.arange(levels.size)])
+        return self._bounded(times_us[best, np.arange(levels.size)], levels, greatest_gain)
+
+    def _bounded(
+        self, times_us: NDArray[np.float64], levels: NDArray[np.float64], greatest_gain: float
+    ) -> NDArray[np.float64]:
+        if math.isinf(self.longest_us):
+            return times_us
+        return np.minimum(times_us, np.maximum(self.longest_us, np.exp2(levels - greatest_gain)))
 
 
 @lru_cache(maxsize=1)

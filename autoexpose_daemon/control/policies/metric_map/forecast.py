@@ -30,6 +30,9 @@ RAMP_SLOPE = 0.03
 _SLACK = 1.0 + 1e-6
 """What is excluded quickly must be excluded by this factor."""
 
+SWING_FRAMES = 12
+"""Frames over which `Forecast.swing` looks: as long as the longest beat of flicker and frame rate."""
+
 LONGEST_LEAD = 1.0
 """Stops. A ramp may end at any frame, and then the lead is the error."""
 
@@ -64,6 +67,11 @@ class Forecast:
         if not steady:
             return 0.0
         return min(max(self._slope() * frames, -LONGEST_LEAD), LONGEST_LEAD)
+
+    def swing(self) -> float:
+        """Stops that the light has risen and fallen again over the last `SWING_FRAMES`, without what remains of it."""
+        recent = list(self.changes)[-SWING_FRAMES:]
+        return sum(map(abs, recent)) - abs(sum(recent))
 
     def period(self) -> int | None:
         """Frames after which the changes repeat themselves; None when they do not, or are small."""
