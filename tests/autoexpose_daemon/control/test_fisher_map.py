@@ -109,6 +109,21 @@ def test_it_comes_back_where_the_black_part_holds_nothing() -> None:
     assert abs(levels[-1] - 9.0) < 1.5
 
 
+@pytest.mark.parametrize(("columns", "brighter", "start"), [(54, 1.0, 10.5), (30, 1.2, 11.2)])
+def test_at_rest_it_looks_once_below_what_is_saturated(columns: int, brighter: float, start: float) -> None:
+    """The textured part of this picture is half white at the level that its plain part asks for."""
+    scene = radiance(1, 0.1)
+    scene[:, -columns:] = 2.0**brighter * radiance(6, 0.6)[:, -columns:]
+    reasons: list[str] = []
+    levels = run(
+        make(), [10.5] * 120, at(start), scene=scene, watch=lambda decision: reasons.append(decision.reason)
+    )  # fmt: skip
+    (look,) = (place for place, reason in enumerate(reasons) if reason == "looks at less exposure, once")
+    assert look >= 30
+    assert levels[look] - levels[-1] > 0.5
+    assert np.ptp(levels[look + 6 :]) < 0.1
+
+
 def test_a_few_shadows_are_not_looked_into() -> None:
     shadows = np.where(np.arange(180) < 14, 0.0, radiance(1, 1.0))
     levels = run(make(), [9.0] * 40, at(9.0), scene=shadows)

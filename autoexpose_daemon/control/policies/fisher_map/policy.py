@@ -47,7 +47,7 @@ class FisherMap(ExposureMap):
     HOLD_GAIN_MOVING: ClassVar[float] = 0.1
     """Holds on longer than with M_g: points are lost by a change of brightness, too."""
 
-    PROBES: ClassVar[Probes] = Probes(shortest_stops=1.0, power=1.5, worth=2.0)
+    PROBES: ClassVar[Probes] = Probes(shortest_stops=1.0, power=1.5, worth=2.0, least_at_rest=0.1)
     """Nearer than with M_g, and sooner: what is hidden is often little, but rich."""
 
     def __init__(

@@ -16,7 +16,7 @@ from autoexpose_daemon.control.balance import Balance
 from autoexpose_daemon.control.policies.metric_map.forecast import Forecast
 from autoexpose_daemon.control.policies.metric_map.foresight import FORGOTTEN_FRAMES, Foresight
 from autoexpose_daemon.control.policies.metric_map.loop_delay import LoopDelay
-from autoexpose_daemon.control.policies.metric_map.memory import TRUSTED_RISE, MetricMemory, Sighting
+from autoexpose_daemon.control.policies.metric_map.memory import CELL, TRUSTED_RISE, MetricMemory, Sighting
 from autoexpose_daemon.control.policies.metric_map.search import (
     LONGEST_PROBE,
     Probes,
@@ -73,6 +73,9 @@ LONGEST_STEP = 0.4
 target is worth `WORTH_KEEPING` of the best: odometry must find its points again."""
 
 WORTH_KEEPING = 0.7
+
+REST_FRAMES = 30
+"""Frames with one exposure after which a camera at rest may look at less, see `Probes.least_at_rest`."""
 
 LEAST_FORETOLD = 1.0
 """Stops by which light ahead must differ from the forecast to count: smaller changes are followed well without it."""
@@ -250,7 +253,9 @@ class ExposureMap(ExposurePolicy):
         gain = HOLD_GAIN_FOLLOWING if ahead != 0 else self.HOLD_GAIN_MOVING if moving else HOLD_GAIN
         now = value_at(held, levels, value)
         if now * (1.0 + gain) >= best:
-            return Target(held, "held: metric at its maximum", value_at(held, levels, metric))
+            return self._look_below(observation) or Target(
+                held, "held: metric at its maximum", value_at(held, levels, metric)
+            )
         target = plateau_centre(levels, value)
         if moving and value_at(held, levels, worth) >= WORTH_KEEPING * worth.max():
             target = _step_towards(target, held, risen)
@@ -259,6 +264,25 @@ class ExposureMap(ExposurePolicy):
         else:
             reason = f"metric {'rises' if target > level else 'falls'} with exposure"
         return Target(target, reason, value_at(target, levels, metric))
+
+    def _look_below(self, observation: Observation) -> Target | None:
+        """Once, after `REST_FRAMES` at rest, one frame of less exposure if much is saturated and none has been seen.
+
+        Predictions downward know nothing of what is saturated, and the best may be there.
+        """
+        here, recent = self.memory.sightings[-1], [step.setting.level for step in observation.past][-REST_FRAMES:]
+        saturated = max(view.saturated_share for view in here.views)
+        target = here.level - self.PROBES.length_stops(saturated)
+        if (
+            saturated < self.PROBES.least_at_rest
+            or self.motion_px >= MOVING_PX
+            or len(recent) < REST_FRAMES
+            or max(recent) - min(recent) > CELL
+            or self.memory.lowest().level < here.level - CELL
+            or target < observation.limits.darkest.level
+        ):
+            return None
+        return Target(target, "looks at less exposure, once")
 
     def _foretold(
         self, observation: Observation, forecast: float

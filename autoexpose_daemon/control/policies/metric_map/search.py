@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -48,11 +49,18 @@ class Probes:
         Of the clipped share, by which the length rises between the two.
     worth
         Of a clipped pixel to a still camera, as a multiple of a well exposed one; to a moving one `PROBE_WORTH_MOVING`.
+    least_at_rest
+        Saturated share from which a camera that has come to rest looks below once, whatever is promised there.
     """
 
     shortest_stops: float
     power: float
     worth: float
+    least_at_rest: float = math.inf
+
+    def length_stops(self, clipped_share: float) -> float:
+        """How far a probe goes beyond the exposures seen."""
+        return self.shortest_stops + (LONGEST_PROBE - self.shortest_stops) * float(clipped_share**self.power)
 
     def bonus(
         self, stops: NDArray[np.float64], clipped_share: float, density: float, moving: bool
@@ -66,7 +74,7 @@ class Probes:
         if clipped_share == 0.0:
             return np.zeros(stops.shape)
         worth, power = (PROBE_WORTH_MOVING, 1.0) if moving else (self.worth, 0.5)
-        distance = stops / (self.shortest_stops + (LONGEST_PROBE - self.shortest_stops) * clipped_share**self.power)
+        distance = stops / self.length_stops(clipped_share)
         shape = np.minimum(np.maximum(np.minimum(distance, 2.0 - distance), 0.0), 1.0) ** power
         return np.asarray(worth * clipped_share * density * shape)
 
