@@ -120,6 +120,8 @@ def test_at_rest_it_looks_once_below_what_is_saturated(columns: int, brighter: f
     )  # fmt: skip
     (look,) = (place for place, reason in enumerate(reasons) if reason == "looks at less exposure, once")
     assert look >= 30
+    assert levels[look + 2] < levels[look] - 0.5
+    assert levels[look + 3] == levels[look]  # until the look has been seen
     assert levels[look] - levels[-1] > 0.5
     assert np.ptp(levels[look + 6 :]) < 0.1
 

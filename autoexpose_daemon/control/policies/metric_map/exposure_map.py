@@ -77,6 +77,8 @@ WORTH_KEEPING = 0.7
 REST_FRAMES = 30
 """Frames with one exposure after which a camera at rest may look at less, see `Probes.least_at_rest`."""
 
+LOOK = "looks at less exposure, once"
+
 LEAST_FORETOLD = 1.0
 """Stops by which light ahead must differ from the forecast to count: smaller changes are followed well without it."""
 
@@ -146,7 +148,8 @@ class ExposureMap(ExposurePolicy):
         self.votes.see(level, observation.limits.darkest.level, observation.looks)
         self.served.pass_frame()
         target = self._vote(observation)
-        self.target = observation.limits.clamp_level(target.level)
+        if target.reason != LOOK:  # after it, the last target is as good as it was
+            self.target = observation.limits.clamp_level(target.level)
         remark = ("; steered" if self.STEERED and observation.steering is not None else "") + self.votes.remark()
         return replace(target, reason=target.reason + remark) if remark else target
 
@@ -282,7 +285,7 @@ class ExposureMap(ExposurePolicy):
             or target < observation.limits.darkest.level
         ):
             return None
-        return Target(target, "looks at less exposure, once")
+        return Target(target, LOOK)
 
     def _foretold(
         self, observation: Observation, forecast: float
