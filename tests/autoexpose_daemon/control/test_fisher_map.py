@@ -115,9 +115,7 @@ def test_at_rest_it_looks_once_below_what_is_saturated(columns: int, brighter: f
     scene = radiance(1, 0.1)
     scene[:, -columns:] = 2.0**brighter * radiance(6, 0.6)[:, -columns:]
     reasons: list[str] = []
-    levels = run(
-        make(), [10.5] * 120, at(start), scene=scene, watch=lambda decision: reasons.append(decision.reason)
-    )  # fmt: skip
+    levels = run(make(), [10.5] * 120, at(start), scene=scene, watch=lambda decision: reasons.append(decision.reason))
     (look,) = (place for place, reason in enumerate(reasons) if reason == "looks at less exposure, once")
     assert look >= 30
     assert levels[look + 2] < levels[look] - 0.5

@@ -90,9 +90,9 @@ class FisherMap(ExposureMap):
         same light, as predictions suppose. With the same time in each frame of a phase, and the gain following the
         light, they are right.
         """
-        past = [step.setting for step in observation.past][-SWING_FRAMES:]
-        if not past or self.forecast.swing() < BEATING_STOPS:
+        if not observation.past or self.forecast.swing() < BEATING_STOPS:
             return math.inf
+        past = [step.setting for step in observation.past][-SWING_FRAMES:]
         usual_us = sorted(setting.exposure_time_us for setting in past)[int(USUAL_SHARE * len(past))]
         spare_db = min(setting.gain_db for setting in past) - observation.limits.min_gain_db
         return 2.0 * usual_us if spare_db > SPARE_GAIN_DB else usual_us

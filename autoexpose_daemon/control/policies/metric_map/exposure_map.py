@@ -256,9 +256,8 @@ class ExposureMap(ExposurePolicy):
         gain = HOLD_GAIN_FOLLOWING if ahead != 0 else self.HOLD_GAIN_MOVING if moving else HOLD_GAIN
         now = value_at(held, levels, value)
         if now * (1.0 + gain) >= best:
-            return self._look_below(observation) or Target(
-                held, "held: metric at its maximum", value_at(held, levels, metric)
-            )
+            look = None if moving else self._look_below(observation)
+            return look or Target(held, "held: metric at its maximum", value_at(held, levels, metric))
         target = plateau_centre(levels, value)
         if moving and value_at(held, levels, worth) >= WORTH_KEEPING * worth.max():
             target = _step_towards(target, held, risen)
@@ -269,23 +268,18 @@ class ExposureMap(ExposurePolicy):
         return Target(target, reason, value_at(target, levels, metric))
 
     def _look_below(self, observation: Observation) -> Target | None:
-        """Once, after `REST_FRAMES` at rest, one frame of less exposure if much is saturated and none has been seen.
+        """One frame of less exposure, after `REST_FRAMES` at rest, if much is saturated and nothing darker is known.
 
         Predictions downward know nothing of what is saturated, and the best may be there.
         """
-        here, recent = self.memory.sightings[-1], [step.setting.level for step in observation.past][-REST_FRAMES:]
+        here = self.memory.sightings[-1]
         saturated = max(view.saturated_share for view in here.views)
-        target = here.level - self.PROBES.length_stops(saturated)
-        if (
-            saturated < self.PROBES.least_at_rest
-            or self.motion_px >= MOVING_PX
-            or len(recent) < REST_FRAMES
-            or max(recent) - min(recent) > CELL
-            or self.memory.lowest().level < here.level - CELL
-            or target < observation.limits.darkest.level
-        ):
+        if saturated < self.PROBES.least_at_rest or self.memory.lowest().level < here.level - CELL:
             return None
-        return Target(target, LOOK)
+        recent = [step.setting.level for step in observation.past][-REST_FRAMES:]
+        target = here.level - self.PROBES.length_stops(saturated)
+        at_rest = len(recent) == REST_FRAMES and max(recent) - min(recent) <= CELL
+        return Target(target, LOOK) if at_rest and target >= observation.limits.darkest.level else None
 
     def _foretold(
         self, observation: Observation, forecast: float
