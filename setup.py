@@ -37,8 +37,8 @@ setup(
         # Not a Python module: it is preloaded into programs that use libusb.
         Extension(
             "fake_camera.usb3._shim",
-            sources=[f"{SHIM}/{part}.c" for part in ("bus", "handle", "host", "interpose", "link", "udev", "usbip")],
-            depends=[f"{SHIM}/shim.h"],
+            sources=sorted(str(path) for path in Path(SHIM).glob("*.c")),
+            depends=sorted(str(path) for path in Path(SHIM).glob("*.h")),
             extra_compile_args=["-std=gnu11", "-fvisibility=hidden", "-Wall", "-Wextra"],
             py_limited_api=STABLE,
             optional=True,

@@ -1,5 +1,7 @@
 """The part of the build that pyproject.toml cannot say: the library that lets programs see a camera on a USB bus."""
 
+from pathlib import Path
+
 from setuptools import Extension, setup
 
 SHIM = "camera_twin/usb3/shim"
@@ -9,8 +11,8 @@ setup(
         # Not a Python module: it is preloaded into programs that use libusb.
         Extension(
             "camera_twin.usb3._shim",
-            sources=[f"{SHIM}/{part}.c" for part in ("bus", "handle", "host", "interpose", "link", "udev", "usbip")],
-            depends=[f"{SHIM}/shim.h"],
+            sources=sorted(str(path) for path in Path(SHIM).glob("*.c")),
+            depends=sorted(str(path) for path in Path(SHIM).glob("*.h")),
             extra_compile_args=["-std=gnu11", "-fvisibility=hidden", "-Wall", "-Wextra"],
             py_limited_api=True,
             optional=True,

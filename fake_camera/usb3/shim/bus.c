@@ -92,9 +92,11 @@ static bool read_descriptors(struct camera *camera)
     if (usbip_ask(camera->connection, DEVICE_DESCRIPTOR, device, DEVICE_DESCRIPTOR_BYTES) != DEVICE_DESCRIPTOR_BYTES)
         return false;
     long bytes = usbip_ask(camera->connection, CONFIGURATION_DESCRIPTOR, configuration, room);
+    if (bytes <= 0)
+        return false;
     camera->descriptor_bytes = DEVICE_DESCRIPTOR_BYTES + (size_t)bytes;
     read_strings(camera);
-    return bytes > 0;
+    return true;
 }
 
 static void look_at(int port)
@@ -174,21 +176,6 @@ static void *watch(void *unused)
     return NULL;
 }
 
-int bus_monitor_start(void)
-{
-    if (monitoring) {
-        complain("a second udev monitor in one process is not supported");
-        return -1;
-    }
-    if (pipe2(event_pipe, O_CLOEXEC | O_NONBLOCK) < 0)
-        return -1;
-    if (pipe2(stop_pipe, O_CLOEXEC) < 0)
-        return -1;
-    bus_refresh();
-    monitoring = pthread_create(&monitor, NULL, watch, NULL) == 0;
-    return monitoring ? event_pipe[0] : -1;
-}
-
 static void close_pipe(int ends[2])
 {
     for (int end = 0; end < 2; end++) {
@@ -196,6 +183,25 @@ static void close_pipe(int ends[2])
             real_close(ends[end]);
         ends[end] = -1;
     }
+}
+
+int bus_monitor_start(void)
+{
+    if (monitoring) {
+        complain("a second udev monitor in one process is not supported");
+        return -1;
+    }
+    if (pipe2(event_pipe, O_CLOEXEC | O_NONBLOCK) == 0 && pipe2(stop_pipe, O_CLOEXEC) == 0) {
+        bus_refresh();
+        monitoring = pthread_create(&monitor, NULL, watch, NULL) == 0;
+    }
+    if (monitoring)
+        return event_pipe[0];
+    pthread_mutex_lock(&lock);
+    close_pipe(stop_pipe);
+    close_pipe(event_pipe);
+    pthread_mutex_unlock(&lock);
+    return -1;
 }
 
 void bus_monitor_stop(void)

@@ -8,6 +8,8 @@
  *   handle.c     file descriptors of open cameras, and the usbfs calls on them
  *   bus.c        which cameras are plugged in
  *   link.c       URBs of an open camera
+ *   answers.c    what the camera answers
+ *   pending.c    the queues of what waits for that
  *   usbip.c      messages of USB/IP
  *   host.c       standard error and the kernel's own calls
  */
@@ -55,12 +57,15 @@ struct usbip_return {
     uint32_t actual_length;
 };
 
+/* A server that does not answer while it is asked for the camera and its descriptors, or takes nothing that is sent, for
+ * two seconds fails; answers to what is sent below are waited for as long as it takes. */
 int usbip_import(const char *path); /* a connected socket, or -1 */
 bool usbip_send_submit(int sock, const struct usbip_submit *submit);
 bool usbip_send_unlink(int sock, uint32_t sequence, uint32_t unlinked);
 bool usbip_send_claim(int sock, uint32_t sequence, uint8_t interface, bool claims);
-bool usbip_receive_return(int sock, struct usbip_return *answer);
-bool usbip_receive(int sock, void *data, size_t bytes);
+bool usbip_receive_return(int sock, struct usbip_return *answer); /* false: the server has gone, or talks nonsense */
+bool usbip_wait(int sock);                                        /* until it sends something */
+bool usbip_receive_some(int sock, void *data, size_t bytes, size_t *got); /* what is there, without waiting */
 /* Get a descriptor, on a connection that carries nothing else; its length, or -1. */
 long usbip_ask(int sock, uint16_t value, void *data, uint16_t bytes);
 

@@ -4,16 +4,18 @@
 
 #include <arpa/inet.h>
 #include <errno.h>
+#include <poll.h>
 #include <string.h>
 #include <sys/socket.h>
 #include <sys/time.h>
 #include <sys/un.h>
+#include <time.h>
 
 enum { HEADER_BYTES = 48 };
 enum { VERSION = 0x0111, REQUEST_IMPORT = 0x8003, BUS_ID_BYTES = 32, DEVICE_BYTES = 312 };
 enum { SUBMIT = 1, UNLINK = 2, RETURN_SUBMIT = 3, RETURN_UNLINK = 4 };
 enum { CLAIM = 0x0AE1, RETURN_CLAIM = 0x0AE2 }; /* not part of USB/IP: see fake_camera/usb3/usbip/messages.py */
-enum { HANDSHAKE_S = 2 };
+enum { PATIENCE_MS = 2000, MOST_ERRNO = 4095 };
 
 struct header {
     uint32_t command, sequence, device, direction, endpoint;
@@ -43,18 +45,67 @@ static bool send_all(int sock, struct iovec *parts, int count)
     return true;
 }
 
-bool usbip_receive(int sock, void *data, size_t bytes)
+static int64_t now_ms(void)
+{
+    struct timespec now;
+    clock_gettime(CLOCK_MONOTONIC, &now);
+    return now.tv_sec * INT64_C(1000) + now.tv_nsec / 1000000;
+}
+
+/* Wait until something can be received, or until a time (0: for ever). */
+static bool wait_readable(int sock, int64_t until_ms)
+{
+    struct pollfd watched = {.fd = sock, .events = POLLIN};
+    for (;;) {
+        int64_t left_ms = until_ms ? until_ms - now_ms() : -1;
+        if (until_ms && left_ms <= 0)
+            return false;
+        int ready = poll(&watched, 1, (int)left_ms);
+        if (ready > 0)
+            return true;
+        if (ready < 0 && errno != EINTR)
+            return false;
+    }
+}
+
+static bool receive_until(int sock, void *data, size_t bytes, int64_t until_ms)
 {
     for (char *at = data; bytes > 0;) {
-        ssize_t got = recv(sock, at, bytes, 0);
-        if (got < 0 && errno == EINTR)
-            continue;
-        if (got <= 0)
+        size_t got = 0;
+        if (!wait_readable(sock, until_ms) || !usbip_receive_some(sock, at, bytes, &got))
             return false;
         at += got;
-        bytes -= (size_t)got;
+        bytes -= got;
     }
     return true;
+}
+
+bool usbip_wait(int sock)
+{
+    return wait_readable(sock, 0);
+}
+
+bool usbip_receive_some(int sock, void *data, size_t bytes, size_t *got)
+{
+    ssize_t received = recv(sock, data, bytes, MSG_DONTWAIT);
+    *got = received > 0 ? (size_t)received : 0;
+    return received > 0 || (received < 0 && (errno == EAGAIN || errno == EINTR));
+}
+
+/* Connect, ask for the camera, and hear that it is ours, which is to happen until a time. */
+static bool import(int sock, const struct sockaddr_un *address, int64_t until_ms)
+{
+    struct {
+        uint16_t version, code;
+        uint32_t status;
+        char bus_id[BUS_ID_BYTES];
+    } request = {htons(VERSION), htons(REQUEST_IMPORT), 0, "1-1"};
+    unsigned char reply[8 + DEVICE_BYTES];
+    return connect(sock, (const struct sockaddr *)address, sizeof *address) == 0
+        && send_all(sock, &(struct iovec){&request, sizeof request}, 1)
+        && receive_until(sock, reply, 8, until_ms)
+        && memcmp(reply + 4, "\0\0\0\0", 4) == 0
+        && receive_until(sock, reply + 8, DEVICE_BYTES, until_ms);
 }
 
 int usbip_import(const char *path)
@@ -68,23 +119,9 @@ int usbip_import(const char *path)
     int sock = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0);
     if (sock < 0)
         return -1;
-    struct timeval patience = {.tv_sec = HANDSHAKE_S};
-    setsockopt(sock, SOL_SOCKET, SO_RCVTIMEO, &patience, sizeof patience);
-
-    struct {
-        uint16_t version, code;
-        uint32_t status;
-        char bus_id[BUS_ID_BYTES];
-    } request = {htons(VERSION), htons(REQUEST_IMPORT), 0, "1-1"};
-    unsigned char reply[8 + DEVICE_BYTES];
-    bool imported = connect(sock, (struct sockaddr *)&address, sizeof address) == 0
-        && send_all(sock, &(struct iovec){&request, sizeof request}, 1)
-        && usbip_receive(sock, reply, 8)
-        && memcmp(reply + 4, "\0\0\0\0", 4) == 0
-        && usbip_receive(sock, reply + 8, DEVICE_BYTES);
-    patience.tv_sec = 0; /* for ever */
-    setsockopt(sock, SOL_SOCKET, SO_RCVTIMEO, &patience, sizeof patience);
-    if (imported)
+    struct timeval patience = {.tv_sec = PATIENCE_MS / 1000}; /* also of connect, when the server's queue is full */
+    setsockopt(sock, SOL_SOCKET, SO_SNDTIMEO, &patience, sizeof patience);
+    if (import(sock, &address, now_ms() + PATIENCE_MS))
         return sock;
     real_close(sock);
     return -1;
@@ -123,14 +160,16 @@ bool usbip_send_claim(int sock, uint32_t sequence, uint8_t interface, bool claim
     return send_all(sock, &(struct iovec){&header, sizeof header}, 1);
 }
 
-bool usbip_receive_return(int sock, struct usbip_return *answer)
+static bool receive_return(int sock, struct usbip_return *answer, int64_t until_ms)
 {
     struct header header;
-    if (!usbip_receive(sock, &header, sizeof header))
+    if (!receive_until(sock, &header, sizeof header, until_ms))
         return false;
     answer->sequence = ntohl(header.sequence);
     answer->status = (int)ntohl(header.words[0]);
     answer->actual_length = 0;
+    if (!answer->sequence || answer->status > 0 || answer->status < -MOST_ERRNO)
+        return false; /* no request has this number, or no error */
     switch (ntohl(header.command)) {
     case RETURN_SUBMIT:
         answer->kind = USBIP_SUBMITTED;
@@ -147,14 +186,20 @@ bool usbip_receive_return(int sock, struct usbip_return *answer)
     }
 }
 
+bool usbip_receive_return(int sock, struct usbip_return *answer)
+{
+    return receive_return(sock, answer, 0);
+}
+
 long usbip_ask(int sock, uint16_t value, void *data, uint16_t bytes)
 {
     enum { GET_DESCRIPTOR = 6 };
     unsigned char setup[8] = {0x80, GET_DESCRIPTOR, value & 0xFF, value >> 8, 0, 0, bytes & 0xFF, bytes >> 8};
     struct usbip_submit submit = {.sequence = 1, .endpoint = 0x80, .length = bytes, .setup = setup};
     struct usbip_return answer;
-    if (!usbip_send_submit(sock, &submit) || !usbip_receive_return(sock, &answer) || answer.status != 0
-        || answer.actual_length > bytes || !usbip_receive(sock, data, answer.actual_length))
+    int64_t until_ms = now_ms() + PATIENCE_MS;
+    if (!usbip_send_submit(sock, &submit) || !receive_return(sock, &answer, until_ms) || answer.status != 0
+        || answer.actual_length > bytes || !receive_until(sock, data, answer.actual_length, until_ms))
         return -1;
     return answer.actual_length;
 }
