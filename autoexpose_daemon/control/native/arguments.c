@@ -33,8 +33,10 @@ static void *numbers(Held *held, PyObject *object, Py_ssize_t count, const char 
         return NULL;
     if (!view->format || strcmp(view->format, format) != 0)
         PyErr_Format(PyExc_ValueError, "%s must be an array of type '%s'", what, format);
-    else if (count >= 0 && view->len != count * view->itemsize)
+    else if (count >= 0 && view->len / view->itemsize != count)
         PyErr_Format(PyExc_ValueError, "%s must have %zd numbers", what, count);
+    else if (view->len && (uintptr_t)view->buf % (size_t)view->itemsize)
+        PyErr_Format(PyExc_ValueError, "%s must be aligned: its numbers begin at an odd address", what);
     else
         return view->buf;
     return NULL;
@@ -58,6 +60,12 @@ const float *hold_floats(Held *held, PyObject *object, Py_ssize_t count, const c
 Py_ssize_t held_numbers(const Held *held)
 {
     return held->views[held->count - 1].len / held->views[held->count - 1].itemsize;
+}
+
+Py_ssize_t times(Py_ssize_t one, Py_ssize_t other)
+{
+    Py_ssize_t product;
+    return __builtin_mul_overflow(one, other, &product) ? PY_SSIZE_T_MAX : product;
 }
 
 int check_region(const Py_buffer *image, const Py_buffer *region)

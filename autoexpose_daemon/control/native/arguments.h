@@ -33,6 +33,9 @@ const float *hold_floats(Held *held, PyObject *object, Py_ssize_t count, const c
 /* How many numbers the last buffer has. */
 Py_ssize_t held_numbers(const Held *held);
 
+/* The product of two counts; one that no buffer has if it is too great. */
+Py_ssize_t times(Py_ssize_t one, Py_ssize_t other);
+
 /* 0 if there is no region or it has the shape of the image, else -1 with an exception set. */
 int check_region(const Py_buffer *image, const Py_buffer *region);
 

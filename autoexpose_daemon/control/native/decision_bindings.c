@@ -28,9 +28,9 @@ static PyObject *information_into(Held *held, PyObject *const objects[10], doubl
     if (!(gains = hold_doubles(held, objects[GAINS], -1, "gains")))
         return NULL;
     const Py_ssize_t n = held_numbers(held), cells = ALL_CELLS;
-    if (!(energy = hold_doubles(held, objects[ENERGY], cells * bins, "energy")) ||
-        !(count = hold_doubles(held, objects[COUNT], cells * bins, "count")) ||
-        !(then = hold_doubles(held, objects[THEN], 3 * bins * n, "then")) ||
+    if (!(energy = hold_doubles(held, objects[ENERGY], times(cells, bins), "energy")) ||
+        !(count = hold_doubles(held, objects[COUNT], times(cells, bins), "count")) ||
+        !(then = hold_doubles(held, objects[THEN], times(3, times(bins, n)), "then")) ||
         !(sharper = hold_doubles(held, objects[SHARPER], n, "sharper")) ||
         (has_light && !(light = hold_doubles(held, objects[LIGHT], cells, "relative_light"))) ||
         (is_steered && !(weights = hold_doubles(held, objects[WEIGHTS], cells, "cell_weights"))) ||
@@ -113,9 +113,9 @@ static PyObject *metrics_into(Held *held, PyObject *const objects[8], int doubti
     const Py_ssize_t deltas = held_numbers(held);
     if (views != sightings * cameras || deltas < 2)
         return PyErr_Format(PyExc_ValueError, "blind must have the shape (sightings, cameras), deltas at least 2 numbers");
-    if (!(seen.curves = hold_doubles(held, objects[CURVES], views * deltas, "curves")) ||
-        !(values = hold_result(held, objects[VALUES], views * n, "values")) ||
-        !(distances = hold_result(held, objects[DISTANCES], views * n, "distances")))
+    if (!(seen.curves = hold_doubles(held, objects[CURVES], times(views, deltas), "curves")) ||
+        !(values = hold_result(held, objects[VALUES], times(views, n), "values")) ||
+        !(distances = hold_result(held, objects[DISTANCES], times(views, n), "distances")))
         return NULL;
     seen.count = (size_t)sightings;
     seen.cameras = (size_t)cameras;
@@ -153,7 +153,7 @@ static PyObject *worth_into(Held *held, PyObject *const objects[4], Unseen *unse
     if (!(levels = hold_doubles(held, objects[0], -1, "levels")))
         return NULL;
     const Py_ssize_t n = held_numbers(held);
-    if (!(metrics = hold_doubles(held, objects[1], cameras * n, "metrics")) ||
+    if (!(metrics = hold_doubles(held, objects[1], times(cameras, n), "metrics")) ||
         !(worth = hold_result(held, objects[3], n, "worth")))
         return NULL;
     unseen->black = unseen->saturated + cameras;

@@ -146,6 +146,9 @@ static PyObject *samples_into(Held *held, PyObject *const objects[3], Py_ssize_t
     if (!are_samples(image, sampled, stride) || saturated->len != GREY_LEVELS)
         return PyErr_Format(PyExc_ValueError,
                             "sampled must have the shape of image[::stride, ::stride], not empty, and saturated 256");
+    if (image->shape[1] > WIDEST)
+        return PyErr_Format(PyExc_ValueError, "an image of %zdx%zd pixels cannot be sampled: at most %d wide",
+                            image->shape[1], image->shape[0], (int)WIDEST);
     const Image pixels = image_of(image);
     if (sample_greys(&pixels, (size_t)stride, saturated->buf, sampled->buf))
         return PyErr_NoMemory();

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+import mmap
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
 
 import numpy as np
 import pytest
@@ -249,6 +251,12 @@ def test_decisions_are_the_same_but_for_their_last_bits(change: float) -> None:
 GREYS, NUMBERS, NOW = np.zeros((9, 9), np.uint8), np.zeros(29), np.zeros((3, 67))
 TABLE, PREDICTED = np.zeros((64, 67)), np.zeros((3, 67, 29))
 SINGLE = np.zeros(256, np.float32)
+FAR = np.broadcast_to(np.zeros((1, 1), np.uint8), (1, 2**62))
+
+
+def misaligned(count: int) -> memoryview:
+    """So many numbers that begin at an odd address."""
+    return memoryview(bytearray(8 * count + 8))[1 : 8 * count + 1].cast("d")
 
 
 @pytest.mark.parametrize(
@@ -261,6 +269,11 @@ SINGLE = np.zeros(256, np.float32)
         ("sample_greys", (GREYS, 5, GREYS[0], np.zeros((2, 2), np.uint8)), "saturated 256"),
         ("sample_greys", (GREYS, 0, np.zeros(256, np.uint8), np.zeros((2, 2), np.uint8)), "shape of image"),
         ("sample_greys", (GREYS, 5, np.zeros(256, np.uint8), np.zeros((2, 3), np.uint8)), "shape of image"),
+        (
+            "sample_greys",
+            (FAR, 2**62, np.zeros(256, np.uint8), np.zeros((1, 1), np.uint8)),
+            "at most 524288 wide",
+        ),
         ("light_change", (GREYS, GREYS[1:], None, SINGLE, np.ones(256, np.uint8)), "alike"),
         ("light_change", (GREYS, GREYS, None, np.zeros(256), np.ones(256, np.uint8)), "type 'f'"),
         ("best_times", (NUMBERS, *[1.0] * 9, NUMBERS[1:]), "times_us must have 29"),
@@ -291,12 +304,24 @@ SINGLE = np.zeros(256, np.float32)
             (NUMBERS, *[np.zeros(2)] * 2, np.zeros(3), NUMBERS, NUMBERS, True, NUMBERS, NUMBERS),
             "shape .sightings, cameras",
         ),
+        ("grey_counts", (GREYS, None, misaligned(256)), "counts must be aligned"),
+        ("best_times", (misaligned(29), *[1.0] * 9, NUMBERS), "levels must be aligned"),
         ("worth_of_levels", (NUMBERS, NUMBERS, np.zeros((3, 2)), True, *[1.0] * 6, NUMBERS), "metrics must have 58"),
     ],
 )
 def test_bad_input_is_refused(call: str, arguments: tuple[object, ...], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         getattr(_native, call)(*arguments)
+
+
+def test_counts_whose_product_is_too_great_are_not_none() -> None:
+    """2^32 times 2^32 numbers, in memory that is promised and never touched."""
+    private, unreserved = 0x02, 0x4000
+    with mmap.mmap(-1, 8 << 32, flags=private | unreserved) as memory, memoryview(memory).cast("d") as view:
+        many: Any = view
+        one, none = np.zeros(1), np.zeros(0)
+        with pytest.raises(ValueError, match="curves must have"):
+            _native.predict_metrics(one, one, one, many, none, many, True, many, many)
 
 
 def test_results_are_written_only_where_that_is_allowed() -> None:
