@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import reprlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import datetime
@@ -15,6 +14,7 @@ from pydantic_core import ErrorDetails
 
 from calibration.findings import Finding
 from drivers.config.files import replace_file
+from drivers.config.readable import quoted
 from drivers.config.strict_yaml import load_mapping
 from drivers.errors import ConfigurationError
 
@@ -105,10 +105,10 @@ def _complaint(model: type[BaseModel], error: ErrorDetails, content: Mapping[Any
         return error["msg"].removeprefix("Value error, ")
     key, *places = error["loc"]
     if error["type"] in ("extra_forbidden", "invalid_key") and not places:
-        return f"unknown key {key!r}: remove it, or update this program"
+        return f"unknown key {quoted(key)}: remove it, or update this program"
     if error["type"] == "missing" and not places:
-        return f"the key {key!r} is missing: add it"
+        return f"the key {quoted(key)} is missing: add it"
     value = content[key]
     if places and isinstance(places[0], int) and isinstance(value, list) and places[0] < len(value):
         key, value = f"{key}[{places[0]}]", value[places[0]]
-    return f"{key} is {reprlib.repr(value)}: {model.model_fields[str(error['loc'][0])].description}"
+    return f"{key} is {quoted(value)}: {model.model_fields[str(error['loc'][0])].description}"

@@ -7,7 +7,7 @@ from typing import Annotated
 
 from pydantic import BeforeValidator, PlainSerializer, model_validator
 
-from autoexpose_daemon.config.section import Name, Section
+from autoexpose_daemon.config.section import FileName, Name, Section
 from drivers.config.feature import FeatureSetting, as_list, parse_features
 from drivers.python310 import Self
 
@@ -25,10 +25,10 @@ class CameraConfig(Section):
     """One camera: its serial, its calibration files (without a response file it is linear), and features to set."""
 
     serial: Annotated[Name, BeforeValidator(_refuse_number)]
-    response: Path | None = None
-    gain_calibration: Path | None = None
-    calibration: Path | None = None
-    vignetting: Path | None = None
+    response: FileName | None = None
+    gain_calibration: FileName | None = None
+    calibration: FileName | None = None
+    vignetting: FileName | None = None
     features: Features = ()
 
     def relative_to(self, folder: Path) -> Self:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from pydantic import field_validator, model_validator
 
-from autoexpose_daemon.config.section import Section
+from autoexpose_daemon.config.section import FileName, Section
 from autoexpose_daemon.messages.keys import check_endpoints
 from drivers.config.files import read_regular
 from drivers.errors import ConfigurationError
@@ -19,7 +19,7 @@ class ConnectionConfig(Section):
     """Endpoints for zenoh, or a zenoh configuration file instead."""
 
     connect: tuple[str, ...] = ()
-    zenoh: Path | None = None
+    zenoh: FileName | None = None
 
     @field_validator("listen", "connect", check_fields=False)
     @classmethod

@@ -8,6 +8,8 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
+from drivers.config.readable import shortened
+
 
 def mistakes(error: ValidationError, model: type[BaseModel]) -> list[str]:
     """A sentence for each thing that is wrong with data for a model, beginning with its key."""
@@ -15,7 +17,7 @@ def mistakes(error: ValidationError, model: type[BaseModel]) -> list[str]:
 
 
 def _complaint(error: ErrorDetails, model: type[BaseModel]) -> str:
-    key = ".".join(str(part) for part in error["loc"])
+    key = ".".join(shortened(str(part)) for part in error["loc"])
     if error["type"] == "extra_forbidden":
         *parents, last = [str(part) for part in error["loc"]]
         known = _keys_of(parents, model)

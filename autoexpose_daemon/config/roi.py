@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autoexpose_daemon.config.area import AreaConfig
-from autoexpose_daemon.config.section import Section
+from autoexpose_daemon.config.section import FileName, Section
 from autoexpose_daemon.control.picture.region import Rectangle, Region
 from drivers.config.files import read_regular
 from drivers.config.png import is_whole_png
+from drivers.config.readable import quoted
 from drivers.errors import ConfigurationError
 from drivers.frames import Side
 
@@ -24,7 +25,7 @@ MOST_MASK_BYTES = 1 << 26
 class RegionConfig(AreaConfig):
     """What counts in the picture of one camera, with a mask file too."""
 
-    mask: Path | None = None
+    mask: FileName | None = None
 
 
 class RoiConfig(Section):
@@ -85,7 +86,7 @@ def _read_mask(key: str, path: Path) -> NDArray[np.uint8]:
     except OSError as error:
         raise ConfigurationError(f"{key}: {path}: cannot be read: {error.strerror}") from error
     except ValueError as error:  # a NUL in its name
-        raise ConfigurationError(f"{key}: {str(path)!r}: is not a valid file name: {error}") from error
+        raise ConfigurationError(f"{key}: {quoted(str(path))}: is not a valid file name: {error}") from error
     mask = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED) if is_whole_png(content) else None
     if mask is None:
         raise ConfigurationError(f"{key}: {path}: is not a PNG picture: save the mask as one")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+from pathlib import Path
 from typing import Annotated, Literal
 
 from pydantic import (
@@ -14,8 +16,10 @@ from pydantic import (
 )
 
 from drivers.config import bounds
+from drivers.config.readable import quoted
 
 LONGEST_NAME = 64
+_LONGEST_PATH = 4096
 
 
 def _refuse_boolean(value: object) -> object:
@@ -32,16 +36,23 @@ def _hertz_or_auto(value: object, parse: ValidatorFunctionWrapHandler) -> object
     except ValueError as error:
         number = isinstance(value, int | float) and not isinstance(value, bool)
         wrong = "is out of bounds" if number else "is not a frequency"
-        raise ValueError(f"{value!r:.40} {wrong}: give {bounds.FLICKER_HZ}, or auto") from error
+        raise ValueError(f"{quoted(value)} {wrong}: give {bounds.FLICKER_HZ}, or auto") from error
 
 
 def check_name(name: str) -> str:
     """A name that belongs to a camera; raises ValueError for one that is invisible, or could control a terminal."""
     if not 0 < len(name) <= LONGEST_NAME or name != name.strip() or not name.isprintable():
         raise ValueError(
-            f"{name!a} is not a valid name: give 1 to {LONGEST_NAME} printable characters without blanks around them"
+            f"{quoted(name)} is not a valid name: give 1 to {LONGEST_NAME} printable characters without blanks around "
+            "them"
         )
     return name
+
+
+def _check_path(path: Path) -> Path:
+    if len(os.fsencode(path)) > _LONGEST_PATH:
+        raise ValueError(f"{quoted(str(path))} is too long for the name of a file")
+    return path
 
 
 Float = Annotated[float, BeforeValidator(_refuse_boolean)]
@@ -70,6 +81,7 @@ BracketStops = Annotated[Float, AfterValidator(bounds.BRACKET_STOPS.check)]
 EvStops = Annotated[Float, AfterValidator(bounds.EV_STOPS.check)]
 SampleAgeS = Annotated[Float, AfterValidator(bounds.SAMPLE_AGE_S.check)]
 Name = Annotated[str, AfterValidator(check_name)]
+FileName = Annotated[Path, AfterValidator(_check_path)]
 
 
 class Section(BaseModel):

@@ -11,6 +11,7 @@ from calibration.gain.file import GainFile
 from calibration.sources.session import session_setup
 from drivers.config import bounds
 from drivers.config.feature import FeatureSetting, parse_features
+from drivers.config.readable import quoted
 from drivers.config.setup import CameraSetup, LinkShare
 from drivers.config.strict_yaml import load_mapping
 from drivers.errors import ConfigurationError
@@ -68,9 +69,9 @@ def rig_of_config(path: Path) -> list[CameraMode]:
     cameras, image = _section(path, document, "cameras"), _section(path, document, "image")
     pixel_format, binning = image.get("pixel_format"), image.get("binning")
     if pixel_format is not None and pixel_format not in list(PIXEL_FORMATS):
-        raise ConfigurationError(f"{path}: image.pixel_format is {pixel_format!r}: see autoexpose config check")
+        raise ConfigurationError(f"{path}: image.pixel_format is {quoted(pixel_format)}: see autoexpose config check")
     if binning is not None and type(binning) is not int:
-        raise ConfigurationError(f"{path}: image.binning is {binning!r}: give a whole number of pixels")
+        raise ConfigurationError(f"{path}: image.binning is {quoted(binning)}: give a whole number of pixels")
     rate_hz = _number(path, "trigger.rate_hz", _section(path, document, "trigger").get("rate_hz"), bounds.RATE_HZ)
     transport = _section(path, document, "transport")
     packet_bytes = _number(path, "transport.packet_size_bytes", transport.get("packet_size_bytes"), bounds.PACKET_BYTES)
@@ -83,7 +84,7 @@ def rig_of_config(path: Path) -> list[CameraMode]:
             camera = _section(path, cameras, side, "cameras.")
             serial = camera.get("serial")
             if not isinstance(serial, str) or not serial:
-                raise ConfigurationError(f"{path}: cameras.{side}.serial is {serial!r}: give it in quotes")
+                raise ConfigurationError(f"{path}: cameras.{side}.serial is {quoted(serial)}: give it in quotes")
             try:
                 features = parse_features(camera.get("features", []))
             except ValueError as error:
@@ -101,7 +102,7 @@ def _number(path: Path, key: str, value: object, within: bounds.Range) -> float 
     if value is None:
         return None
     if isinstance(value, bool) or not isinstance(value, int | float) or value not in within:
-        raise ConfigurationError(f"{path}: {key} is {value!r}: give {within}")
+        raise ConfigurationError(f"{path}: {key} is {quoted(value)}: give {within}")
     return value
 
 
@@ -109,7 +110,7 @@ def _file(path: Path, camera: dict[Any, Any], side: Side, key: str) -> Path | No
     """The file that a camera's section names under a key; None if it names none."""
     file = camera.get(key)
     if file is not None and not isinstance(file, str):
-        raise ConfigurationError(f"{path}: cameras.{side}.{key} is {file!r}: name a file")
+        raise ConfigurationError(f"{path}: cameras.{side}.{key} is {quoted(file)}: name a file")
     return None if file is None else path.parent / file
 
 
@@ -142,5 +143,5 @@ def places_of(rig: Sequence[CameraMode], output: Path, kind: str) -> dict[Path, 
 def _section(path: Path, document: dict[Any, Any], key: str, parent: str = "") -> dict[Any, Any]:
     section = document.get(key) or {}
     if not isinstance(section, dict):
-        raise ConfigurationError(f"{path}: {parent}{key} is {section!r}: give keys and values")
+        raise ConfigurationError(f"{path}: {parent}{key} is {quoted(section)}: give keys and values")
     return section

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import reprlib
 from collections.abc import Mapping
 from typing import Any, Final
 
@@ -13,6 +12,7 @@ from numpy.typing import NDArray
 from calibration.geometry.model import CameraGeometry, DistortionModel
 from calibration.geometry.numbers import check_plausible, is_rotation, mapping, numbers, pixels, required
 from calibration.geometry.rectify import alone, rectified
+from drivers.config.readable import quoted
 from drivers.errors import ConfigurationError
 from drivers.frames import SIDES, Side
 
@@ -71,11 +71,11 @@ def _lens(content: Mapping[Any, Any], name: str) -> CameraGeometry:
     section = mapping(content, name)
     camera_model = section.get("camera_model", "pinhole")
     if camera_model != "pinhole":
-        raise ConfigurationError(f"{name}.camera_model is {reprlib.repr(camera_model)}: only pinhole is supported")
+        raise ConfigurationError(f"{name}.camera_model is {quoted(camera_model)}: only pinhole is supported")
     model = required(section, "distortion_model", f"{name}.distortion_model")
     if model not in list(_MODELS):
         raise ConfigurationError(
-            f"{name}.distortion_model is {reprlib.repr(model)}: only {', '.join(_MODELS)} are supported: "
+            f"{name}.distortion_model is {quoted(model)}: only {', '.join(_MODELS)} are supported: "
             "calibrate with one of them"
         )
 
@@ -86,7 +86,7 @@ def _lens(content: Mapping[Any, Any], name: str) -> CameraGeometry:
     distortion = listed("distortion_coeffs", _COEFFICIENTS[model]) if _COEFFICIENTS[model] else (0.0,) * 4
     size = required(section, "resolution", f"{name}.resolution")
     if not isinstance(size, list) or len(size) != 2:
-        raise ConfigurationError(f"{name}.resolution is {reprlib.repr(size)}: give width and height")
+        raise ConfigurationError(f"{name}.resolution is {quoted(size)}: give width and height")
     width, height = (pixels(part, f"{name}.resolution") for part in size)
     lens = alone(
         CameraGeometry(
@@ -111,7 +111,7 @@ def _pose(section: Mapping[Any, Any]) -> tuple[NDArray[np.float64], NDArray[np.f
     key = f"{RIGHT}.T_cn_cnm1"
     rows = required(section, "T_cn_cnm1", key)
     if not isinstance(rows, list) or len(rows) != 4:
-        raise ConfigurationError(f"{key} is {reprlib.repr(rows)}: give four rows of four numbers")
+        raise ConfigurationError(f"{key} is {quoted(rows)}: give four rows of four numbers")
     pose = np.array([numbers(row, key, 4) for row in rows])
     if not is_rotation(pose[:3, :3]) or pose[3].tolist() != [0, 0, 0, 1]:
         raise ConfigurationError(f"{key} is no rotation and translation: calibrate again")

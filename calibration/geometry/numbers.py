@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-import reprlib
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from calibration.geometry.model import COEFFICIENTS, CameraGeometry
+from drivers.config.readable import quoted
 from drivers.errors import ConfigurationError
 
 LARGEST_PIXELS = 65_536
@@ -27,7 +27,7 @@ def mapping(content: Mapping[Any, Any], key: str) -> Mapping[Any, Any]:
     """The section under a key; raises ConfigurationError."""
     value = required(content, key)
     if not isinstance(value, Mapping):
-        raise ConfigurationError(f"{key} is {reprlib.repr(value)}: give keys and values")
+        raise ConfigurationError(f"{key} is {quoted(value)}: give keys and values")
     return value
 
 
@@ -41,7 +41,7 @@ def required(content: Mapping[Any, Any], key: str, named: str = "") -> Any:
 def numbers(value: Any, key: str, count: int | None = None) -> tuple[float, ...]:
     """A list of finite numbers; raises ConfigurationError. C++ programs write `1e-05`, which YAML 1.1 reads as text."""
     if not isinstance(value, list) or (count is not None and len(value) != count):
-        raise ConfigurationError(f"{key} is {reprlib.repr(value)}: give a list of {count or 'several'} numbers")
+        raise ConfigurationError(f"{key} is {quoted(value)}: give a list of {count or 'several'} numbers")
     found: list[float] = []
     for each in value:
         try:
@@ -49,7 +49,7 @@ def numbers(value: Any, key: str, count: int | None = None) -> tuple[float, ...]
         except (TypeError, ValueError, OverflowError):
             number = math.nan
         if not math.isfinite(number):
-            raise ConfigurationError(f"{key} holds {reprlib.repr(each)}: give finite numbers only")
+            raise ConfigurationError(f"{key} holds {quoted(each)}: give finite numbers only")
         found.append(number)
     return tuple(found)
 
@@ -57,7 +57,7 @@ def numbers(value: Any, key: str, count: int | None = None) -> tuple[float, ...]
 def pixels(value: Any, key: str) -> int:
     """A size in pixels; raises ConfigurationError."""
     if type(value) is not int or not 0 < value <= LARGEST_PIXELS:
-        raise ConfigurationError(f"{key} is {reprlib.repr(value)}: give a whole number of pixels")
+        raise ConfigurationError(f"{key} is {quoted(value)}: give a whole number of pixels")
     return value
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import reprlib
 from collections.abc import Mapping
 from typing import Any, get_args
 
@@ -10,6 +9,7 @@ import yaml
 
 from calibration.geometry.model import COEFFICIENTS, CameraGeometry, DistortionModel
 from calibration.geometry.numbers import check_plausible, mapping, numbers, pixels, required
+from drivers.config.readable import quoted
 from drivers.errors import ConfigurationError
 from drivers.frames import SIDES, Side
 
@@ -28,7 +28,7 @@ def read_ros(content: Mapping[Any, Any], side: Side) -> CameraGeometry:
     model = required(content, "distortion_model")
     if model not in get_args(DistortionModel):
         raise ConfigurationError(
-            f"distortion_model is {reprlib.repr(model)}: only {', '.join(COEFFICIENTS)} are supported: "
+            f"distortion_model is {quoted(model)}: only {', '.join(COEFFICIENTS)} are supported: "
             "calibrate with one of them"
         )
     distortion = _matrix(content, "distortion_coefficients")
@@ -36,7 +36,7 @@ def read_ros(content: Mapping[Any, Any], side: Side) -> CameraGeometry:
         distortion = (*distortion, 0.0)
     serial = content.get("serial")
     if serial is not None and not isinstance(serial, str):
-        raise ConfigurationError(f"serial is {reprlib.repr(serial)}: give it in quotes")
+        raise ConfigurationError(f"serial is {quoted(serial)}: give it in quotes")
     geometry = CameraGeometry(
         pixels(required(content, "image_width"), "image_width"),
         pixels(required(content, "image_height"), "image_height"),
@@ -76,9 +76,7 @@ def _check_name(name: object, side: Side) -> None:
     """By ROS's custom, the name of a camera of a pair ends in `left` or `right`, as in `narrow_stereo/left`."""
     last = str(name).rpartition("/")[2].rpartition("_")[2]
     if last in SIDES and last != side:
-        raise ConfigurationError(
-            f"camera_name is {reprlib.repr(name)}, but this is the {side} camera: name its own file"
-        )
+        raise ConfigurationError(f"camera_name is {quoted(name)}, but this is the {side} camera: name its own file")
 
 
 def _matrix(content: Mapping[Any, Any], key: str, count: int | None = None) -> tuple[float, ...]:

@@ -19,6 +19,7 @@ from pathlib import Path
 from PIL import Image
 
 from drivers.config.files import open_regular, read_regular
+from drivers.config.readable import quoted
 from drivers.errors import ConfigurationError
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".pgm", ".ppm")
@@ -142,7 +143,7 @@ def _seconds(word: str, where: str) -> float:
         value = math.nan
     if not 0 < value < math.inf:
         raise ConfigurationError(
-            f"{where}: {word!r} is not an exposure time: give seconds above 0, such as 0.0333 or 1/30"
+            f"{where}: {quoted(word)} is not an exposure time: give seconds above 0, such as 0.0333 or 1/30"
         )
     return value
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TypeVar
 
+from drivers.config.readable import quoted
+
 N = TypeVar("N", int, float)
 
 
@@ -25,7 +27,7 @@ class Range:
     def check(self, value: N) -> N:
         """The value itself; raises ValueError if it is out of range or NaN."""
         if value not in self:
-            raise ValueError(f"{value!r} is out of bounds: give {self}")
+            raise ValueError(f"{quoted(value)} is out of bounds: give {self}")
         return value
 
 

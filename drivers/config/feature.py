@@ -6,6 +6,8 @@ import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+from drivers.config.readable import quoted
+
 FeatureValue = bool | int | float | str
 
 EXECUTE = "execute"
@@ -52,9 +54,9 @@ def _parsed(where: str, item: object) -> FeatureSetting:
         raise ValueError(f"{where} is not one `- Name: value`: write each feature on a line of its own, with a dash")
     ((key, value),) = item.items()
     if not isinstance(key, str) or len(key) > LONGEST_TEXT or not _KEY.fullmatch(key):
-        raise ValueError(f"{where}: {str(key)!a:.80} is not a feature: write `Name`, or `Selector[Entry].Name`")
+        raise ValueError(f"{where}: {quoted(str(key))} is not a feature: write `Name`, or `Selector[Entry].Name`")
     if (words := misfit(value)) is not None:
-        raise ValueError(f"{where}: {key} is set to {value!r:.40}: {words}")
+        raise ValueError(f"{where}: {key} is set to {quoted(value)}: {words}")
     name = key.rpartition(".")[2]
     return FeatureSetting(name, value, tuple(_SELECTION.findall(key)))
 

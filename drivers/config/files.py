@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import errno
 import os
 import secrets
@@ -10,8 +11,10 @@ from contextlib import suppress
 from pathlib import Path
 from typing import BinaryIO
 
+from drivers.config.readable import quoted
 from drivers.errors import ConfigurationError
 
+_UTF16_MARKS = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 _KINDS = {
     stat.S_IFDIR: "a directory",
     stat.S_IFIFO: "a named pipe",
@@ -50,6 +53,26 @@ def read_regular(path: Path, most_bytes: int) -> bytes:
     if len(content) > most_bytes:
         raise OSError(errno.EFBIG, f"longer than {most_bytes >> 10} KiB")
     return content
+
+
+def read_text(path: Path, most_bytes: int) -> str:
+    """The text of a file in UTF-8, or in UTF-16 with a byte-order mark, which is left out.
+
+    Raises
+    ------
+    ConfigurationError
+        When the file cannot be read, is longer than `most_bytes`, or is no text.
+    """
+    try:
+        content = read_regular(path, most_bytes)
+    except OSError as error:
+        raise ConfigurationError(f"{path}: cannot be read ({error.strerror}): check its name and access") from error
+    except ValueError as error:  # a NUL in its name
+        raise ConfigurationError(f"{quoted(str(path))}: is not a file name: {error}") from error
+    try:
+        return content.decode("utf-16" if content.startswith(_UTF16_MARKS) else "utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise ConfigurationError(f"{path}: is not text (byte {error.start}): name a text file") from error
 
 
 def replace_file(path: Path, content: bytes) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 
+from drivers.config.readable import quoted
 from drivers.errors import ConfigurationError
 
 DEFAULT_POLICY = "fisher-map"
@@ -42,4 +43,4 @@ def check_policy_id(policy_id: str) -> None:
     if policy_id not in POLICY_IDS:
         near = difflib.get_close_matches(policy_id, POLICY_IDS, n=1)
         hint = f"did you mean {near[0]}? " if near else ""
-        raise ConfigurationError(f"there is no policy {policy_id!r}; {hint}choose one of {', '.join(POLICY_IDS)}")
+        raise ConfigurationError(f"there is no policy {quoted(policy_id)}; {hint}choose one of {', '.join(POLICY_IDS)}")

@@ -179,6 +179,28 @@ def test_a_mistake_is_named_with_its_key(tmp_path: Path, text: str, words: list[
         assert word in message
 
 
+@pytest.mark.parametrize(
+    "text",
+    [
+        "cameras: {left: {serial: %s}}",
+        "cameras: {left: {serial: A, %s: 1}}",
+        "cameras: {left: {serial: A, response: %s}}",
+        "cameras: {left: {serial: A, features: [%s: 1]}}",
+        "cameras: {left: {serial: A, features: [Width: %s]}}",
+        LEFT + "control: {policy: %s}",
+        LEFT + "control: {flicker_hz: %s}",
+        LEFT + "control: {roi: {left: {mask: %s}}}",
+        LEFT + "trigger: {mode: %s}",
+        LEFT + "trigger: {rate_hz: %s}",
+        LEFT + "publish: {name: %s}",
+        LEFT + "%s: 1",
+    ],
+)
+def test_an_error_is_short_whatever_it_is_about(tmp_path: Path, text: str) -> None:
+    said = complaint(tmp_path, text % f"'{'x' * 100_000}'").replace(str(tmp_path), "")
+    assert all(len(sentence) < 700 for sentence in said.splitlines()), max(map(len, said.splitlines()))
+
+
 WHITE = np.full((540, 720), 255, np.uint8)
 
 
