@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from calibration.geometry.formats.ros import ros_yaml
 from calibration.geometry.model import CameraGeometry
-from calibration.geometry.ros import ros_yaml
 from drivers.frames import SIDES, Side
 
 SENSOR = {"full_well_e": 22_000.0, "read_noise_e": 3.0}

@@ -18,9 +18,9 @@ from calibration.commands.rig import CameraMode, rig_of_config
 from calibration.geometry.board import DEFAULT_DICTIONARY, MARKER_SHARE, Board, BoardFinder
 from calibration.geometry.capture import ENOUGH_VIEWS, Capture
 from calibration.geometry.file import load_geometry
-from calibration.geometry.kalibr import camchain_yaml
+from calibration.geometry.formats.kalibr import camchain_yaml
+from calibration.geometry.formats.ros import ros_yaml
 from calibration.geometry.result import GeometryResult, calibrate_geometry
-from calibration.geometry.ros import ros_yaml
 from calibration.geometry.views import View
 from calibration.report import check_extra
 from calibration.report.geometry import geometry_facts, write_geometry_report

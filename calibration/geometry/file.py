@@ -1,39 +1,53 @@
-"""A calibration file of a camera: ROS's camera-info YAML, or Kalibr's camchain."""
+"""The calibration file of a camera, and whether it is for this camera and this pair."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from pathlib import Path
 
-from calibration.geometry.kalibr import LEFT, read_camchain
+from calibration.geometry.formats.read import read_rig
 from calibration.geometry.model import CameraGeometry
-from calibration.geometry.ros import read_ros
-from drivers.config.strict_yaml import load_mapping
+from drivers.config.readable import quoted
 from drivers.errors import ConfigurationError
-from drivers.frames import Side
+from drivers.frames import SIDES, Side
 
 _SAME_PX = 0.01
 """By how much the projections of a pair may differ: files may be written with few digits."""
 
 
 def load_geometry(path: Path, side: Side) -> CameraGeometry:
-    """Read the file of a camera.
+    """Read the file of a camera, or of a pair, of which the first camera is the left one.
 
     Raises
     ------
     ConfigurationError
         Naming the file, the key and what to do.
     """
-    hint = "give ROS's camera-info YAML, or Kalibr's camchain"
-    content = load_mapping(path, hint)
+    rig = read_rig(path)
+    names = list(rig.lenses)
     try:
-        if LEFT in content:
-            return read_camchain(content, side)
-        if "camera_matrix" in content:
-            return read_ros(content, side)
+        if len(names) > 1:
+            return rig.pair(*names[:2])[SIDES.index(side)]
+        if not names:
+            raise ConfigurationError(
+                "says where the cameras are, but has no lens: join it with the file that has with "
+                "autoexpose calibrate import"
+            )
+        of = side_of(names[0])
+        if of not in (None, side):
+            raise ConfigurationError(
+                f"camera_name is {quoted(names[0])}, but this is the {side} camera: name its own file"
+            )
     except ConfigurationError as error:
         raise ConfigurationError(f"{path}: {error}") from error
-    raise ConfigurationError(f"{path}: has neither camera_matrix nor {LEFT}: {hint}")
+    return rig.lenses[names[0]]
+
+
+def side_of(name: str) -> Side | None:
+    """By ROS's custom, the name of a camera of a pair ends in `left` or `right`, as in `narrow_stereo/left`."""
+    last = re.split(r"[/_\W]", name)[-1].lower()
+    return next((side for side in SIDES if side == last), None)
 
 
 def check_camera(geometry: CameraGeometry, serial: str, size: tuple[int, int] | None = None) -> None:
@@ -66,15 +80,22 @@ def check_pair(pair: Mapping[Side, CameraGeometry]) -> None:
     left, right = pair.get("left"), pair.get("right")
     if left is not None and left.projection[3]:
         raise ConfigurationError(
-            "cameras.left.calibration: projection_matrix has a baseline, as those of right cameras do: "
-            "give the left camera's file"
+            f"cameras.left.calibration: projection_matrix has a baseline of {left.baseline_m:.4g} m, as those of "
+            "right cameras do: give the left camera's file"
         )
     if right is None:
         return
-    if right.baseline_m <= 0:
+    if right.baseline_m == 0:
         raise ConfigurationError(
             "cameras.right.calibration: projection_matrix has no baseline (its fourth number is -fx times it, in "
-            "metres): calibrate both cameras together"
+            "metres): calibrate both cameras together, or join files that know where each is with "
+            "autoexpose calibrate import"
+        )
+    if right.baseline_m < 0:
+        raise ConfigurationError(
+            f"cameras.right.calibration: projection_matrix puts this camera {-right.baseline_m:.4g} m to the left of "
+            f"the other (its fourth number is {right.projection[3]:.6g}, where a right camera has -fx times the "
+            "baseline): exchange left and right, or, if the cameras are right, turn its sign"
         )
     if left is None:
         return

@@ -12,7 +12,7 @@ from calibration.geometry.board import Board
 from calibration.geometry.fit import Fit, fit_pair
 from calibration.geometry.judge import judge_fit, judge_scores, judge_views
 from calibration.geometry.model import CameraGeometry
-from calibration.geometry.numbers import check_plausible
+from calibration.geometry.plausible import check_plausible
 from calibration.geometry.rectify import rectified
 from calibration.geometry.score import Score, score
 from calibration.geometry.views import View

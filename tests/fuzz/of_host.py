@@ -52,7 +52,7 @@ from calibration.document import CameraIdentity
 from calibration.findings import Finding
 from calibration.gain.file import GainFile
 from calibration.geometry.file import load_geometry
-from calibration.geometry.ros import read_ros, ros_yaml
+from calibration.geometry.formats.ros import ros_yaml
 from calibration.response import ResponseFunction
 from calibration.response.file import Origin, ResponseFile
 from calibration.sources.exposure_times import timed_files
@@ -72,7 +72,7 @@ from tests.autoexpose_daemon.imu import imu_message
 from tests.autoexpose_daemon.publish.test_pairs import messages
 from tests.autoexpose_daemon.recording.runs import LIMITS, VirtualRun, record
 from tests.autoexpose_daemon.statuses import EXPOSING
-from tests.calibration.geometry.pairs import LENSES, camchain, ros
+from tests.calibration.geometry.pairs import LENSES, camchain, of_ros, ros
 from tests.fuzz.of_fake_camera import gvcp_answer
 from tests.fuzz.target import framed, in_file, unframed
 
@@ -176,7 +176,7 @@ def vignetting_seeds() -> Iterator[bytes]:
 def calibration_file(data: bytes) -> None:
     path = in_file(data, "calibration.yaml")
     geometry = load_geometry(path, "right")
-    assert read_ros(yaml.safe_load(ros_yaml(geometry, "right")), "right") == geometry
+    assert of_ros(yaml.safe_load(ros_yaml(geometry, "right"))) == geometry
 
 
 def calibration_seeds() -> Iterator[bytes]:

@@ -53,7 +53,7 @@ def test_files_are_read_once(rig: Path) -> None:
             "cameras.right.calibration: .*left.yaml: camera_name is 'left', but this is the right",
         ),
         ({"left": "right.yaml"}, "cameras.left.calibration: .*right.yaml: camera_name is 'right'"),
-        ({"left": "rig.yaml"}, "cameras.left.calibration: .*rig.yaml: has neither camera_matrix nor cam0"),
+        ({"left": "rig.yaml"}, "cameras.left.calibration: .*rig.yaml: has no camera in its keys .'cameras'.: give"),
         ({"left": "/dev/zero"}, "cameras.left.calibration: /dev/zero: cannot be read .a device, not a regular file"),
         ({"left": "left.yaml", "right": "alone.yaml"}, "cameras.right.calibration: projection_matrix has no baseline"),
         ({"left": "other.yaml"}, "cameras.left.calibration: .*other.yaml: serial is C, but this is camera A"),

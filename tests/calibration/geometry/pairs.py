@@ -8,9 +8,10 @@ import cv2
 import numpy as np
 import yaml
 
-from calibration.geometry.kalibr import read_camchain
-from calibration.geometry.ros import ros_yaml
-from drivers.frames import Side
+from calibration.geometry.formats.kalibr import read_camchain
+from calibration.geometry.formats.ros import read_camera, ros_yaml
+from calibration.geometry.model import CameraGeometry
+from drivers.frames import SIDES, Side
 
 LENSES = {"radtan": [-0.2, 0.05, 0.001, 0.0005], "equidistant": [0.01, 0.002, -0.001, 0.0005], "none": []}
 
@@ -36,9 +37,20 @@ def camchain(model: str = "radtan", turn: tuple[float, ...] = (0.01, -0.02, 0.00
     return document
 
 
+def of_chain(content: dict[str, Any], side: Side = "left") -> CameraGeometry:
+    """One side of a camchain of two cameras."""
+    return read_camchain(content).pair("cam0", "cam1")[SIDES.index(side)]
+
+
+def of_ros(content: dict[str, Any]) -> CameraGeometry:
+    """The camera of a ROS file."""
+    (geometry,) = read_camera(content).lenses.values()
+    return geometry
+
+
 def ros(side: Side) -> dict[str, Any]:
     """As ROS keeps the same camera."""
-    document: dict[str, Any] = yaml.safe_load(ros_yaml(read_camchain(camchain(), side), side))
+    document: dict[str, Any] = yaml.safe_load(ros_yaml(of_chain(camchain(), side), side))
     return document
 
 

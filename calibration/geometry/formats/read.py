@@ -1,0 +1,104 @@
+"""Any file with the geometry of cameras, by what it holds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Final
+
+from calibration.geometry.formats import kalibr, opencv, ros, slam, tum
+from calibration.geometry.formats.documents import INI, parsed
+from calibration.geometry.formats.rig import Rig
+from drivers.config.files import read_text
+from drivers.config.readable import quoted
+from drivers.config.strict_yaml import MOST_BYTES
+from drivers.errors import ConfigurationError
+
+Size = tuple[int, int]
+
+FORMATS: Final = (
+    "give a camera-info file of ROS, a camchain of Kalibr, a FileStorage of OpenCV with K1, D1, K2, D2, R and T or "
+    "with camera_matrix, or another of docs/geometry.md"
+)
+
+
+def read_rig(path: Path, size: Size | None = None) -> Rig:
+    """The cameras of a file; `size` is that of the pictures if the file does not say.
+
+    Raises
+    ------
+    ConfigurationError
+        Naming the file, the key and what to do.
+    """
+    text = read_text(path, MOST_BYTES)
+    try:
+        if tum.is_camera_txt(text):
+            return tum.read_camera_txt(text)
+    except ConfigurationError as error:
+        raise ConfigurationError(f"{path}: {error}") from error
+    content = parsed(text, path, FORMATS)
+    if "cam0_calib" in content:
+        return _vins(content, path)
+    try:
+        return _of(content, size)
+    except ConfigurationError as error:
+        raise ConfigurationError(f"{path}: {error}") from error
+
+
+def _of(content: Mapping[Any, Any], size: Size | None) -> Rig:
+    for holds, read in _READERS:
+        if holds(content):
+            return read(content, size)
+    keys = ", ".join(str(key) for key in list(content)[:5])
+    raise ConfigurationError(f"has no camera in its keys ({quoted(keys)}): {FORMATS}")
+
+
+def _ini(content: Mapping[Any, Any], size: Size | None) -> Rig:
+    cameras = content[INI]
+    if not cameras:
+        raise ConfigurationError("has no section with a camera matrix and a distortion: give ROS's ost.ini")
+    rigs = [ros.read_camera(camera, size) for camera in cameras.values()]
+    lenses = {name: lens for rig in rigs for name, lens in rig.lenses.items()}
+    return Rig("cameras of ROS", lenses, is_rectified=all(rig.is_rectified for rig in rigs))
+
+
+def _vins(content: Mapping[Any, Any], path: Path) -> Rig:
+    """The settings of VINS-Fusion, which name the file of each camera."""
+    rigs: dict[str, Rig] = {}
+    for name in ("cam0", "cam1"):
+        if f"{name}_calib" in content:
+            file = content[f"{name}_calib"]
+            if not isinstance(file, str):
+                raise ConfigurationError(f"{path}: {name}_calib is {quoted(file)}: name a file")
+            rigs[name] = _camodocal(path.parent / file)
+    try:
+        places = slam.body_places(content)
+    except ConfigurationError as error:
+        raise ConfigurationError(f"{path}: {error}") from error
+    lenses = {name: next(iter(rig.lenses.values())) for name, rig in rigs.items()}
+    notes = tuple(f"{name}: {note}" for name, rig in rigs.items() for note in rig.notes)
+    return replace(rigs["cam0"], kind="settings of VINS-Fusion", lenses=lenses, places=places, notes=notes)
+
+
+def _camodocal(path: Path) -> Rig:
+    content = parsed(read_text(path, MOST_BYTES), path, "give a camera of camodocal")
+    try:
+        if "model_type" not in content:
+            raise ConfigurationError("the key model_type is missing: give a camera of camodocal")
+        return slam.read_camodocal(content)
+    except ConfigurationError as error:
+        raise ConfigurationError(f"{path}: {error}") from error
+
+
+_Reader = tuple[Callable[[Mapping[Any, Any]], object], Callable[[Mapping[Any, Any], Size | None], Rig]]
+_READERS: Final[tuple[_Reader, ...]] = (
+    (lambda content: INI in content, _ini),
+    (kalibr.names_in, lambda content, _: kalibr.read_camchain(content)),
+    (lambda content: "model_type" in content, lambda content, _: slam.read_camodocal(content)),
+    (slam.is_orb_slam, slam.read_orb_slam),
+    (ros.is_camera, ros.read_camera),
+    (lambda content: {"intrinsics", "resolution"} <= content.keys(), lambda content, _: kalibr.read_sensor(content)),
+    (opencv.is_pair, opencv.read_pair),
+)
+"""By what a file holds, in this order."""

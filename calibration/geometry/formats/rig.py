@@ -1,0 +1,85 @@
+"""What a calibration file says of its cameras: lenses, and where each is."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.geometry.model import CameraGeometry
+from calibration.geometry.numbers import inverse_of
+from calibration.geometry.plausible import check_plausible
+from calibration.geometry.rectify import rectified
+from drivers.errors import ConfigurationError
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Rig:
+    """The cameras of a file.
+
+    Attributes
+    ----------
+    kind
+        What the file is, in words.
+    lenses
+        Each camera by the file's name for it, in the file's order: left before right.
+    places
+        From axes that all have in common to those of each camera whose place is known: shape (4, 4), metres.
+    is_rectified
+        Whether R and P of the lenses are the file's; else each lens stands alone.
+    notes
+        What was done to what the file says, one line each.
+    """
+
+    kind: str
+    lenses: Mapping[str, CameraGeometry]
+    places: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
+    is_rectified: bool = False
+    notes: tuple[str, ...] = ()
+
+    def pair(self, left: str, right: str) -> tuple[CameraGeometry, CameraGeometry]:
+        """Two of the cameras as a rectified pair.
+
+        Raises
+        ------
+        ConfigurationError
+            When the file does not know how they are placed, or they are no pair.
+        """
+        lenses = self._lens(left), self._lens(right)
+        if self.is_rectified:
+            return lenses
+        if len({(lens.width, lens.height) for lens in lenses}) > 1:
+            first, second = (f"{lens.width}x{lens.height} pixels" for lens in lenses)
+            raise ConfigurationError(
+                f"{left} has {first} and {right} has {second}: calibrate both with one size of frames"
+            )
+        for name in (left, right):
+            if name not in self.places:
+                raise ConfigurationError(
+                    f"says nothing of where {name} is (R and T, or T_cn_cnm1 or T_cam_imu): calibrate both together"
+                )
+        pose = self.places[right] @ inverse_of(self.places[left])
+        try:
+            pair = rectified(*lenses, pose[:3, :3], pose[:3, 3])
+        except ConfigurationError as error:
+            raise ConfigurationError(f"{left} as the left camera, {right} as the right one: {error}") from error
+        for one in pair:
+            check_plausible(one)
+        return pair
+
+    def scaled(self, unit_m: float) -> Rig:
+        """The same for a file whose lengths are in another unit."""
+        places = {name: place * np.array([[1.0, 1.0, 1.0, unit_m]]) for name, place in self.places.items()}
+        return replace(self, places=places, lenses={name: _scaled(lens, unit_m) for name, lens in self.lenses.items()})
+
+    def _lens(self, name: str) -> CameraGeometry:
+        if name not in self.lenses:
+            raise ConfigurationError(f"the key {name} is missing: it has {', '.join(self.lenses) or 'no lens'}")
+        return self.lenses[name]
+
+
+def _scaled(lens: CameraGeometry, unit_m: float) -> CameraGeometry:
+    p = lens.projection
+    return replace(lens, projection=(*p[:3], p[3] * unit_m, *p[4:]))
