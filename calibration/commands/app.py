@@ -12,6 +12,7 @@ from rich.console import Console
 
 from calibration.commands.board import board
 from calibration.commands.check import REACH_STOPS, Check, check_camera
+from calibration.commands.import_files import import_files
 from calibration.commands.measure import measure_camera, measure_images
 from calibration.commands.measure_gain import gain
 from calibration.commands.measure_geometry import geometry
@@ -21,11 +22,11 @@ from calibration.commands.measure_vignetting import vignette
 from calibration.commands.measure_white import white
 from calibration.commands.place import check_place, check_report
 from calibration.commands.rig import CameraMode, places_of, rig_of_config
-from calibration.commands.tum import tum_table
 from calibration.findings import Finding
 from calibration.report import check_extra, facts, write_report
 from calibration.response.facts import curve_facts, origin_facts
 from calibration.response.file import ResponseFile
+from calibration.response.tum import tum_table
 from calibration.result import Result, Verdict, verdict
 from calibration.solver.comparison import compare
 from drivers.errors import ConfigurationError
@@ -120,6 +121,7 @@ def export(
         raise ConfigurationError(f"{output}: cannot be written ({error.strerror}): choose another place") from error
 
 
+calibrate_app.command("import")(import_files)
 calibrate_app.command()(noise)
 calibrate_app.command()(latency)
 calibrate_app.command()(gain)

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from pathlib import Path
 
 from calibration.geometry.formats.read import read_rig
+from calibration.geometry.formats.rig import side_of
 from calibration.geometry.model import CameraGeometry
 from drivers.config.readable import quoted
 from drivers.errors import ConfigurationError
@@ -42,12 +42,6 @@ def load_geometry(path: Path, side: Side) -> CameraGeometry:
     except ConfigurationError as error:
         raise ConfigurationError(f"{path}: {error}") from error
     return rig.lenses[names[0]]
-
-
-def side_of(name: str) -> Side | None:
-    """By ROS's custom, the name of a camera of a pair ends in `left` or `right`, as in `narrow_stereo/left`."""
-    last = re.split(r"[/_\W]", name)[-1].lower()
-    return next((side for side in SIDES if side == last), None)
 
 
 def check_camera(geometry: CameraGeometry, serial: str, size: tuple[int, int] | None = None) -> None:

@@ -81,17 +81,17 @@ def residuals(vignetting: Vignetting, light: Array) -> Array:
     return np.asarray(light / light.mean() / _scaled(vignetting, light.shape) - 1.0)
 
 
-def fit_grid(light: Array, size: tuple[int, int]) -> Vignetting:
-    """The grid of nodes by least squares."""
+def fit_grid(light: Array, size: tuple[int, int], nodes: int = NODES) -> Vignetting:
+    """The grid by least squares, with so many nodes along the longer side."""
     width, height = size
     rows, columns = light.shape
-    short = max(min(round(NODES * min(size) / max(size)), min(light.shape) // 2), 2)
-    long = max(min(NODES, max(light.shape) // 2), short)
+    short = max(min(round(nodes * min(size) / max(size)), min(light.shape) // 2), 2)
+    long = max(min(nodes, max(light.shape) // 2), short)
     across, down = (long, short) if width >= height else (short, long)
     of_rows = np.linalg.pinv(hats(middles(rows, height), height, down))
     of_columns = np.linalg.pinv(hats(middles(columns, width), width, across))
-    nodes = of_rows @ light @ of_columns.T
-    grid = tuple(tuple(round(float(node), 5) for node in row) for row in nodes / nodes.max())
+    fitted = of_rows @ light @ of_columns.T
+    grid = tuple(tuple(round(float(node), 5) for node in row) for row in fitted / fitted.max())
     return Vignetting(width, height, _middle(size), (), grid)
 
 

@@ -35,6 +35,9 @@ _PATTERNS = {
 }
 _SIDE: Final[dict[str, Side]] = {"left": "left", "l": "left", "1": "left", "right": "right", "r": "right", "2": "right"}
 
+KINDS: Final = ("a pair of OpenCV", "where the cameras of OpenCV are")
+"""Files with lenses, and without."""
+
 Parts = Mapping[tuple[str, Side | None], tuple[str, Any]]
 
 
@@ -75,7 +78,7 @@ def read_pair(content: Mapping[Any, Any], size: tuple[int, int] | None = None) -
     if ("r", None) in parts and ("t", None) in parts:
         places = {"left": np.eye(4), "right": _pose(parts)}
     given = bool(lenses) and all((thing, side) in parts for thing in ("r", "p") for side in SIDES)
-    return Rig("a pair of OpenCV" if lenses else "places of OpenCV", lenses, places, given, tuple(notes))
+    return Rig(KINDS[0] if lenses else KINDS[1], lenses, places, given, tuple(notes))
 
 
 def _side(word: str | None, content: Mapping[Any, Any]) -> Side | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
@@ -21,6 +21,25 @@ FORMATS: Final = (
     "give a camera-info file of ROS, a camchain of Kalibr, a FileStorage of OpenCV with K1, D1, K2, D2, R and T or "
     "with camera_matrix, or another of docs/geometry.md"
 )
+
+
+def read_rigs(paths: Sequence[Path], size: Size | None = None) -> dict[str, Rig]:
+    """The cameras of each file, by its name; what OpenCV's sample writes into two files is one pair, of both names.
+
+    Raises
+    ------
+    ConfigurationError
+        Naming the file, the key and what to do.
+    """
+    rigs = {str(path): read_rig(path, size) for path in paths}
+    parts = [path for path in paths if rigs[str(path)].kind in opencv.KINDS]
+    if len(parts) > 1:
+        content: dict[Any, Any] = {}
+        for path in parts:
+            content |= parsed(read_text(path, MOST_BYTES), path, FORMATS)
+            del rigs[str(path)]
+        rigs = {", ".join(map(str, parts)): opencv.read_pair(content, size), **rigs}
+    return rigs
 
 
 def read_rig(path: Path, size: Size | None = None) -> Rig:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +15,7 @@ from calibration.geometry.numbers import inverse_of
 from calibration.geometry.plausible import check_plausible
 from calibration.geometry.rectify import rectified
 from drivers.errors import ConfigurationError
+from drivers.frames import SIDES, Side
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,7 +67,10 @@ class Rig:
         try:
             pair = rectified(*lenses, pose[:3, :3], pose[:3, 3])
         except ConfigurationError as error:
-            raise ConfigurationError(f"{left} as the left camera, {right} as the right one: {error}") from error
+            raise ConfigurationError(
+                f"{left} as the left camera, {right} as the right one: {error}; autoexpose calibrate import --cameras "
+                "LEFT,RIGHT names them otherwise"
+            ) from error
         for one in pair:
             check_plausible(one)
         return pair
@@ -78,6 +84,44 @@ class Rig:
         if name not in self.lenses:
             raise ConfigurationError(f"the key {name} is missing: it has {', '.join(self.lenses) or 'no lens'}")
         return self.lenses[name]
+
+
+def side_of(name: str) -> Side | None:
+    """By ROS's custom, the name of a camera of a pair ends in `left` or `right`, as in `narrow_stereo/left`."""
+    last = re.split(r"[/_\W]", name)[-1].lower()
+    return next((side for side in SIDES if side == last), None)
+
+
+def joined(rigs: Mapping[str, Rig]) -> Rig:
+    """The cameras of several files as one rig: those of one camera each become left and right.
+
+    Raises
+    ------
+    ConfigurationError
+        When two files contradict each other.
+    """
+    lenses: dict[str, CameraGeometry] = {}
+    places: dict[str, NDArray[np.float64]] = {}
+    single = [path for path, rig in rigs.items() if len(rig.lenses) == 1]
+    for path, rig in rigs.items():
+        named = {name: name for name in rig.lenses}
+        if len(single) == len(SIDES) and path in single:
+            (name,) = rig.lenses
+            named = {name: side_of(name) or side_of(Path(path).stem) or SIDES[single.index(path)]}
+        for name, new in named.items():
+            if new in lenses and not _same(lenses[new], rig.lenses[name]):
+                raise ConfigurationError(
+                    f"{path}: {new} is in another of these files too, with other numbers: leave it out"
+                )
+            lenses[new] = rig.lenses[name]
+        places |= {named.get(name, name): place for name, place in rig.places.items()}
+    given = not places and all(rig.is_rectified for rig in rigs.values() if rig.lenses)
+    given = given or (len(rigs) == 1 and next(iter(rigs.values())).is_rectified)
+    return replace(next(iter(rigs.values())), lenses=lenses, places=places, is_rectified=given)
+
+
+def _same(one: CameraGeometry, other: CameraGeometry) -> bool:
+    return (one.camera_matrix, one.distortion) == (other.camera_matrix, other.distortion)
 
 
 def _scaled(lens: CameraGeometry, unit_m: float) -> CameraGeometry:

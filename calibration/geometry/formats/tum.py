@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 from calibration.geometry.formats.lens import lens_of, model_of
 from calibration.geometry.formats.rig import Rig
 from calibration.geometry.numbers import numbers, size_of
@@ -40,6 +42,14 @@ def read_camera_txt(text: str) -> Rig:
         model, extra = "pinhole", ()
     lens, notes = lens_of(size, model, values[:4], values[4:] if len(values) == 8 else (), extra)
     return Rig(f"a camera of the TUM mono data set, {name}", {"camera": lens}, notes=notes)
+
+
+def is_times_txt(text: str) -> bool:
+    """Whether a file begins as `times.txt` does: lines of a number, a time in seconds and an exposure in ms."""
+    lines = [line.partition("#")[0].split() for line in text[:_LONGEST_LINE].splitlines()]
+    lines = [words for words in lines if words]
+    number = r"\d+(\.\d+)?"
+    return bool(lines) and len(lines[0]) in (2, 3) and all(re.fullmatch(number, word) for word in lines[0])
 
 
 def _first(line: str) -> tuple[str, list[str]]:

@@ -1,0 +1,125 @@
+"""The command `autoexpose calibrate import`."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Final, Literal
+
+import typer
+from rich.console import Console
+
+from calibration.commands.imported import TIMES, Imported, take_photometric
+from calibration.commands.place import check_place
+from calibration.geometry.file import check_pair, load_geometry
+from calibration.geometry.formats.read import read_rigs
+from calibration.geometry.formats.rig import Rig, joined
+from calibration.geometry.formats.ros import ros_yaml
+from calibration.geometry.model import CameraGeometry
+from calibration.geometry.plausible import baseline_note
+from calibration.response.file import ResponseFile
+from drivers.config.files import replace_file
+from drivers.errors import ConfigurationError
+from drivers.frames import SIDES, Side
+
+UNITS_M: Final = {"m": 1.0, "cm": 0.01, "mm": 0.001}
+
+
+def import_files(
+    files: Annotated[list[Path], typer.Argument(help="Calibrations of other programs, for one camera or a pair.")],
+    *,
+    output: Annotated[Path, typer.Option("-o", "--output", help="A folder for our files.")],
+    side: Annotated[Literal["left", "right"], typer.Option(help="Whose a file of one camera is.")] = "left",
+    cameras: Annotated[str | None, typer.Option(help="Which of a file's cameras: LEFT,RIGHT, as cam1,cam0.")] = None,
+    size: Annotated[str | None, typer.Option(help="Size of the pictures, if no file says it, as 720x540.")] = None,
+    unit: Annotated[Literal["m", "cm", "mm"], typer.Option(help="Unit of lengths in the files.")] = "m",
+) -> None:
+    """Turn calibrations of Kalibr, OpenCV, ROS, VINS-Fusion, ORB-SLAM, EuRoC and TUM into files for the daemon."""
+    console = Console(highlight=False)
+    found = Imported()
+    geometries: list[Path] = []
+    for path in dict.fromkeys(files):
+        if not take_photometric(path, side, found):
+            geometries.append(path)
+    if geometries:
+        rigs = {name: rig.scaled(UNITS_M[unit]) for name, rig in read_rigs(geometries, _size(size)).items()}
+        _add_geometry(rigs, side, cameras, found)
+    try:
+        output.mkdir(exist_ok=True)
+    except OSError as error:
+        raise ConfigurationError(f"{output}: cannot be made ({error.strerror}): choose another folder") from error
+    _check_places(output, found)
+    for name, file in found.files.items():
+        file.save(output / name)
+    for name, text in found.texts.items():
+        try:
+            replace_file(output / name, text.encode())
+        except OSError as error:
+            raise ConfigurationError(f"{output / name}: cannot be written ({error.strerror})") from error
+    for line in found.said:
+        console.print(line, soft_wrap=True, markup=False)
+    console.print(f"written: {', '.join(str(output / name) for name in (*found.texts, *found.files))}", soft_wrap=True)
+    for key, name in found.keys.items():
+        console.print(f"for the configuration: {key}: {output / name}", soft_wrap=True)
+    if TIMES in found.texts:
+        command = f"autoexpose calibrate response --images {output / TIMES} -o {output}/{side}.response.yaml"
+        console.print(f"to measure the response: {command}", soft_wrap=True)
+
+
+def _add_geometry(rigs: Mapping[str, Rig], side: Side, cameras: str | None, found: Imported) -> None:
+    rig = joined(rigs)
+    for path, one in rigs.items():
+        sizes = {f"{lens.width}x{lens.height} pixels" for lens in one.lenses.values()}
+        found.said.append(f"{path}: {one.kind}{': ' if one.lenses else ''}{', '.join((*one.lenses, *sizes))}")
+        found.said += [f"{path}: {note}" for note in one.notes]
+    names = list(rig.lenses)
+    if cameras is not None:
+        names = cameras.split(",")
+        if len(names) != len(SIDES):
+            raise ConfigurationError(f"--cameras {cameras}: give two of {', '.join(rig.lenses)}, as LEFT,RIGHT")
+    if not names:
+        raise ConfigurationError(f"{', '.join(rigs)}: no file has a lens: give the one that has, too")
+    try:
+        if len(names) == 1:
+            geometries: dict[Side, CameraGeometry] = {side: rig.lenses[names[0]]}
+        else:
+            geometries = dict(zip(SIDES, rig.pair(*names[:2]), strict=True))
+            check_pair(geometries)
+    except ConfigurationError as error:
+        raise ConfigurationError(f"{', '.join(rigs)}: {error}") from error
+    for of, geometry in geometries.items():
+        found.texts[f"{of}.yaml"] = ros_yaml(geometry, of)
+        found.keys[f"cameras.{of}.calibration"] = f"{of}.yaml"
+    if len(names) > 1:
+        _describe_pair(geometries, names, found)
+
+
+def _describe_pair(geometries: Mapping[Side, CameraGeometry], names: Sequence[str], found: Imported) -> None:
+    left, right = geometries["left"], geometries["right"]
+    found.said.append(f"{names[0]} is the left camera, {names[1]} the right one")
+    found.said.append(
+        f"baseline: {1e3 * right.baseline_m:.6g} mm; focal length {left.camera_matrix[0]:.6g} pixels, "
+        f"{left.projection[0]:.6g} once rectified"
+    )
+    if (note := baseline_note(right)) is not None:
+        found.said.append(f"note: {note}")
+
+
+def _size(text: str | None) -> tuple[int, int] | None:
+    if text is None:
+        return None
+    if (parts := re.fullmatch(r"([1-9]\d{0,4})x([1-9]\d{0,4})", text)) is None:
+        raise ConfigurationError(f"--size {text}: give width x height in pixels, as 720x540")
+    return int(parts[1]), int(parts[2])
+
+
+def _check_places(output: Path, found: Imported) -> None:
+    """Refuse to replace anything but files of the same kind."""
+    for side in SIDES:
+        if f"{side}.yaml" in found.texts:
+            check_place(output / f"{side}.yaml", partial(load_geometry, side=side), "calibration file")
+    for name, file in found.files.items():
+        kind = "response file" if isinstance(file, ResponseFile) else "vignetting file"
+        check_place(output / name, type(file).load, kind)
