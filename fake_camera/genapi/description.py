@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from typing import Literal
 from xml.etree.ElementTree import Element, ParseError, fromstring
 
 REGISTERS = ("IntReg", "MaskedIntReg", "FloatReg", "StringReg", "Register", "StructEntry")
 _BELOW_STRUCT = ("StructEntry",)
-
-
+_REFERENCES = ("pVariable", "pAddress", "pLength")
+_START = re.compile(rb"<\?xml|<RegisterDescription")
 _LONGEST_NUMBER = 64  # characters: numbers have 64 bits
 
 
@@ -47,6 +48,15 @@ class Node:
         return whole_number(text) if text else default
 
     @property
+    def references(self) -> tuple[str, ...]:
+        """The nodes that its formulas, its address and its length refer to."""
+        inside = [part for outer in self.parts.get("IntSwissKnife", []) for part in outer.iter("pVariable")]
+        indices = self.parts.get("pIndex", [])
+        parts = [*inside, *indices, *(part for tag in _REFERENCES for part in self.parts.get(tag, []))]
+        offsets = [part.attrib["pOffset"] for part in indices if "pOffset" in part.attrib]
+        return (*((part.text or "").strip() for part in parts), *offsets)
+
+    @property
     def entries(self) -> dict[str, Node]:
         """The entries of an enumeration."""
         return {entry.name: entry for entry in map(_node, self.parts.get("EnumEntry", []))}
@@ -70,14 +80,15 @@ class Description:
 
     @classmethod
     def from_bytes(cls, text: bytes, source: str) -> Description:
-        """Read a description; text before its XML declaration (such as a camera's name) is skipped.
+        """Read a description; text before it, such as a camera's name, is skipped.
 
         Raises
         ------
         ValueError
             When it is not a GenICam description; the message names `source` as the file.
         """
-        data = text[max(text.find(b"<?xml"), 0) :].strip()
+        start = _START.search(text)
+        data = text[start.start() if start else 0 :].strip()
         try:
             root = fromstring(data)
         except (ParseError, LookupError, ValueError) as error:  # an unknown encoding among them

@@ -15,6 +15,7 @@ from fake_camera.genapi.formula import FormulaError, Number, compile_formula
 from fake_camera.genapi.memory import Memory
 
 _WHOLE = ("Integer", "IntReg", "MaskedIntReg", "StructEntry", "IntSwissKnife", "IntConverter", "Enumeration", "Boolean")
+_CONVERTERS = ("Converter", "IntConverter")
 _DEEPEST = 64  # nodes in a chain of references: more means a circle
 _LARGEST_INTEGER = 1 << 64
 _LONGEST_REGISTER = 1 << 16  # bytes: longer than any register of a camera, look-up tables included
@@ -53,7 +54,11 @@ class Evaluator:
         self._nodes = description.nodes
         self._memory = memory
         self._ports = ports or {}
-        self._chosen: dict[str, int] = {}
+        self._in_register: dict[str, list[str]] = {}
+        for name, node in self._nodes.items():
+            if node.kind in ("Integer", "Float") and node.text("pValue"):
+                self._in_register.setdefault(node.text("pValue"), []).append(name)
+        self._chosen: dict[str, Number] = {}
         self._seen: dict[str, Field] = {}
         self._depth = 0
         self._steps = 0
@@ -108,6 +113,20 @@ class Evaluator:
             nodes.append(self.node(behind))
         return tuple(nodes)
 
+    @_raising_node_errors
+    def sources(self, name: str) -> tuple[Node, ...]:
+        """A node and all that must be readable for it to have a value: behind it, in its formulas, in its address."""
+        nodes = {name: self.node(name)}
+        waiting = [name]
+        while waiting:
+            node = nodes[waiting.pop()]
+            behind = self._behind(node)
+            for source in (*node.references, *([] if behind is None else [behind])):
+                if source not in nodes:
+                    nodes[source] = self.node(source)
+                    waiting.append(source)
+        return tuple(nodes.values())
+
     def target(self, name: str) -> str:
         """The node that holds the value of `name`, behind its pValue and its index; itself where one is missing."""
         try:
@@ -145,7 +164,7 @@ class Evaluator:
         behind = self._behind(node)
         if behind is None:
             raise NodeError(f"node {name} cannot be set")
-        if node.kind in ("Converter", "IntConverter"):
+        if node.kind in _CONVERTERS:
             self.set(behind, self._formula(node, "FormulaTo", "FROM", value))
         elif node.kind == "Boolean":
             self.set(behind, node.integer("OnValue", 1) if value else node.integer("OffValue", 0))
@@ -154,8 +173,14 @@ class Evaluator:
 
     @contextlib.contextmanager
     def selecting(self, selector: str, value: int) -> Iterator[None]:
-        """Within the block the selector is at `value`, whatever its registers say."""
-        before, self._chosen = self._chosen, {**self._chosen, selector: value, self.target(selector): value}
+        """Within the block the selector, and the nodes behind it, are at `value`, whatever its registers say."""
+        chosen: dict[str, Number] = {selector: value}
+        with contextlib.suppress(NodeError):
+            for node in self.chain(selector):
+                chosen[node.name] = value
+                if node.kind in _CONVERTERS:
+                    value = int(self._formula(node, "FormulaTo", "FROM", value))
+        before, self._chosen = self._chosen, {**self._chosen, **chosen}
         try:
             yield
         finally:
@@ -181,10 +206,49 @@ class Evaluator:
         behind = self._behind(node)
         if behind is None or node.kind == "Enumeration":
             return None
-        limit = self.bound(behind, which)
-        if limit is None or node.kind not in ("Converter", "IntConverter"):
-            return limit
-        return None if which == "Inc" else self._formula(node, "FormulaFrom", "TO", limit)
+        if node.kind not in _CONVERTERS:
+            return self.bound(behind, which)
+        slope = node.text("Slope", "Automatic")
+        if which == "Inc" or slope == "Varying":
+            return None
+        return self._converted(node, behind, which, slope)
+
+    def _converted(self, node: Node, behind: str, which: str, slope: str) -> Number | None:
+        """A limit through a converter, which swaps them if it falls."""
+        ends = {end: self.bound(behind, end) for end in ("Min", "Max")}
+        values = {
+            end: None if limit is None else self._formula(node, "FormulaFrom", "TO", limit)
+            for end, limit in ends.items()
+        }
+        low, high = values["Min"], values["Max"]
+        falls = slope == "Decreasing" or (slope == "Automatic" and low is not None and high is not None and low > high)
+        return values[{"Min": "Max", "Max": "Min"}[which] if falls else which]
+
+    def limits(self, name: str) -> tuple[Number, Number]:
+        """Lowest and highest value of a number; infinite where not declared."""
+        low, high = self.bound(name, "Min"), self.bound(name, "Max")
+        return float("-inf") if low is None else low, float("inf") if high is None else high
+
+    def register_limits(self, register: str) -> tuple[Number, Number]:
+        """The narrowest limits that numbers declare for the register that they are in; infinite where none does."""
+        low, high = float("-inf"), float("inf")
+        for name in self._in_register.get(register, ()):
+            with contextlib.suppress(NodeError):
+                least, most = self.limits(name)
+                if least < most:
+                    low, high = max(low, least), min(high, most)
+        return low, high
+
+    def limit_node(self, name: str, which: str) -> str:
+        """The node that is the limit of a number, or of the one behind it without a formula between; else empty."""
+        for node in self.chain(name):
+            if f"p{which}" in node.parts or which in node.parts or node.kind in _CONVERTERS:
+                return node.text(f"p{which}")
+        return ""
+
+    def is_whole(self, name: str) -> bool:
+        """Whether a number has no fraction."""
+        return self.kind(name) in _WHOLE
 
     @_raising_node_errors
     def bounded(self, name: str, value: Number) -> tuple[str, Number]:
@@ -193,7 +257,7 @@ class Evaluator:
         behind = self._behind(node)
         if behind is None or {"pMin", "pMax", "Min", "Max"} & node.parts.keys():
             return name, value
-        if node.kind in ("Converter", "IntConverter"):
+        if node.kind in _CONVERTERS:
             value = self._formula(node, "FormulaTo", "FROM", value)
         return self.bounded(behind, value)
 
@@ -210,7 +274,7 @@ class Evaluator:
                 raise NodeError(f"node {node.name} has no value")
             return _number(self._indexed_value(node))
         value = self.value(behind)
-        if node.kind in ("Converter", "IntConverter"):
+        if node.kind in _CONVERTERS:
             return self._formula(node, "FormulaFrom", "TO", value)
         if node.kind == "Boolean":
             return int(value == node.integer("OnValue", 1))

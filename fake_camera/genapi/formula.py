@@ -42,6 +42,12 @@ def _divide(integer: bool, left: Number, right: Number) -> Number:
     return math.trunc(left / right) if integer and abs(left) < 1 << 53 else left // right if integer else left / right
 
 
+def _remainder(left: Number, right: Number) -> Number:
+    if right == 0:
+        raise FormulaError("division by zero")
+    return math.fmod(left, right)
+
+
 def _raise(base: Number, exponent: Number) -> Number:
     if abs(exponent) > _LARGEST_EXPONENT:
         raise FormulaError(f"the exponent {exponent} is too large")
@@ -67,7 +73,7 @@ def _binary(symbol: str, integer: bool) -> Callable[[Number, Number], Number]:
         "<=": operator.le, ">=": operator.ge, "+": operator.add, "-": operator.sub, "*": operator.mul,
         "||": lambda left, right: int(bool(left) or bool(right)),
         "&&": lambda left, right: int(bool(left) and bool(right)),  # both sides are evaluated, as clients do
-        "%": lambda left, right: math.fmod(left, right) if right else 0,
+        "%": _remainder,
     }  # fmt: skip
     return functions[symbol]
 

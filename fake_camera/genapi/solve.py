@@ -14,29 +14,34 @@ from fake_camera.genapi.formula import Number
 
 Wish = Callable[[], bool]
 _CLOSE = 1e-6
+_MOST_PAIRS = 2000  # of registers that are tried together
 _STEPS = 64  # halvings of a 64-bit register
 
 
-def assign(evaluator: Evaluator, name: str, value: Number) -> None:
+def assign(evaluator: Evaluator, name: str, value: Number, kept: Sequence[str] = ()) -> None:
     """Make a node evaluate to `value`, or as near to it as its registers allow; a constant node keeps its value.
 
     First through the node's own pValue and converters; else from the bits of the registers that it depends on, by what
     each bit adds (sums, shifts, scales); else by bisecting one register (any monotonic formula), at last with 1 in the
-    empty ones (products, quotients).
+    empty ones (products, quotients). Registers stay within bounds that the description declares for them, and the
+    nodes `kept` keep their values.
     """
-    try:
-        evaluator.set(name, value)
-        return
-    except (NodeError, ArithmeticError, ValueError):
-        pass
-    for way in (_compose, _halve):
+    present = [evaluator.value(other) for other in kept]
+
+    def sound(before: dict[str, bytes]) -> bool:
+        changed = [node for node, data in before.items() if evaluator.bytes_of(fields[node]) != data]
+        bounds = {node: evaluator.register_limits(node) for node in changed}
+        inside = all(low <= evaluator.value(node) <= high for node, (low, high) in bounds.items())
+        return inside and [evaluator.value(other) for other in kept] == present
+
+    for way in (_set, _compose, _halve):
         fields = evaluator.fields(name)
         before = {node: evaluator.bytes_of(field) for node, field in fields.items()}
-        if fields and way(evaluator, name, value, fields):
+        if fields and way(evaluator, name, value, fields, kept) and sound(before):
             return
         _restore(evaluator, fields, before)
     filled = fill(evaluator, (name,), 1)
-    if not filled or not _halve(evaluator, name, value, evaluator.fields(name)):
+    if not filled or not _halve(evaluator, name, value, evaluator.fields(name), kept):
         for node in filled:
             evaluator.set(node, 0)
 
@@ -50,7 +55,8 @@ def fill(evaluator: Evaluator, names: Sequence[str], number: Number) -> list[str
         if not empty:
             return filled
         for node in empty:
-            evaluator.set(node, number)
+            low, high = evaluator.register_limits(node)
+            evaluator.set(node, min(max(number, low), high) if number else 0)
         filled += empty
 
 
@@ -58,7 +64,7 @@ def achieve(evaluator: Evaluator, wish: Wish, name: str, kept: Mapping[int, Sequ
     """Try values in the registers behind the node `name` until `wish` holds; whether it does.
 
     Wishes `kept` for the address of a register that changes must stay true. One register is changed at a time (to the
-    numbers that the formulas compare with, single bits, zero, all ones), then two.
+    numbers that the formulas compare with, single bits, zero, all ones), then two, one of them to a small number.
     """
     if _holds(wish):
         return True
@@ -66,8 +72,9 @@ def achieve(evaluator: Evaluator, wish: Wish, name: str, kept: Mapping[int, Sequ
     constants = {int(text, 0) for text in re.findall(r"\b(?:0[xX][0-9a-fA-F]+|\d+)\b", _formulas(evaluator, name))}
     trials = [(node, value) for node in fields for value in _trials(evaluator, fields[node], constants)]
     small = [(node, value) for node, value in trials if value in (0, 1, 2, 3)]
+    pairs = ((one, other) for one, other in itertools.product(small, trials) if one[0] != other[0])
     changes: Iterator[tuple[tuple[str, int], ...]] = itertools.chain(
-        ((trial,) for trial in trials), itertools.islice(itertools.combinations(small, 2), 2000)
+        ((trial,) for trial in trials), itertools.islice(pairs, _MOST_PAIRS)
     )
     for change in changes:
         before = {node: evaluator.bytes_of(fields[node]) for node, _ in change}
@@ -93,11 +100,13 @@ def _restore(evaluator: Evaluator, fields: dict[str, Field], before: dict[str, b
 
 
 def _trials(evaluator: Evaluator, field: Field, constants: set[int]) -> list[int]:
-    """Values worth trying in one register, among them its present one with bits added."""
+    """Values worth trying in one register, among them its present one with bits added and taken; all ones at last."""
     present = 0 if field.floating else int(field.decode(evaluator.bytes_of(field)))
-    bits = [present | 1 << bit for bit in range(min(field.bits, 64))]
     everything = (1 << field.bits) - 1
-    return list(dict.fromkeys([1, 0, *sorted(constants), *(present | value for value in constants), *bits, everything]))
+    bits = [1 << bit for bit in range(min(field.bits, 64))]
+    some = sorted(constants - {everything})
+    changed = [*(present | value for value in (*some, *bits)), *(present & ~bit for bit in bits)]
+    return list(dict.fromkeys([1, 0, *some, *changed, everything]))
 
 
 def _formulas(evaluator: Evaluator, name: str) -> str:
@@ -119,14 +128,23 @@ def _formulas(evaluator: Evaluator, name: str) -> str:
     return " ".join(texts)
 
 
-def _compose(evaluator: Evaluator, name: str, value: Number, fields: dict[str, Field]) -> bool:
+def _set(evaluator: Evaluator, name: str, value: Number, fields: dict[str, Field], kept: Sequence[str]) -> bool:
+    """Set it as a client does; whether there is a way to a register."""
+    try:
+        evaluator.set(name, value)
+    except (NodeError, ArithmeticError, ValueError):
+        return False
+    return True
+
+
+def _compose(evaluator: Evaluator, name: str, value: Number, fields: dict[str, Field], kept: Sequence[str]) -> bool:
     """Choose bits, those that add most first, until their sum reaches `value`; whether it does."""
     try:
-        for node in fields:
-            evaluator.set(node, 0)
+        raw = {node: _without_free_bits(evaluator, node, field, kept) for node, field in fields.items()}
         base = evaluator.value(name)
-        parts = [part for node, field in fields.items() for part in _contributions(evaluator, name, node, field, base)]
-        raw = dict.fromkeys(fields, 0)
+        parts = [
+            part for node, field in fields.items() for part in _contributions(evaluator, name, node, field, raw[node])
+        ]
         rest = value - base
         for gain, node, bit in sorted(parts, reverse=True):
             if 0 < gain <= rest * (1 + _CLOSE):
@@ -140,23 +158,41 @@ def _compose(evaluator: Evaluator, name: str, value: Number, fields: dict[str, F
         return False
 
 
+def _without_free_bits(evaluator: Evaluator, node: str, field: Field, kept: Sequence[str]) -> int:
+    """Clear the bits of a register on which no node of `kept` depends; what is left in it."""
+    if not kept or field.floating:
+        evaluator.set(node, 0)
+        return 0
+    raw = int(evaluator.value(node))
+    present = [evaluator.value(other) for other in kept]
+    for bit in (1 << number for number in range(field.bits - field.signed)):
+        evaluator.set(node, raw ^ bit)
+        if [evaluator.value(other) for other in kept] == present:
+            raw &= ~bit
+        evaluator.set(node, raw)
+    return raw
+
+
 def _contributions(
-    evaluator: Evaluator, name: str, node: str, field: Field, base: Number
+    evaluator: Evaluator, name: str, node: str, field: Field, raw: int
 ) -> Iterator[tuple[Number, str, int]]:
-    """What each bit of a register, alone, adds to the value of `name`."""
+    """What each empty bit of a register, alone, adds to the value of `name`."""
     if field.floating:
         return
-    for bit in range(field.bits - field.signed):
-        evaluator.set(node, 1 << bit)
-        yield evaluator.value(name) - base, node, 1 << bit
-    evaluator.set(node, 0)
+    base = evaluator.value(name)
+    for bit in (1 << number for number in range(field.bits - field.signed)):
+        if not raw & bit:
+            evaluator.set(node, raw | bit)
+            yield evaluator.value(name) - base, node, bit
+    evaluator.set(node, raw)
 
 
-def _halve(evaluator: Evaluator, name: str, value: Number, fields: dict[str, Field]) -> bool:
+def _halve(evaluator: Evaluator, name: str, value: Number, fields: dict[str, Field], kept: Sequence[str]) -> bool:
     """Bisect the registers one by one for the number that comes nearest to `value`; whether one came near."""
+    present = [evaluator.value(other) for other in kept]
     for node, field in reversed(fields.items()):  # divisors come after what many nodes share, such as a time base
         before = evaluator.bytes_of(field)
-        if _search(evaluator, name, value, node, field):
+        if _search(evaluator, name, value, node, field) and [evaluator.value(other) for other in kept] == present:
             return True
         evaluator.write(field, before)
     return False
@@ -170,7 +206,9 @@ def _search(evaluator: Evaluator, name: str, value: Number, node: str, field: Fi
         except NodeError:
             return math.nan
 
+    least, most = evaluator.register_limits(node)
     low, high = (1e-6, 1e12) if field.floating else (1, (1 << field.bits - field.signed) - 1)
+    low, high = max(low, least), min(high, most)
     below, above = at(low), at(high)
     if math.isnan(below) or math.isnan(above) or below * above > 0:
         return False

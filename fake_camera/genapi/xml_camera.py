@@ -10,13 +10,14 @@ from fake_camera.device.faults import Fault
 from fake_camera.device.feature_table import CHUNK_TRAILER_BYTES
 from fake_camera.device.features import FeatureError
 from fake_camera.genapi.description import REGISTERS, Description, NodeError
+from fake_camera.genapi.dialect import CHUNK_CONTENTS, LIVE_COMMANDS, frame_trigger, trigger_lines
 from fake_camera.genapi.evaluator import Evaluator
 from fake_camera.genapi.field import Field
 from fake_camera.genapi.memory import Fixed, Memory
 from fake_camera.genapi.raw_gain import RawGainLaw
 from fake_camera.genapi.solve import assign
 from fake_camera.genapi.xml_features import Animation, Watch
-from fake_camera.genapi.xml_power_on import CHUNK_CONTENTS, LIVE_COMMANDS, PowerOn, frame_trigger, trigger_lines
+from fake_camera.genapi.xml_power_on import power_on
 from fake_camera.genapi.xml_ptp import LATCHES, show_data_set
 from fake_camera.imaging import ExposedFrame
 
@@ -144,7 +145,7 @@ class XmlCamera:
             self._memory = Memory(self._fixed)
             self._evaluator = Evaluator(self.description, self._memory, self._ports)
             width, height = int(features.get("SensorWidth")), int(features.get("SensorHeight"))
-            self.not_available = tuple(dict.fromkeys(PowerOn(self._evaluator, width, height).failed))
+            self.not_available = power_on(self._evaluator, width, height)
             self._identify()
             self._banked = {
                 selector: tuple(name for name in names if self._is_banked(selector, name))

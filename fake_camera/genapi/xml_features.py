@@ -8,10 +8,7 @@ from dataclasses import dataclass
 
 from fake_camera.device.features import FeatureError, Features
 from fake_camera.genapi.description import NodeError
-from fake_camera.genapi.evaluator import Evaluator
-from fake_camera.genapi.raw_gain import RawGain, RawGainLaw
-from fake_camera.genapi.solve import assign
-from fake_camera.genapi.xml_power_on import (
+from fake_camera.genapi.dialect import (
     CHUNK_CONTENTS,
     EXPOSURE_TIMES,
     FRAME_RATE_SWITCHES,
@@ -22,11 +19,13 @@ from fake_camera.genapi.xml_power_on import (
     action_signals,
     frame_trigger,
     in_db,
-    limits,
     spoken,
     time_unit_us,
     trigger_lines,
 )
+from fake_camera.genapi.evaluator import Evaluator
+from fake_camera.genapi.raw_gain import RawGain, RawGainLaw
+from fake_camera.genapi.solve import assign
 from fake_camera.imaging import PIXEL_FORMATS, ExposedFrame
 
 EXPOSURE_RANGE_US = (1.0, 1e7)
@@ -121,7 +120,7 @@ class Animation:
 
     def _find_raw_gain(self, name: str) -> RawGain:
         with contextlib.suppress(NodeError):
-            low, high = limits(self._evaluator, name)
+            low, high = self._evaluator.limits(name)
             if low < high < float("inf"):
                 return RawGain(float(low), float(high), self._law)
         return RawGain(law=self._law)
@@ -162,10 +161,22 @@ class Animation:
                 self._features.update(size, min(max(wished, 8), whole))
                 self._features.update(offset, min(max(start, 0), whole - int(self._features.get(size))))
 
+                self._make_room(size, offset)
+
             yield from self._watch(size, apply)
             yield from self._watch(offset, apply)
 
         yield from self._watch("PixelFormat", lambda: self._features.update("PixelFormat", self._entry("PixelFormat")))
+
+    def _make_room(self, size: str, offset: str) -> None:
+        """Set the largest size and offset that leave the image on the sensor, if each is in a register of its own."""
+        whole = int(self._features.get(f"Sensor{size}"))
+        limits = {name: self._evaluator.limit_node(name, "Max") for name in (size, offset)}
+        shared = {self._evaluator.target(name) for name in (f"Sensor{size}", f"{size}Max")}
+        for name, other in ((size, offset), (offset, size)):
+            if limits[name] and limits[name] != limits[other] and self._evaluator.target(limits[name]) not in shared:
+                with contextlib.suppress(NodeError):
+                    self._evaluator.set(limits[name], whole - int(self._features.get(other)))
 
     def _trigger(self) -> Iterator[Watch]:
         selection = ("TriggerSelector", frame_trigger(self._evaluator))
@@ -247,7 +258,7 @@ class Animation:
         value = self._evaluator.value(name)
         if name == "Width":
             _check_halves(str(self._features.get("PixelFormat")), int(value))
-        low, high = limits(self._evaluator, name)
+        low, high = self._evaluator.limits(name)
         slack = _TOLERANCE * max(abs(value), 1.0)
         if not low - slack <= value <= high + slack:
             raise FeatureError("out_of_range", f"{name} {value:g} is not within {low:g} to {high:g}")

@@ -192,11 +192,12 @@ def test_its_standard_or_its_registers_tell_the_wire(
     assert Description.from_bytes(text.encode(), "").standard == standard
 
 
-def test_text_before_the_declaration_is_left_out() -> None:
-    text = b'Camera of Nobody (USB3)\n<?xml version="1.0"?><RegisterDescription ModelName="M" VendorName="V"/>'
-    description = Description.from_bytes(text, "")
+@pytest.mark.parametrize("declaration", ['<?xml version="1.0"?>', ""])
+def test_text_before_a_description_is_left_out(declaration: str) -> None:
+    text = f'Camera of Nobody (USB3)\n{declaration}<RegisterDescription ModelName="M" VendorName="V"/>'
+    description = Description.from_bytes(text.encode(), "")
     assert (description.vendor, description.model) == ("V", "M")
-    assert description.data.startswith(b"<?xml")
+    assert description.data.startswith(declaration.encode() or b"<RegisterDescription")
 
 
 @pytest.mark.parametrize(("text", "words"), [(b"hello", "not an XML file"), (b"<html/>", "this one with html")])

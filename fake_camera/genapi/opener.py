@@ -1,0 +1,222 @@
+"""Opens features of a described camera: finds register contents with which they exist, unlocked and within limits."""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import math
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+from fake_camera.genapi.description import Node, NodeError
+from fake_camera.genapi.dialect import NUMBERS
+from fake_camera.genapi.evaluator import Evaluator
+from fake_camera.genapi.solve import Wish, achieve, assign, fill
+
+
+class Wished(NamedTuple):
+    """Limits, increment and value of a number at power-on, where the description leaves them to registers."""
+
+    low: float
+    high: float
+    step: float
+    value: float
+
+    def over(self, unit: float) -> Wished:
+        """The same, counted in units of `unit`."""
+        return Wished(*(number / unit for number in self))
+
+
+_FILLINGS = (0, 1, 10, 1_000_000)
+"""What empty registers are filled with on trial, since formulas may divide by them: counts, a time base (us)."""
+_EXISTS = (("pIsImplemented", True), ("pIsAvailable", True))
+_CONDITIONS = (*_EXISTS, ("pIsLocked", False))
+_ALMOST = 1e-6  # of an increment
+_LIMITS = ("pMin", "pMax", "pInc")
+
+
+class Opener:
+    """Sets the registers behind features.
+
+    Attributes
+    ----------
+    evaluator
+        What it sets them through.
+    failed
+        Features that could not be made available.
+    """
+
+    def __init__(self, evaluator: Evaluator) -> None:
+        self.evaluator = evaluator
+        self._selection: tuple[tuple[str, int], ...] = ()
+        self._kept: dict[int, list[Wish]] = {}
+        self.failed: list[str] = []
+
+    def entry(self, name: str) -> str:
+        """The present entry of an enumeration; empty if it has none."""
+        if self.evaluator.kind(name) == "Enumeration":
+            with contextlib.suppress(NodeError):
+                value = self.evaluator.value(name)
+                for entry, node in self.evaluator.node(name).entries.items():
+                    if node.integer("Value", 0) == value:
+                        return entry
+        return ""
+
+    def exists(self, name: str) -> bool:
+        """Whether a node, and those it depends on, are there already."""
+        if self.evaluator.kind(name) in (None, "Category"):
+            return False
+        with contextlib.suppress(NodeError):
+            nodes = self.evaluator.sources(name)
+            return all(self.evaluator.value(node.text(tag)) for node in nodes for tag, _ in _EXISTS if node.text(tag))
+        return False
+
+    @contextlib.contextmanager
+    def selecting(self, selector: str, entry: str, now: bool = True) -> Iterator[bool]:
+        """Within the block the selector is at this entry, and from `now` on; yields whether it has that entry."""
+        if self.evaluator.kind(selector) != "Enumeration" or entry not in self.evaluator.node(selector).entries:
+            yield False
+            return
+        if now:
+            self.choice(selector, (entry,))
+        with self.at(selector, self.evaluator.node(selector).entries[entry].integer("Value", 0)):
+            yield True
+
+    @contextlib.contextmanager
+    def at(self, name: str, value: int) -> Iterator[None]:
+        """Within the block conditions must hold while the client has set `name` to `value`."""
+        if self.evaluator.kind(name) is None:
+            yield
+            return
+        before = self._selection
+        self._selection = (*before, (name, value))
+        with self.evaluator.selecting(name, value):
+            yield
+        self._selection = before
+
+    def number(self, name: str, wished: Wished, writable: bool = True) -> None:
+        """Open a number, set its limits where they are in registers, and its value within the limits it then has."""
+        evaluator = self.evaluator
+        if evaluator.kind(name) not in NUMBERS or not self.open(name, writable):
+            return
+        parts = [name, *(node.text(tag) for node in evaluator.chain(name) for tag in _LIMITS if node.text(tag))]
+        empty: list[str] = []
+        for clipped, filling in itertools.product((False, True), _FILLINGS):
+            for register in empty:
+                evaluator.set(register, filling)
+            empty += [register for register in fill(evaluator, parts, filling) if register not in empty]
+            with contextlib.suppress(NodeError):
+                self._limit(name, wished, filling)
+                if self._settle(name, wished, clipped):
+                    return
+        for register in empty:
+            evaluator.set(register, 0)
+        if writable:
+            self.failed.append(name)
+
+    def _limit(self, name: str, wished: Wished, filling: int) -> None:
+        """Set the increment and the limits that are in registers."""
+        evaluator = self.evaluator
+        holder, value = evaluator.bounded(name, wished.value)
+        # A falling converter swaps them.
+        ends = [evaluator.bounded(name, end)[1] for end in (wished.low, wished.high)]
+        step = abs(evaluator.bounded(name, wished.value + wished.step)[1] - value)
+        if evaluator.is_whole(holder):
+            step = max(round(step), 1)
+        done: list[str] = []
+
+        def settle(tag: str, number: float) -> None:
+            limit = evaluator.node(holder).text(tag)
+            registers = evaluator.fields(limit) if limit else {}
+            if math.isfinite(number) and any(
+                register in ours or evaluator.value(register) in (0, filling) for register in registers
+            ):
+                assign(evaluator, limit, number, done)
+                ours.update(registers)
+                done.append(limit)
+
+        ours: set[str] = set()
+        settle("pInc", step)
+        if evaluator.is_whole(holder):  # a value that is a multiple of the increment is then on it
+            step = evaluator.bound(holder, "Inc") or 1
+            ends = [math.ceil(min(ends) / step) * step, max(ends)]
+        settle("pMin", min(ends))
+        settle("pMax", max(ends))
+
+    def _settle(self, name: str, wished: Wished, clipped: bool) -> bool:
+        """Set a number within its limits and on its increment; whether it took it, `clipped` by them or not."""
+        evaluator = self.evaluator
+        low, high = evaluator.limits(name)
+        step = evaluator.bound(name, "Inc")
+        if step is not None and step <= 0:
+            return False
+        value = min(max(wished.value, low), high)
+        if step and math.isfinite(low):
+            value = low + math.floor((value - low) / step + _ALMOST) * step
+        assign(evaluator, name, value)
+        near = abs(evaluator.value(name) - value) <= 0.01 * abs(value)
+        sized = low < high or math.isinf(wished.high)
+        return near and sized and (clipped or abs(value - wished.value) <= (step or 0))
+
+    def command(self, name: str) -> None:
+        """Open a command, where there is one."""
+        if self.evaluator.kind(name) == "Command":
+            self.open(name)
+
+    def switch(self, name: str, on: bool) -> None:
+        """Open a switch, and turn it."""
+        if self.evaluator.kind(name) and self.open(name):
+            assign(self.evaluator, name, int(on))
+
+    def choice(self, name: str, entries: Sequence[str]) -> None:
+        """Open an enumeration and those of `entries` that it has, and choose the first that can be opened."""
+        if self.evaluator.kind(name) != "Enumeration" or not self.open(name):
+            return
+        there = self.evaluator.node(name).entries
+        wanted = [entry for entry in entries if entry in there]
+        opened = [entry for entry in wanted if self._meet((there[entry],), _CONDITIONS)]
+        if opened:
+            assign(self.evaluator, name, there[opened[0]].integer("Value", 0))
+        elif wanted:
+            self.failed.append(f"{name} {wanted[0]}")
+
+    def open(self, name: str, writable: bool = True) -> bool:
+        """Make a node, and those it depends on, implemented, available and not locked; False if it cannot be."""
+        evaluator = self.evaluator
+        if evaluator.kind(name) is None:
+            return False
+        try:
+            chain = evaluator.chain(name)
+            sources = list(evaluator.sources(name))
+            for limit in [node.text(tag) for node in chain for tag in _LIMITS if node.text(tag)]:
+                sources += evaluator.sources(limit)
+        except NodeError:  # a node is missing in the description
+            self.failed.append(name)
+            return False
+        opened = self._meet(chain, _CONDITIONS if writable else _EXISTS)
+        opened &= self._meet([source for source in dict.fromkeys(sources) if source not in chain], _EXISTS)
+        if not opened:
+            self.failed.append(name)
+        return opened
+
+    def _meet(self, nodes: Sequence[Node], conditions: Sequence[tuple[str, bool]]) -> bool:
+        """Whether the conditions of all nodes could be met."""
+        wanted = [(node.text(tag), value) for node in nodes for tag, value in conditions if node.text(tag)]
+        met = [self._fulfil(condition, value) for condition, value in wanted]
+        return all(met)
+
+    def _fulfil(self, condition: str, wanted: bool) -> bool:
+        """Find register contents that make a condition true, and keep it true."""
+        evaluator, selection = self.evaluator, self._selection
+
+        def wish() -> bool:
+            with contextlib.ExitStack() as selected:
+                for name, value in selection:
+                    selected.enter_context(evaluator.selecting(name, value))
+                return bool(evaluator.value(condition)) == wanted
+
+        if not achieve(evaluator, wish, condition, self._kept):
+            return False
+        for field in evaluator.fields(condition).values():
+            self._kept.setdefault(field.address, []).append(wish)
+        return True
