@@ -18,7 +18,7 @@ class CameraNotFoundError(CameraError):
 
 
 class CameraBusyError(CameraError):
-    """Another program holds the camera's control privilege: try again later."""
+    """The camera is busy, or another program holds its control privilege: try again later."""
 
 
 class CameraLostError(CameraError):
@@ -30,4 +30,12 @@ class UnsupportedCameraError(CameraError):
 
 
 class NodeError(CameraError):
-    """A node refused a value, or holds a different one than was written."""
+    """A node refused a value, or holds a different one than was written: what the camera is, not what it does now."""
+
+
+_PASSING = (CameraNotFoundError, CameraBusyError, CameraLostError)
+
+
+def stays(error: AutoexposeError) -> bool:
+    """Whether trying the same again will fail again, until the camera or its configuration is another one."""
+    return not isinstance(error, _PASSING)

@@ -17,7 +17,7 @@ from autoexpose_daemon.cli.signals import set_from_handler, stop_on_signals
 from autoexpose_daemon.control.policies.ids import POLICY_IDS, check_policy_id
 from autoexpose_daemon.recording import check_recording_extra
 from autoexpose_daemon.service.notify import Notifier
-from drivers.errors import ConfigurationError
+from drivers.errors import CameraError, ConfigurationError
 from drivers.exposure import ExposureSetting
 
 if TYPE_CHECKING:
@@ -90,10 +90,10 @@ def replay(
 
 @contextmanager
 def _explaining(notifier: Notifier) -> Iterator[None]:
-    """Also tell the service manager why a configuration is invalid, and that restarting does not help."""
+    """Also tell the service manager why configuration or cameras cannot be used, and that restarting does not help."""
     try:
         yield
-    except ConfigurationError as error:
+    except (ConfigurationError, CameraError) as error:
         from autoexpose_daemon.service.logs import complain  # noqa: PLC0415
 
         notifier.status(f"failed: {error}")

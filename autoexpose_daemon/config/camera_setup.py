@@ -21,6 +21,7 @@ def camera_setup(config: Config, side: Side) -> CameraSetup:
         link_share=LinkShare(len(config.sides), config.transport.link_mbps) if config.transport.plan else None,
         features=config.sides[side].features,
         gain_scale=config.gain_scales[side],
+        exposure_count_us=config.sides[side].exposure_count_us,
     )
 
 

@@ -7,7 +7,7 @@ from typing import Annotated
 
 from pydantic import BeforeValidator, PlainSerializer, model_validator
 
-from autoexpose_daemon.config.section import FileName, Name, Section
+from autoexpose_daemon.config.section import ExposureCountUs, FileName, Name, Section
 from drivers.config.feature import FeatureSetting, as_list, parse_features
 from drivers.python310 import Self
 
@@ -22,13 +22,17 @@ Features = Annotated[tuple[FeatureSetting, ...], BeforeValidator(parse_features)
 
 
 class CameraConfig(Section):
-    """One camera: its serial, its calibration files (without a response file it is linear), and features to set."""
+    """One camera: its serial, its calibration files (without a response file it is linear), and features to set.
+
+    `exposure_count_us` are the microseconds in a count of an exposure time whose unit the camera does not give.
+    """
 
     serial: Annotated[Name, BeforeValidator(_refuse_number)]
     response: FileName | None = None
     gain_calibration: FileName | None = None
     calibration: FileName | None = None
     vignetting: FileName | None = None
+    exposure_count_us: ExposureCountUs | None = None
     features: Features = ()
 
     def relative_to(self, folder: Path) -> Self:

@@ -60,6 +60,7 @@ Integer = Annotated[int, BeforeValidator(_refuse_boolean)]
 
 RateHz = Annotated[Float, AfterValidator(bounds.RATE_HZ.check)]
 ExposureTimeUs = Annotated[Float, AfterValidator(bounds.EXPOSURE_TIME_US.check)]
+ExposureCountUs = Annotated[Float, AfterValidator(bounds.EXPOSURE_COUNT_US.check)]
 GainDb = Annotated[Float, AfterValidator(bounds.GAIN_DB.check)]
 Weight = Annotated[Float, AfterValidator(bounds.WEIGHT.check)]
 Pixel = Annotated[Integer, AfterValidator(bounds.PIXEL.check)]

@@ -17,31 +17,28 @@ from drivers.frames import Side
 
 def openers(config: Config) -> dict[Side, Callable[[], Camera]]:
     """For each side of the rig, a function that opens its camera as configured."""
-    return {side: partial(_open, config, side, camera_setup(config, side)) for side in config.sides}
+    tuning = Tuning(config)
+    return {side: partial(_open, tuning, side, camera_setup(config, side)) for side in config.sides}
 
 
 def refusals(config: Config) -> Iterator[tuple[Side, AutoexposeError | None]]:
     """Why each side's camera cannot be opened, set up and exposed as configured, or None; it is closed again."""
-    tuning = Tuning(config)
     for side, opener in openers(config).items():
         try:
-            camera = opener()
-            try:
-                tuning.limits([camera.limits])
-                tuning.check_region(side, camera.description)
-            finally:
-                camera.close()
+            opener().close()
         except AutoexposeError as error:
             yield side, error
         else:
             yield side, None
 
 
-def _open(config: Config, side: Side, setup: CameraSetup) -> Camera:
-    """Open a camera; refuse files made for a pixel format or size that it does not send."""
-    camera = open_camera(config.sides[side].serial, setup)
+def _open(tuning: Tuning, side: Side, setup: CameraSetup) -> Camera:
+    """Open a camera; refuse one that is not as files, limits or regions need it."""
+    camera = open_camera(tuning.config.sides[side].serial, setup)
     try:
-        config.check_frames(side, camera.description)
+        tuning.config.check_frames(side, camera.description)
+        tuning.limits([camera.limits])
+        tuning.check_region(side, camera.description)
     except ConfigurationError:
         camera.close()
         raise

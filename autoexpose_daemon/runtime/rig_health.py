@@ -11,7 +11,7 @@ from autoexpose_daemon.runtime.frame_watch import FrameWatch
 from autoexpose_daemon.runtime.response_drift import ResponseDrift
 from autoexpose_daemon.runtime.stuck import StuckStreams
 from autoexpose_daemon.runtime.tuning import Tuning
-from autoexpose_daemon.status.states import ADJUSTED
+from autoexpose_daemon.status.states import ADJUSTED, START_PATIENCE_NS
 from autoexpose_daemon.status.telemetry import GONE, Telemetry
 from drivers.camera import IncompleteFrame
 from drivers.errors import AutoexposeError
@@ -48,11 +48,13 @@ class RigHealth:
         self._drift = ResponseDrift(config)
         self._record = record
         self._triggers = triggers
+        self._sides = frozenset(config.sides)
         self._ever_ready: set[Side] = set()
+        self._out: set[Side] = set()
         self._throttle = LogThrottle(_SILENCE_LOG_PAUSE_S)
 
     def see(self, event: RigEvent, now_ns: int) -> None:
-        """Look at an event; raises the error of a camera that can never be driven."""
+        """Look at an event; raises the error of a camera that cannot be driven: at the start, or if none is left."""
         if isinstance(event, FrameArrived):
             self._stuck.arrived(event.side, now_ns)
         match event:
@@ -66,7 +68,7 @@ class RigHealth:
                     log.warning("%s camera: no frames; checking that it answers", side)
                 self._frame_watch.silent(side)
             case CameraGone(side, error, final):
-                self._gone(side, error, final)
+                self._gone(side, error, final, now_ns)
             case CameraReady():
                 self._ready(event)
             case Written():
@@ -110,15 +112,22 @@ class RigHealth:
             log.warning("%s camera %s: %s", side, camera.serial, limitation)
         self._telemetry.cameras[side] = f"{camera.model} {camera.serial}"
 
-    def _gone(self, side: Side, error: AutoexposeError, final: bool) -> None:
+    def _gone(self, side: Side, error: AutoexposeError, final: bool, now_ns: int) -> None:
         if self._telemetry.cameras.get(side) != GONE:
             self._complaints.end_all(side)
         self._telemetry.cameras[side] = GONE
         self._telemetry.ptp.pop(side, None)
         self._frame_watch.gone(side)
         if final:
-            raise error
-        self._complaints.change(side, GONE, f"{error}; trying again")
+            self._out.add(side)
+            if self._out == self._sides or (side not in self._ever_ready and self._starting(now_ns)):
+                raise error
+        what_now = "it stays out until the daemon is restarted" if final else "trying again"
+        self._complaints.change(side, GONE, f"{error}; {what_now}")
+
+    def _starting(self, now_ns: int) -> bool:
+        opened_ns = self._telemetry.opened_ns
+        return opened_ns is None or now_ns - opened_ns < START_PATIENCE_NS
 
     def _written(self, event: Written) -> None:
         self._complaints.end(event.side, "refused")

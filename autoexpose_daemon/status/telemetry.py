@@ -30,7 +30,7 @@ _PAUSE_PERIODS = 5.0
 """What has not come for longer than both has stopped."""
 
 GONE = "gone"
-"""In `Telemetry.cameras`: not open; opening it is retried."""
+"""In `Telemetry.cameras`: not open."""
 
 
 class DurationSamples:

@@ -17,7 +17,7 @@ from drivers.config.strict_yaml import load_mapping
 from drivers.errors import ConfigurationError
 from drivers.exposure.gain_scale import GainScale
 from drivers.frames import SIDES, Side
-from drivers.genicam.driven import GAINS
+from drivers.genicam.dialect import GAINS
 from drivers.genicam.trigger import RATE_NODES
 from drivers.pixels.formats import PIXEL_FORMATS, PixelFormat
 

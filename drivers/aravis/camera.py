@@ -15,13 +15,21 @@ from drivers.aravis.nodes import AravisNodes
 from drivers.aravis.stream import create_stream, row_padding_bytes
 from drivers.camera import CameraDescription, ClockReading, IncompleteFrame
 from drivers.config.setup import ACTION_KEYS, CameraSetup
-from drivers.errors import CameraError, CameraLostError, ConfigurationError, NodeError, UnsupportedCameraError
+from drivers.errors import (
+    CameraBusyError,
+    CameraError,
+    CameraLostError,
+    ConfigurationError,
+    NodeError,
+    UnsupportedCameraError,
+)
 from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import Frame, SettingSource
 from drivers.genicam.clock import LatchedClock, find_clock
 from drivers.genicam.dialect import find_dialect, switch_auto_off
 from drivers.genicam.features import apply_features
 from drivers.genicam.gamma import switch_gamma_off
+from drivers.genicam.hold import fixed_selectors
 from drivers.genicam.image_format import (
     choose_pixel_format,
     decode_pixels,
@@ -61,9 +69,10 @@ class AravisCamera:
         switch_white_balance_off(nodes, setup.pixel_format)
         apply_features(nodes, setup)
         switch_auto_off(nodes)
-        self._dialect = find_dialect(nodes, setup.gain_scale)  # first: a camera that cannot expose fails for that
+        # First: a camera that cannot expose fails for that.
+        self._dialect = find_dialect(nodes, setup.gain_scale, setup.exposure_count_us)
         self._pixel_format = choose_pixel_format(nodes, setup.pixel_format)
-        switch_white_balance_off(nodes, self._pixel_format)
+        of_colours = switch_white_balance_off(nodes, self._pixel_format)
         set_binning(nodes, setup.binning)
         if setup.trigger.mode == "ptp" and found.transport != "gige":
             raise ConfigurationError(
@@ -82,7 +91,9 @@ class AravisCamera:
                 "trigger.mode"
             )
         of_timing = timing_limitations(nodes, setup.trigger)
-        limitations = (*self._dialect.limitations, *of_trigger, *of_ptp, *of_timing, *of_gamma, *of_chunks, *of_clock)
+        limitations = (
+            *self._dialect.limitations, *of_trigger, *of_ptp, *of_timing, *of_gamma, *of_colours, *of_chunks, *of_clock
+        )  # fmt: skip
         self._description = CameraDescription(
             found.vendor,
             found.model,
@@ -94,7 +105,7 @@ class AravisCamera:
             1 if self._ptp is None else action_queue(nodes),
         )
         self._limits = self._dialect.limits(nodes)
-        self._setting: ExposureSetting | None = self._dialect.read(nodes)
+        self._setting: ExposureSetting | None = self._dialect.settle(nodes, self._limits)
         self._ledger = SettingLedger(self._setting)
         self._frame_ids = FrameIdUnwrapper()
         self._last_frame_id = -1
@@ -105,6 +116,8 @@ class AravisCamera:
         # The handler runs on a thread of Aravis and must never hold the last reference to the camera, only the event.
         lost = nodes.silent
         self._control_lost = camera.get_device().connect("control-lost", lambda _device: lost.set())
+        for fixed in fixed_selectors(nodes):
+            _log.info("camera %s: %s", found.serial, fixed)
 
     @property
     def description(self) -> CameraDescription:
@@ -147,7 +160,7 @@ class AravisCamera:
         try:
             with self._nodes.unchecked():
                 self._setting = self._dialect.write(self._nodes, setting, present)
-        except NodeError:
+        except (NodeError, CameraBusyError):
             self._record_what_was_taken()
             raise
         self._ledger.record(time.monotonic_ns(), self._setting)
@@ -296,4 +309,4 @@ def _action_sender(found: FoundCamera) -> ActionSender:
     except OSError as error:
         why = error.strerror or str(error)
     # Outside `except`: the traceback of its error would keep the camera open, see `open_camera`.
-    raise NodeError(f"camera {found.serial}: no action command could be sent: {why}")
+    raise CameraBusyError(f"camera {found.serial}: no action command could be sent: {why}")

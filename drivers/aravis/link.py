@@ -9,6 +9,7 @@ from typing import Any
 from drivers.aravis.nodes import AravisNodes
 from drivers.config.setup import LinkShare
 from drivers.errors import ConfigurationError
+from drivers.genicam.hold import hold, offered
 from drivers.genicam.link_share import bytes_per_s, needed_bytes_per_s, packet_delay_ns
 from drivers.host.network import find_interfaces
 
@@ -43,9 +44,9 @@ def keep_to_share(camera: Any, nodes: AravisNodes, share: LinkShare, payload_byt
             f"a link of {mbps:g} Mb/s is {allowed / 1e6:.1f} MB/s: lower trigger.rate_hz, choose binning or a smaller "
             "pixel format; where each camera has a link of its own, leave out transport.plan"
         )
-    if nodes.available(_LIMIT):
-        if nodes.exists(_LIMIT_MODE):
-            nodes.write_entry(_LIMIT_MODE, "On")
+    if "On" in offered(nodes, _LIMIT_MODE):
+        hold(nodes, _LIMIT_MODE, "On")
+    if nodes.is_integer(_LIMIT) and nodes.writable(_LIMIT):
         least, most = nodes.integer_bounds(_LIMIT)
         if least > allowed:
             raise ConfigurationError(
@@ -53,7 +54,7 @@ def keep_to_share(camera: Any, nodes: AravisNodes, share: LinkShare, payload_byt
                 f"of {mbps:g} Mb/s is {allowed / 1e6:.1f} MB/s: give each camera a link of its own"
             )
         step = max(nodes.integer_increment(_LIMIT), 1)
-        nodes.write_integer(_LIMIT, min(least + (int(allowed) - least) // step * step, most))
+        hold(nodes, _LIMIT, min(least + (int(allowed) - least) // step * step, most))
         how = f"{_LIMIT} {nodes.read_integer(_LIMIT)} B/s"
     else:
         delay_ns = packet_delay_ns(packet_bytes, allowed, _own_bytes_per_s(nodes))

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from typing import Any, TypeVar
 
 from drivers.aravis.introspection import Aravis, GLib
-from drivers.errors import CameraError, CameraLostError, NodeError
+from drivers.errors import CameraBusyError, CameraError, CameraLostError, NodeError
 from drivers.genicam.nodes import Kind
 
 T = TypeVar("T")
@@ -23,11 +23,27 @@ _KINDS: tuple[tuple[Any, Kind], ...] = (
 )
 """Kinds by interface; enumerations and booleans are integers, too, so these come last."""
 _SILENCE = (Aravis.DeviceError.TIMEOUT, Aravis.DeviceError.NOT_CONNECTED)
+_LASTING = [
+    getattr(Aravis.DeviceError, name)
+    for name in (
+        "WRONG_FEATURE", "FEATURE_NOT_FOUND", "INVALID_PARAMETER", "NO_STREAM_CHANNEL",
+        "PROTOCOL_ERROR_NOT_IMPLEMENTED", "PROTOCOL_ERROR_INVALID_PARAMETER", "PROTOCOL_ERROR_INVALID_ADDRESS",
+        "PROTOCOL_ERROR_WRITE_PROTECT", "PROTOCOL_ERROR_BAD_ALIGNMENT",
+    )
+    if hasattr(Aravis.DeviceError, name)  # 0.8.20 has one for all that a camera answers
+]  # fmt: skip
+"""What the device's own interface or the camera answers for ever; others, such as busy or access denied, pass."""
 
 
 def is_silence(error: GLib.Error) -> bool:
     """Whether Aravis reports that a request got no answer."""
     return any(error.matches(Aravis.device_error_quark(), code) for code in _SILENCE)
+
+
+def _lasts(error: GLib.Error) -> bool:
+    """Whether it follows from the description, or from an answer that does not change."""
+    of_description: bool = error.domain == GLib.quark_to_string(Aravis.gc_error_quark())
+    return of_description or any(error.matches(Aravis.device_error_quark(), code) for code in _LASTING)
 
 
 class AravisNodes:
@@ -39,6 +55,8 @@ class AravisNodes:
         self.silent = threading.Event()
         """Set once a request got no answer: the camera is lost."""
         device.set_register_cache_policy(Aravis.RegisterCachePolicy.DISABLE)
+        # Bounds are checked here: Aravis 0.8.26 errs where a converter decreases, or is a lookup table.
+        device.set_range_check_policy(Aravis.RangeCheckPolicy.DISABLE)
         self._check_writes(True)
 
     @contextlib.contextmanager
@@ -55,8 +73,7 @@ class AravisNodes:
 
     def _check_writes(self, on: bool) -> None:
         """By default Aravis checks nothing: even a write to a read-only node passes silently."""
-        ranges = Aravis.RangeCheckPolicy
-        self._device.set_range_check_policy(ranges.ENABLE if on else ranges.DISABLE)
+        self._checked = on
         if hasattr(Aravis, "AccessCheckPolicy"):  # not in 0.8.20, where only the camera refuses what is locked
             access = Aravis.AccessCheckPolicy
             self._device.set_access_check_policy(access.ENABLE if on else access.DISABLE)
@@ -83,7 +100,8 @@ class AravisNodes:
         if is_silence(error):
             self.silent.set()
             return CameraLostError(f"camera {self.serial} does not answer: could not {action}")
-        return NodeError(f"camera {self.serial}: could not {action}: {error.message}")
+        kind = NodeError if _lasts(error) else CameraBusyError
+        return kind(f"camera {self.serial}: could not {action}: {error.message}")
 
     def features(self) -> tuple[str, ...]:
         """All features below the root category."""
@@ -167,7 +185,7 @@ class AravisNodes:
     def float_bounds(self, name: str) -> tuple[float, float]:
         """Least and greatest value."""
         bounds = self.call(f"read the bounds of {name}", self._device.get_float_feature_bounds, name)
-        return bounds.min, bounds.max
+        return (bounds.max, bounds.min) if bounds.min > bounds.max else (bounds.min, bounds.max)
 
     def float_increment(self, name: str) -> float:
         """The declared increment; without one Aravis gives an error, or the smallest positive float."""
@@ -182,7 +200,7 @@ class AravisNodes:
     def integer_bounds(self, name: str) -> tuple[int, int]:
         """Least and greatest value."""
         bounds = self.call(f"read the bounds of {name}", self._device.get_integer_feature_bounds, name)
-        return bounds.min, bounds.max
+        return min(bounds.min, bounds.max), max(bounds.min, bounds.max)
 
     def integer_increment(self, name: str) -> int:
         """The declared increment."""
@@ -194,7 +212,15 @@ class AravisNodes:
 
     def write_float(self, name: str, value: float) -> None:
         """Write a floating-point feature."""
+        if self._checked:
+            self._check(name, value, self.float_bounds(name))
         self.call(f"set {name} to {value:g}", self._device.set_float_feature_value, name, value)
+
+    def _check(self, name: str, value: float, bounds: tuple[float, float]) -> None:
+        if value < bounds[0] or value > bounds[1]:
+            raise NodeError(
+                f"camera {self.serial}: could not set {name} to {value}: it takes {bounds[0]:.10g} to {bounds[1]:.10g}"
+            )
 
     def read_integer(self, name: str) -> int:
         """Value of an integer feature."""
@@ -202,6 +228,8 @@ class AravisNodes:
 
     def write_integer(self, name: str, value: int) -> None:
         """Write an integer feature."""
+        if self._checked:
+            self._check(name, value, self.integer_bounds(name))
         self.call(f"set {name} to {value}", self._device.set_integer_feature_value, name, value)
 
     def read_boolean(self, name: str) -> bool:
@@ -217,16 +245,8 @@ class AravisNodes:
         return str(self.call(f"read {name}", self._device.get_string_feature_value, name) or "")
 
     def write_entry(self, name: str, entry: str) -> None:
-        """Choose an entry of an enumeration.
-
-        Without the range check: Aravis 0.8.26 mistakes a lookup table between entries and register, as behind the
-        pixel formats of Basler's ace, for a scale, and finds every entry out of range.
-        """
-        self._device.set_range_check_policy(Aravis.RangeCheckPolicy.DISABLE)
-        try:
-            self.call(f"set {name} to {entry}", self._device.set_string_feature_value, name, entry)
-        finally:
-            self._device.set_range_check_policy(Aravis.RangeCheckPolicy.ENABLE)
+        """Choose an entry of an enumeration."""
+        self.call(f"set {name} to {entry}", self._device.set_string_feature_value, name, entry)
 
     def read_string(self, name: str) -> str:
         """Value of a text feature."""

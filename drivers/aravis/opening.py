@@ -25,7 +25,7 @@ def open_camera(serial: str, setup: CameraSetup) -> AravisCamera:
     CameraNotFoundError, CameraBusyError, CameraLostError
         Try again later.
     ConfigurationError, UnsupportedCameraError, NodeError
-        The setup does not fit this camera; the message says what to change.
+        The setup does not fit this camera, or the camera cannot be driven: trying again does not help.
     """
     found = find_camera(serial)
     try:
@@ -47,7 +47,8 @@ def open_nodes(serial: str) -> Iterator[AravisNodes]:
     camera = _controlled(find_camera(serial))
     nodes = AravisNodes(camera.get_device(), serial)
     try:
-        nodes.call("stop acquisition", camera.stop_acquisition)
+        if nodes.exists("AcquisitionStop"):
+            nodes.call("stop acquisition", camera.stop_acquisition)
         yield nodes
     finally:
         if camera.is_gv_device() and not nodes.silent.is_set():

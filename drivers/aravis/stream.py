@@ -9,7 +9,7 @@ from drivers.aravis.introspection import Aravis
 from drivers.aravis.link import keep_to_share
 from drivers.aravis.nodes import AravisNodes
 from drivers.config.setup import CameraSetup
-from drivers.errors import CameraLostError, NodeError
+from drivers.errors import CameraLostError, NodeError, UnsupportedCameraError
 from drivers.host.network import SOCKET_BUFFER_BYTES
 from drivers.host.stream_filter import admit_only, largest_packet_id
 
@@ -26,6 +26,10 @@ FRAME_RETENTION_US = 50_000
 
 def create_stream(camera: Any, nodes: AravisNodes, setup: CameraSetup) -> Any:
     """Create the stream and its buffers; chunks and format must be set before, as they decide the payload size."""
+    if not nodes.is_integer("PayloadSize"):
+        raise UnsupportedCameraError(
+            f"camera {nodes.serial}: it has no PayloadSize, and so does not say how many bytes a frame has"
+        )
     if camera.is_gv_device():
         # The kernel serves packet sockets in 5 ms blocks; a plain socket is quicker.
         camera.gv_set_stream_options(Aravis.GvStreamOption.PACKET_SOCKET_DISABLED)

@@ -90,6 +90,8 @@ class CameraSetup:
     gain_scale
         What a gain that is not in dB means; None leaves such a gain alone. "own numbers" drives it in the numbers of
         its node, as if they were dB, so that their meaning can be measured.
+    exposure_count_us
+        Microseconds in a count of an exposure time whose unit the camera does not give; None: there is none such.
     """
 
     trigger: TriggerSetup
@@ -99,3 +101,4 @@ class CameraSetup:
     link_share: LinkShare | None = None
     features: tuple[FeatureSetting, ...] = ()
     gain_scale: GainScale | Literal["own numbers"] | None = None
+    exposure_count_us: float | None = None

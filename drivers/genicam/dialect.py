@@ -8,8 +8,9 @@ from typing import Literal
 from drivers.errors import ConfigurationError, NodeError, UnsupportedCameraError
 from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.exposure.gain_scale import GainScale
+from drivers.genicam.hold import hold, offered, switch
 from drivers.genicam.nodes import NodeMap
-from drivers.genicam.quantity import DECIBELS, EXACT, MICROSECONDS, Quantity, find_quantity, is_number
+from drivers.genicam.quantity import DECIBELS, EXACT, MICROSECONDS, Quantity, is_number
 
 TIME_NODES = ("ExposureTime", "ExposureTimeAbs")
 """SFNC 2 and SFNC 1 names."""
@@ -17,8 +18,11 @@ RAW_TIME, RAW_TIME_UNIT = "ExposureTimeRaw", "ExposureTimeBaseAbs"
 """A time in counts, and the node that holds the microseconds per count."""
 GAIN_NODES = ("Gain", "GainAbs")
 RAW_GAIN = "GainRaw"
+GAINS = (*GAIN_NODES, RAW_GAIN)
 UNDRIVEN_TIME_NODES = (RAW_TIME, "ExposureValue", "Shutter", "ShutterTime")
 """Other names seen in the field: known, so that the refusal can say what the camera offers instead."""
+_NOT_BY_TIME = ("Off", "TriggerWidth", "TriggerControlled")
+"""Entries of ExposureMode with which no node sets the exposure time."""
 
 LEAST_TIME_US = 1.0
 """Of a camera that declares no exposure time above 0 as its least, and no increment."""
@@ -46,6 +50,10 @@ class ExposureDialect:
         (min_time_us, max_time_us), time_step_us = self.time.bounds(nodes), self.time.increment(nodes)
         if min_time_us <= 0:  # none is declared, or one that is no exposure time
             min_time_us = time_step_us or LEAST_TIME_US
+        if max_time_us < min_time_us:
+            raise UnsupportedCameraError(
+                f"camera {nodes.serial}: its {self.time.node} takes at most {max_time_us:g} us, no exposure time"
+            )
         if self.gain is None:
             return ExposureLimits(min_time_us, max_time_us, 0.0, 0.0, time_step_us)
         uneven_db = self.gain.uneven_steps(nodes)
@@ -63,6 +71,21 @@ class ExposureDialect:
                 f"camera {nodes.serial}: node {self.time.node} reads {time_us:g} us, which is not an exposure time"
             )
         return ExposureSetting(time_us, 0.0 if self.gain is None else self.gain.read(nodes))
+
+    def settle(self, nodes: NodeMap, limits: ExposureLimits) -> ExposureSetting:
+        """Write the present setting back, or the nearest one within `limits`, and return what the nodes then hold.
+
+        So what cannot be written shows when the camera is opened; and it may have been switched on with anything.
+        """
+        try:
+            present = ExposureSetting(self.time.read(nodes), 0.0 if self.gain is None else self.gain.read(nodes))
+        except NodeError:  # not a number
+            present = limits.darkest
+        near = limits.rounded(present)
+        self.time.write(nodes, near.exposure_time_us)
+        if self.gain is not None:
+            self.gain.write(nodes, near.gain_db)
+        return self.read(nodes)
 
     def write(self, nodes: NodeMap, setting: ExposureSetting, present: ExposureSetting | None) -> ExposureSetting:
         """Write what differs from `present` (None: everything), and return what the nodes read back.
@@ -103,17 +126,19 @@ class ExposureDialect:
             )
 
 
-def find_dialect(nodes: NodeMap, gain_scale: GainScale | Literal["own numbers"] | None = None) -> ExposureDialect:
-    """Find the nodes that drive this camera's exposure; `gain_scale` as in `drivers.config.setup.CameraSetup`.
+def find_dialect(
+    nodes: NodeMap, gain_scale: GainScale | Literal["own numbers"] | None = None, count_us: float | None = None
+) -> ExposureDialect:
+    """Find the nodes that drive this camera's exposure; `gain_scale` and `count_us` as in `CameraSetup`.
 
     Raises
     ------
     UnsupportedCameraError
-        When the camera offers no exposure time in a known unit.
+        When the camera offers no exposure time that can be written, in a known unit.
     ConfigurationError
-        When the scale of its gain is for another gain.
+        When the scale of its gain is for another gain, or the length of a count for a time that has a unit.
     """
-    time = _find_time(nodes)
+    time = _find_time(nodes, count_us)
     gain, limitations = _find_gain(nodes, gain_scale)
     return ExposureDialect(time, gain, limitations)
 
@@ -124,57 +149,88 @@ def gain_driven(nodes: NodeMap) -> bool:
 
 
 def switch_auto_off(nodes: NodeMap) -> None:
-    """Switch the camera's automatic exposure and gain off, and have ExposureTime set the exposure."""
-    for name, entry in (("ExposureMode", "Timed"), ("ExposureAuto", "Off"), ("GainAuto", "Off")):
-        if entry in nodes.entries(name) and nodes.read_entry(name) != entry:
-            nodes.write_entry(name, entry)
-    if "All" in nodes.entries("GainSelector"):
-        nodes.write_entry("GainSelector", "All")
+    """Switch the camera's automatic exposure and gain off, and have ExposureTime set the exposure.
+
+    Raises
+    ------
+    NodeError
+        When the camera exposes otherwise, and cannot be had to expose like that.
+    """
+    if "All" in offered(nodes, "GainSelector"):
+        hold(nodes, "GainSelector", "All")
+    modes = offered(nodes, "ExposureMode")
+    if "Timed" in modes:
+        hold(nodes, "ExposureMode", "Timed")
+    elif modes and (mode := nodes.read_entry("ExposureMode")) in _NOT_BY_TIME:
+        raise NodeError(
+            f"camera {nodes.serial}: its ExposureMode is {mode} and cannot be Timed, so no node sets its exposure time"
+        )
+    for name in ("ExposureAuto", "GainAuto"):
+        if nodes.available(name):
+            switch(nodes, name, False)
 
 
-def _find_time(nodes: NodeMap) -> Quantity:
-    refusals = []
-    for name in TIME_NODES:
-        if not is_number(nodes, name):
-            continue
-        if nodes.unit(name) in MICROSECONDS:
-            step_us = nodes.read_float(RAW_TIME_UNIT) if nodes.is_float(RAW_TIME_UNIT) else 0.0
-            return Quantity(name, MICROSECONDS[nodes.unit(name)], nodes.is_integer(name), step=step_us)
-        refusals.append(f"its {name} is in {nodes.unit(name)!r}, which is not a known unit of time")
-    if is_number(nodes, RAW_TIME):
-        scale = _length_of_count_us(nodes)
-        if scale is not None:
-            return Quantity(RAW_TIME, scale, nodes.is_integer(RAW_TIME))
-        refusals.append(f"its {RAW_TIME} counts in steps of unknown length, as it has no {RAW_TIME_UNIT}")
-    if not refusals:
-        others = [name for name in UNDRIVEN_TIME_NODES if nodes.available(name)]
-        offer = f"it offers only {', '.join(others)}" if others else "it offers no other known exposure node"
-        refusals = [f"neither {' nor '.join(TIME_NODES)} can be written; {offer}"]
-    raise UnsupportedCameraError(f"camera {nodes.serial}: {'; '.join(refusals)}")
+def _find_time(nodes: NodeMap, count_us: float | None) -> Quantity:
+    there = [name for name in (*TIME_NODES, RAW_TIME) if is_number(nodes, name)]
+    drivable = [name for name in there if nodes.writable(name)]
+    lengths_us = {name: _own_length_us(nodes, name) for name in drivable}
+    for name, length_us in lengths_us.items():
+        if length_us is not None:
+            if count_us is not None:
+                raise ConfigurationError(
+                    f"camera {nodes.serial}: the unit of its {name} is known: leave out exposure_count_us"
+                )
+            return Quantity(name, length_us, nodes.is_integer(name), step=_base_us(nodes) if name != RAW_TIME else 0.0)
+    if count_us is not None and drivable:
+        return Quantity(drivable[0], count_us, nodes.is_integer(drivable[0]))
+    raise UnsupportedCameraError(f"camera {nodes.serial}: {_why_no_time(nodes, there, drivable)}")
 
 
-def _length_of_count_us(nodes: NodeMap) -> float | None:
-    """Microseconds per count of the raw exposure time; None if the camera does not say."""
-    unit = nodes.unit(RAW_TIME)
-    if unit is not None and unit in MICROSECONDS:
-        return MICROSECONDS[unit]
-    return nodes.read_float(RAW_TIME_UNIT) if nodes.is_float(RAW_TIME_UNIT) else None
+def _own_length_us(nodes: NodeMap, name: str) -> float | None:
+    """Microseconds in one of what an exposure time is counted in; None if the camera does not say."""
+    unit = nodes.unit(name)
+    known_us = MICROSECONDS.get(unit)
+    if name == RAW_TIME and (unit is None or known_us is None):  # no unit means microseconds only of a time
+        return _base_us(nodes) or None
+    return known_us
+
+
+def _base_us(nodes: NodeMap) -> float:
+    """Microseconds in a count of the raw exposure time; 0 if the camera does not say."""
+    return nodes.read_float(RAW_TIME_UNIT) if nodes.is_float(RAW_TIME_UNIT) else 0.0
+
+
+def _why_no_time(nodes: NodeMap, there: list[str], drivable: list[str]) -> str:
+    if drivable:
+        unit = nodes.unit(drivable[0])
+        count = (
+            "counts in steps of unknown length"
+            if unit is None
+            else f"is in {unit!r}, which is not a known unit of time"
+        )
+        advice = "give the microseconds in one as exposure_count_us of this camera (docs/configuration.md)"
+        return f"its {drivable[0]} {count}: {advice}"
+    if there:
+        return f"its {' and '.join(there)} cannot be written"
+    others = [name for name in UNDRIVEN_TIME_NODES if nodes.available(name)]
+    offer = f"it offers only {', '.join(others)}" if others else "it offers no other known exposure node"
+    return f"neither {' nor '.join(TIME_NODES)} can be written; {offer}"
 
 
 def _find_gain(
     nodes: NodeMap, gain_scale: GainScale | Literal["own numbers"] | None
 ) -> tuple[Quantity | None, tuple[str, ...]]:
-    for name in GAIN_NODES:
-        if is_number(nodes, name) and (nodes.unit(name) or "").lower() in DECIBELS:
-            _check_scale(nodes, gain_scale, f"its {name} is in dB already")
-            return Quantity(name, integer=nodes.is_integer(name)), ()
-    own = find_quantity(nodes, (*GAIN_NODES, RAW_GAIN))
-    if own is None:
-        _check_scale(nodes, gain_scale, "it has no gain that is a number")
-        for name in GAIN_NODES:
-            if nodes.available(name):
-                return None, (f"gain ({name}) is not a number: left at its present value",)
-        return None, ("no gain node: exposure time alone is driven",)
+    there = [Quantity(name, integer=nodes.is_integer(name)) for name in GAINS if is_number(nodes, name)]
+    stuck = {gain.node: why for gain in there if (why := _why_stuck(nodes, gain)) is not None}
+    drivable = [gain for gain in there if gain.node not in stuck]
+    for gain in drivable:
+        if gain.node != RAW_GAIN and (nodes.unit(gain.node) or "").lower() in DECIBELS:
+            _check_scale(nodes, gain_scale, f"its {gain.node} is in dB already")
+            return gain, ()
+    if not drivable:
+        _check_scale(nodes, gain_scale, "it has no gain that is a number and can be written")
+        return None, (_why_no_gain(nodes, stuck),)
+    own = drivable[0]
     if gain_scale is None:
         units = nodes.unit(own.node) or ("raw units" if own.node == RAW_GAIN else "numbers without a unit")
         text = f"gain ({own.node}) is in {units} and not driven, so that dim light stays dark: run `autoexpose "
@@ -184,6 +240,26 @@ def _find_gain(
             _check_scale(nodes, gain_scale, f"its gain is {own.node}, not {gain_scale.node}")
         own = replace(own, gain_scale=gain_scale)
     return own, ()
+
+
+def _why_stuck(nodes: NodeMap, gain: Quantity) -> str | None:
+    """Why a gain cannot be driven; None if it can."""
+    if not nodes.writable(gain.node):
+        return "cannot be written"
+    try:
+        low, high = gain.bounds(nodes)
+    except NodeError as error:
+        return f"has no bounds ({error})"
+    return None if low < high else f"takes {low:g} alone"
+
+
+def _why_no_gain(nodes: NodeMap, stuck: dict[str, str]) -> str:
+    for name, why in stuck.items():
+        return f"gain ({name}) {why}: left at its present value"
+    for name in GAIN_NODES:
+        if nodes.available(name):
+            return f"gain ({name}) is not a number: left at its present value"
+    return "no gain node: exposure time alone is driven"
 
 
 def _check_scale(nodes: NodeMap, gain_scale: object, why: str) -> None:

@@ -7,11 +7,9 @@ from collections.abc import Iterator
 from drivers.config.feature import FeatureSetting
 from drivers.config.setup import CameraSetup
 from drivers.errors import ConfigurationError
-from drivers.genicam.dialect import GAIN_NODES, RAW_GAIN, RAW_TIME, TIME_NODES
+from drivers.genicam.dialect import GAINS, RAW_TIME, TIME_NODES
 from drivers.genicam.gamma import SWITCHES
 from drivers.genicam.trigger import ACTION_NODES, PTP_SWITCHES, RATE_NODES, RATE_SWITCHES, SOFTWARE_TRIGGER
-
-GAINS = (*GAIN_NODES, RAW_GAIN)
 
 _DRIVEN = "the daemon drives it: "
 _TIME = f"{_DRIVEN}set exposure.min_time_us and exposure.max_time_us instead"

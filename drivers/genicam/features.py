@@ -11,14 +11,13 @@ from collections.abc import Iterator, Sequence
 from drivers.config.feature import EXECUTE, FeatureSetting, FeatureValue
 from drivers.config.setup import CameraSetup
 from drivers.errors import AutoexposeError, ConfigurationError, NodeError
-from drivers.genicam.dialect import gain_driven
-from drivers.genicam.driven import GAINS, refuse_driven
+from drivers.genicam.dialect import GAINS, gain_driven
+from drivers.genicam.driven import refuse_driven
+from drivers.genicam.hold import SWITCHED, hold, read_feature, write_feature
 from drivers.genicam.nodes import NodeMap
 
 ROUNDING = 0.01
 """Cameras round numbers without declaring an increment; more than a hundredth of one is not rounding."""
-_SWITCHES = {False: ("Off", "No", "False"), True: ("On", "Yes", "True")}
-"""Entries that YAML reads as booleans."""
 _TAKEN = {
     "float": "a number",
     "integer": "a whole number",
@@ -77,22 +76,6 @@ def _set_run(nodes: NodeMap, run: Sequence[FeatureSetting]) -> list[AutoexposeEr
         pending, fewest = [wanted[key] for key in complaints], len(complaints)
 
 
-def read_feature(nodes: NodeMap, name: str) -> FeatureValue:
-    """The value of a feature, whatever its kind; NodeError if it cannot be read."""
-    match nodes.kind(name):
-        case "float":
-            return nodes.read_float(name)
-        case "integer":
-            return nodes.read_integer(name)
-        case "boolean":
-            return nodes.read_boolean(name)
-        case "enumeration" if entry := nodes.read_entry(name):
-            return entry
-        case "string":
-            return nodes.read_string(name)
-    raise NodeError(f"camera {nodes.serial}: {name} holds no value")
-
-
 @contextlib.contextmanager
 def selecting(nodes: NodeMap, selectors: Sequence[tuple[str, str]]) -> Iterator[None]:
     """Within the block these selectors are set to these entries, and afterwards back to what they were.
@@ -108,15 +91,17 @@ def selecting(nodes: NodeMap, selectors: Sequence[tuple[str, str]]) -> Iterator[
                 raise ConfigurationError(f"its selector {selector}: {error}") from None
             present = read_feature(nodes, selector)
             if wanted != present:
-                _write(nodes, selector, wanted)
-                restored.callback(_write, nodes, selector, present)
+                if not nodes.writable(selector):
+                    raise ConfigurationError(f"its selector {selector}: it is read-only and stands at {present}")
+                write_feature(nodes, selector, wanted)
+                restored.callback(write_feature, nodes, selector, present)
         yield
 
 
 def same(wanted: FeatureValue, present: FeatureValue) -> bool:
     """Whether a feature has the value that was written for it, up to the rounding of cameras."""
     if isinstance(wanted, bool) and isinstance(present, str):
-        return present in _SWITCHES[wanted]
+        return present in SWITCHED[wanted]
     if isinstance(present, float) and not isinstance(wanted, bool | str):
         return math.isclose(wanted, present, rel_tol=ROUNDING, abs_tol=1e-9)
     return wanted == present
@@ -142,7 +127,10 @@ def _refusal(nodes: NodeMap, feature: FeatureSetting) -> AutoexposeError | None:
         with selecting(nodes, feature.selectors):
             value = _fitting(nodes, name, feature.value)
             try:
-                _write(nodes, name, value)
+                if nodes.kind(name) == "command":
+                    nodes.execute(name)
+                else:
+                    hold(nodes, name, value)
             except NodeError:
                 if (reason := _reason(nodes, name, value)) is not None:
                     raise ConfigurationError(reason) from None
@@ -199,7 +187,7 @@ def _fitting(nodes: NodeMap, name: str, value: FeatureValue) -> FeatureValue:
 
 def _entry(entries: Sequence[str], value: FeatureValue) -> str:
     """The entry that a value names; YAML reads Off and On without quotes as booleans."""
-    names = _SWITCHES[value] if isinstance(value, bool) else (str(value),)
+    names = SWITCHED[value] if isinstance(value, bool) else (str(value),)
     for entry in names:
         if entry in entries:
             return entry
@@ -212,23 +200,6 @@ def _hint(name: str, known: Sequence[str]) -> str:
     lower = {each.lower(): each for each in known}
     near = difflib.get_close_matches(name.lower(), lower, n=1)
     return f"; did you mean {lower[near[0]]}?" if near else ""
-
-
-def _write(nodes: NodeMap, name: str, value: FeatureValue) -> None:
-    """Write a value that fits."""
-    match nodes.kind(name):
-        case "float":
-            nodes.write_float(name, float(value))
-        case "integer":
-            nodes.write_integer(name, int(value))
-        case "boolean":
-            nodes.write_boolean(name, bool(value))
-        case "enumeration":
-            nodes.write_entry(name, str(value))
-        case "string":
-            nodes.write_string(name, str(value))
-        case "command":
-            nodes.execute(name)
 
 
 def _reason(nodes: NodeMap, name: str, value: FeatureValue) -> str | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from drivers.errors import NodeError
+from drivers.genicam.hold import hold, switch
 from drivers.genicam.nodes import NodeMap
 
 SWITCHES = ("GammaEnable", "GammaEnabled")
@@ -14,11 +15,10 @@ def switch_gamma_off(nodes: NodeMap) -> tuple[str, ...]:
     try:
         for name in SWITCHES:
             if nodes.available(name):
-                nodes.write_boolean(name, False)
+                switch(nodes, name, False)
                 return ()
-        if not nodes.is_float("Gamma") or nodes.read_float("Gamma") == 1.0:
-            return ()
-        nodes.write_float("Gamma", 1.0)
+        if nodes.is_float("Gamma"):
+            hold(nodes, "Gamma", 1.0)
     except NodeError as error:
         return (f"gamma cannot be switched off, so grey levels are not proportional to light ({error})",)
     return ()

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import logging
 
-from drivers.errors import ConfigurationError, UnsupportedCameraError
+from drivers.errors import ConfigurationError, NodeError, UnsupportedCameraError
+from drivers.genicam.hold import hold, offered
 from drivers.genicam.nodes import NodeMap
 from drivers.pixels.formats import PIXEL_FORMATS, PixelFormat
 from drivers.pixels.layout import Pixels
@@ -34,24 +35,24 @@ def choose_pixel_format(nodes: NodeMap, wanted: PixelFormat | None) -> PixelForm
     UnsupportedCameraError
         When its current one is not supported, or it does not say which that is.
     """
-    offered = nodes.entries("PixelFormat")
-    if not offered:
+    formats = offered(nodes, "PixelFormat")
+    if not formats:
         raise UnsupportedCameraError(
             f"camera {nodes.serial}: it has no PixelFormat, so its bytes cannot be read as pixels"
         )
     if wanted is None:
         present = nodes.read_entry("PixelFormat")
         if present not in _BY_NAME:
-            usable = [name for name in offered if name in _BY_NAME]
+            usable = [name for name in formats if name in _BY_NAME]
             advice = f"set pixel_format to {' or '.join(usable)}" if usable else "it has no other that is"
             raise UnsupportedCameraError(
                 f"camera {nodes.serial}: pixel format {present} is not supported; {advice} (docs/configuration.md)"
             )
         return _BY_NAME[present]
-    entry = next((name for name in (wanted.value, _FORMER_NAMES.get(wanted)) if name in offered), None)
+    entry = next((name for name in (wanted.value, _FORMER_NAMES.get(wanted)) if name in formats), None)
     if entry is None:
-        raise ConfigurationError(f"camera {nodes.serial}: it has no pixel format {wanted}; it has {', '.join(offered)}")
-    nodes.write_entry("PixelFormat", entry)
+        raise ConfigurationError(f"camera {nodes.serial}: it has no pixel format {wanted}; it has {', '.join(formats)}")
+    hold(nodes, "PixelFormat", entry)
     return wanted
 
 
@@ -60,18 +61,23 @@ def present_format(nodes: NodeMap) -> PixelFormat | None:
     return _BY_NAME.get(nodes.read_entry("PixelFormat")) if nodes.entries("PixelFormat") else None
 
 
-def switch_white_balance_off(nodes: NodeMap, pixel_format: PixelFormat | None) -> None:
+def switch_white_balance_off(nodes: NodeMap, pixel_format: PixelFormat | None) -> tuple[str, ...]:
     """Keep the camera from changing its ratios of colours behind the response; grey has none.
 
-    A `pixel_format` of None is the present one.
+    A `pixel_format` of None is the present one. Returns the limitations, in words.
     """
     pixel_format = pixel_format or present_format(nodes)
     if pixel_format is None or pixel_format.layout == "grey" or "Off" not in nodes.entries("BalanceWhiteAuto"):
-        return
+        return ()
     present = nodes.read_entry("BalanceWhiteAuto")
-    if present != "Off":
-        nodes.write_entry("BalanceWhiteAuto", "Off")
-        _log.info("camera %s: BalanceWhiteAuto was %s, now Off: ratios of colours stay", nodes.serial, present)
+    if present == "Off":
+        return ()
+    try:
+        hold(nodes, "BalanceWhiteAuto", "Off")
+    except NodeError as error:
+        return (f"the camera changes its ratios of colours by itself ({error})",)
+    _log.info("camera %s: BalanceWhiteAuto was %s, now Off: ratios of colours stay", nodes.serial, present)
+    return ()
 
 
 def set_binning(nodes: NodeMap, binning: int | None) -> None:
@@ -85,7 +91,7 @@ def set_binning(nodes: NodeMap, binning: int | None) -> None:
     if binning is None:
         return
     for name in ("BinningHorizontal", "BinningVertical"):
-        if not nodes.available(name):
+        if not nodes.is_integer(name):
             raise ConfigurationError(
                 f"camera {nodes.serial}: it cannot bin pixels, since it has no {name} (leave binning out)"
             )
@@ -94,11 +100,11 @@ def set_binning(nodes: NodeMap, binning: int | None) -> None:
             raise ConfigurationError(
                 f"camera {nodes.serial}: {name} takes {low} to {high} at present, not {binning} (binning)"
             )
-        nodes.write_integer(name, binning)
+        hold(nodes, name, binning)
     for offset, size in (("OffsetX", "Width"), ("OffsetY", "Height")):
         if nodes.available(offset):
-            nodes.write_integer(offset, 0)
-        nodes.write_integer(size, nodes.integer_bounds(size)[1])
+            hold(nodes, offset, 0)
+        hold(nodes, size, nodes.integer_bounds(size)[1])
 
 
 def frame_size(nodes: NodeMap) -> tuple[int, int] | None:

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 from drivers.config.feature import FeatureSetting, FeatureValue, misfit
 from drivers.errors import ConfigurationError, NodeError, UnsupportedCameraError
-from drivers.genicam.features import read_feature, same, selecting, set_features
+from drivers.genicam.features import same, selecting, set_features
+from drivers.genicam.hold import offered, read_feature
 from drivers.genicam.nodes import NodeMap
 
 USER_SET, LOAD, DEFAULT = "UserSetSelector", "UserSetLoad", "Default"
@@ -55,7 +56,7 @@ def read_inventory(nodes: NodeMap) -> Inventory:
     for selector in selectors:
         selected = [name for name in values if above[name] == [selector]]
         try:
-            for entry in nodes.entries(selector) if selected else ():
+            for entry in offered(nodes, selector) if selected else ():
                 with selecting(nodes, ((selector, entry),)):
                     note(((selector, entry),), selected)
         except (ConfigurationError, NodeError):

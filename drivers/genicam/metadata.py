@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from drivers.errors import NodeError
 from drivers.exposure import ExposureSetting
+from drivers.genicam.hold import hold, offered, switch
 from drivers.genicam.nodes import NodeMap
 from drivers.genicam.quantity import MICROSECONDS
 from drivers.genicam.write_latency import WriteLatency
@@ -94,17 +95,17 @@ def enable_chunks(nodes: NodeMap, gain_node: str | None) -> tuple[ChunkNodes | N
     wanted = ("ExposureTime", *(() if gain_node is None else ("GainAll",) if raw else ("Gain",)))
     try:
         if nodes.exists("ChunkSelector") and nodes.available("ChunkModeActive"):
-            nodes.write_boolean("ChunkModeActive", True)  # first: some selectors exist only while it is on
+            switch(nodes, "ChunkModeActive", True)  # first: some selectors exist only while it is on
             named = all(nodes.exists(f"Chunk{chunk}") for chunk in wanted)
-            if named and set(wanted) <= set(nodes.entries("ChunkSelector")):
+            if named and set(wanted) <= set(offered(nodes, "ChunkSelector")):
                 for chunk in wanted:
-                    nodes.write_entry("ChunkSelector", chunk)
-                    nodes.write_boolean("ChunkEnable", True)
+                    hold(nodes, "ChunkSelector", chunk)
+                    switch(nodes, "ChunkEnable", True)
                 us_per_unit = MICROSECONDS.get(nodes.unit("ChunkExposureTime"), 1.0)
                 gain = None if gain_node is None else f"Chunk{wanted[1]}"
                 is_integer = gain is not None and nodes.is_integer(gain)
                 return ChunkNodes("ChunkExposureTime", us_per_unit, gain, is_integer), ()
-            nodes.write_boolean("ChunkModeActive", False)
+            switch(nodes, "ChunkModeActive", False)
     except NodeError as error:
         return None, (f"{_INFERRED} (chunk data cannot be switched on: {error})",)
     return None, (f"no chunk data of {' and '.join(wanted)}: {_INFERRED}",)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 import re
 
 from drivers.config.setup import ACTION_KEYS, TriggerSetup
-from drivers.errors import ConfigurationError, UnsupportedCameraError
+from drivers.errors import ConfigurationError, NodeError, UnsupportedCameraError
+from drivers.genicam.hold import hold, offered, switch
 from drivers.genicam.nodes import NodeMap
 from drivers.genicam.quantity import find_quantity
 
@@ -36,16 +38,18 @@ def arm_trigger(nodes: NodeMap, setup: TriggerSetup) -> tuple[str, ...]:
         When the camera has no such line, or cannot run at that rate.
     UnsupportedCameraError
         When it has no such trigger, or no frame rate to set.
+    NodeError
+        When what is needed cannot be written, and is not as it should be.
     """
     if "Continuous" in nodes.entries("AcquisitionMode"):
-        nodes.write_entry("AcquisitionMode", "Continuous")
+        hold(nodes, "AcquisitionMode", "Continuous")
     _switch_triggers_off(nodes)
     if setup.mode == "free_run":
-        _set_frame_rate(nodes, setup.rate_hz)
+        of_rate = _set_frame_rate(nodes, setup.rate_hz)
         if setup.output_line is not None:
             _drive_line(nodes, setup.output_line)
-            return ()
-        return () if _lines(nodes) else ("no hardware trigger line: it can only run freely",)
+            return of_rate
+        return of_rate if _lines(nodes) else (*of_rate, "no hardware trigger line: it can only run freely")
     _check_frame_trigger(nodes)
     match setup.mode:
         case "software":
@@ -58,25 +62,31 @@ def arm_trigger(nodes: NodeMap, setup: TriggerSetup) -> tuple[str, ...]:
 
 def _switch_triggers_off(nodes: NodeMap) -> None:
     """Switch off every trigger: one left on elsewhere (AcquisitionStart, LineStart) would starve that of the frames."""
-    for selector in nodes.entries("TriggerSelector"):
-        nodes.write_entry("TriggerSelector", selector)
-        if "Off" in nodes.entries("TriggerMode"):  # some list selectors whose trigger has no mode
-            nodes.write_entry("TriggerMode", "Off")
+    for selector in offered(nodes, "TriggerSelector"):
+        hold(nodes, "TriggerSelector", selector)
+        _switch_mode(nodes, False)
     frame_trigger = _frame_trigger(nodes)
     if frame_trigger is not None:
-        nodes.write_entry("TriggerSelector", frame_trigger)
+        hold(nodes, "TriggerSelector", frame_trigger)
+    _switch_mode(nodes, False)  # without a selector, too
+
+
+def _switch_mode(nodes: NodeMap, on: bool) -> None:
+    """Switch the selected trigger, if it has a mode: some list selectors whose trigger has none."""
+    if nodes.entries("TriggerMode") or nodes.kind("TriggerMode") in ("boolean", "integer"):
+        switch(nodes, "TriggerMode", on)
 
 
 def _frame_trigger(nodes: NodeMap) -> str | None:
-    return next((name for name in FRAME_TRIGGERS if name in nodes.entries("TriggerSelector")), None)
+    return next((name for name in FRAME_TRIGGERS if name in offered(nodes, "TriggerSelector")), None)
 
 
 def _lines(nodes: NodeMap) -> tuple[str, ...]:
-    return tuple(entry for entry in nodes.entries("TriggerSource") if entry.startswith(("Line", "Input")))
+    return tuple(entry for entry in offered(nodes, "TriggerSource") if entry.startswith(("Line", "Input")))
 
 
 def _check_frame_trigger(nodes: NodeMap) -> None:
-    selectors = nodes.entries("TriggerSelector")
+    selectors = offered(nodes, "TriggerSelector")
     if selectors and _frame_trigger(nodes) is None:
         raise UnsupportedCameraError(
             f"camera {nodes.serial}: no {' or '.join(FRAME_TRIGGERS)} trigger; its TriggerSelector offers "
@@ -85,7 +95,7 @@ def _check_frame_trigger(nodes: NodeMap) -> None:
 
 
 def _arm_line(nodes: NodeMap, line: str) -> tuple[str, ...]:
-    if line not in nodes.entries("TriggerSource"):
+    if line not in offered(nodes, "TriggerSource"):
         if not _lines(nodes):
             free = find_quantity(nodes, RATE_NODES) is not None
             advice = "; run it with trigger mode free_run" if free else f", and no {RATE_NODES[0]} to run freely at"
@@ -97,7 +107,7 @@ def _arm_line(nodes: NodeMap, line: str) -> tuple[str, ...]:
 
 
 def _arm_software(nodes: NodeMap) -> tuple[str, ...]:
-    if SOFTWARE not in nodes.entries("TriggerSource") or not nodes.exists(SOFTWARE_TRIGGER):
+    if SOFTWARE not in offered(nodes, "TriggerSource") or not nodes.exists(SOFTWARE_TRIGGER):
         raise UnsupportedCameraError(
             f"camera {nodes.serial}: no software trigger (TriggerSource {SOFTWARE}, {SOFTWARE_TRIGGER}): choose "
             "another trigger.mode"
@@ -106,20 +116,20 @@ def _arm_software(nodes: NodeMap) -> tuple[str, ...]:
 
 
 def _arm_action(nodes: NodeMap) -> tuple[str, ...]:
-    source = next(filter(None, map(_ACTION.fullmatch, nodes.entries("TriggerSource"))), None)
+    source = next(filter(None, map(_ACTION.fullmatch, offered(nodes, "TriggerSource"))), None)
     missing = [name for name in ACTION_NODES if not nodes.available(name)]
     if source is None or missing:
         lacks = f"no {missing[0]}" if missing else f"no TriggerSource {ACTION}"
         raise UnsupportedCameraError(
             f"camera {nodes.serial}: it has {lacks}, and so takes no action commands: choose another trigger.mode"
         )
-    if nodes.kind("ActionSelector") == "integer" and nodes.writable("ActionSelector"):
-        nodes.write_integer("ActionSelector", int(source[1]))
-    elif source[0] in nodes.entries("ActionSelector") and nodes.writable("ActionSelector"):
-        nodes.write_entry("ActionSelector", source[0])
+    if nodes.is_integer("ActionSelector") and nodes.writable("ActionSelector"):
+        hold(nodes, "ActionSelector", int(source[1]))
+    elif source[0] in offered(nodes, "ActionSelector"):
+        hold(nodes, "ActionSelector", source[0])
     keys = ACTION_KEYS
     for name, value in zip(ACTION_NODES, (keys.device, keys.group, keys.mask), strict=True):
-        nodes.write_integer(name, value)
+        hold(nodes, name, value)
     return _arm(nodes, source[0])
 
 
@@ -129,54 +139,68 @@ def action_queue(nodes: NodeMap) -> int:
 
 
 def _arm(nodes: NodeMap, source: str, edge: str | None = None) -> tuple[str, ...]:
-    _limit_rate(nodes, False)  # some cameras cap triggered frames by it, too
-    nodes.write_entry("TriggerSource", source)
-    if edge in nodes.entries("TriggerActivation"):
-        nodes.write_entry("TriggerActivation", edge)
-    overlaps = "ReadOut" in nodes.entries("TriggerOverlap")
-    if overlaps:
-        nodes.write_entry("TriggerOverlap", "ReadOut")
-    nodes.write_entry("TriggerMode", "On")
-    if overlaps:
-        return ()
-    return ("no TriggerOverlap ReadOut: exposure and readout together must fit into a trigger period",)
+    limitations = list(_limit_rate(nodes, False))  # some cameras cap triggered frames by it, too
+    hold(nodes, "TriggerSource", source)
+    edges = offered(nodes, "TriggerActivation") if edge is not None else ()
+    if edge in edges:
+        hold(nodes, "TriggerActivation", edge)
+    elif edges:
+        limitations.append(f"no TriggerActivation {edge}: it is triggered by {nodes.read_entry('TriggerActivation')}")
+    if "ReadOut" in offered(nodes, "TriggerOverlap"):
+        hold(nodes, "TriggerOverlap", "ReadOut")
+    else:
+        limitations.append("no TriggerOverlap ReadOut: exposure and readout together must fit into a trigger period")
+    _switch_mode(nodes, True)
+    return tuple(limitations)
 
 
 def _drive_line(nodes: NodeMap, line: str) -> None:
     """Have an output line signal when the camera exposes."""
-    lines = nodes.entries("LineSelector")
+    lines = offered(nodes, "LineSelector")
     if line not in lines:
         has = f"it has {', '.join(lines)}" if lines else "it has no LineSelector"
         raise ConfigurationError(f"camera {nodes.serial}: no output line {line!r}; {has} (trigger output_line)")
-    nodes.write_entry("LineSelector", line)
-    if "Output" in nodes.entries("LineMode") and nodes.read_entry("LineMode") != "Output":
-        nodes.write_entry("LineMode", "Output")
-    if "ExposureActive" not in nodes.entries("LineSource"):
+    hold(nodes, "LineSelector", line)
+    if "Output" in nodes.entries("LineMode"):
+        hold(nodes, "LineMode", "Output")
+    if "ExposureActive" not in offered(nodes, "LineSource"):
         raise UnsupportedCameraError(
             f"camera {nodes.serial}: {line} cannot signal when it exposes (no LineSource ExposureActive): choose an "
             "output line (trigger output_line), or trigger both cameras from outside"
         )
-    nodes.write_entry("LineSource", "ExposureActive")
+    hold(nodes, "LineSource", "ExposureActive")
 
 
-def _limit_rate(nodes: NodeMap, limit: bool) -> None:
-    for name in RATE_SWITCHES:
-        if nodes.available(name):
-            nodes.write_boolean(name, limit)
+def _limit_rate(nodes: NodeMap, limit: bool) -> tuple[str, ...]:
+    """Have the camera keep to its frame rate, or not; returns what it does not do, in words."""
+    try:
+        for name in RATE_SWITCHES:
+            if nodes.available(name):
+                switch(nodes, name, limit)
+    except NodeError as error:
+        return (f"its frame rate stays {'without' if limit else 'under'} a limit ({error})",)
+    return ()
 
 
-def _set_frame_rate(nodes: NodeMap, rate_hz: float | None) -> None:
-    if "Off" in nodes.entries("AcquisitionFrameRateAuto"):
-        nodes.write_entry("AcquisitionFrameRateAuto", "Off")
-    _limit_rate(nodes, rate_hz is not None)
+def _set_frame_rate(nodes: NodeMap, rate_hz: float | None) -> tuple[str, ...]:
+    if "Off" in offered(nodes, "AcquisitionFrameRateAuto"):
+        hold(nodes, "AcquisitionFrameRateAuto", "Off")
+    limitations = _limit_rate(nodes, rate_hz is not None)
     if rate_hz is None:
-        return
-    if FIXED_RATE in nodes.entries("TriggerSource"):
-        nodes.write_entry("TriggerSource", FIXED_RATE)
-        nodes.write_entry("TriggerMode", "On")
+        return limitations
+    if FIXED_RATE in offered(nodes, "TriggerSource"):
+        hold(nodes, "TriggerSource", FIXED_RATE)
+        _switch_mode(nodes, True)
     rate = find_quantity(nodes, RATE_NODES)
     if rate is None:
         raise UnsupportedCameraError(f"camera {nodes.serial}: no {RATE_NODES[0]} to set for a free run")
+    if not nodes.writable(rate.node):
+        if not math.isclose(present_hz := rate.read(nodes), rate_hz, rel_tol=0.01):
+            raise ConfigurationError(
+                f"camera {nodes.serial}: its {rate.node} is {present_hz:g} Hz and cannot be written: set "
+                "trigger.rate_hz to that"
+            )
+        return limitations
     low, high = rate.bounds(nodes)
     if not low <= rate_hz <= high:
         raise ConfigurationError(
@@ -188,3 +212,4 @@ def _set_frame_rate(nodes: NodeMap, rate_hz: float | None) -> None:
             f"camera {nodes.serial}: it runs at whole numbers of Hz, such as {rate.read(nodes):g}, but not at "
             f"{rate_hz:g} Hz (trigger rate_hz)"
         )
+    return limitations

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from drivers.camera import PtpState
 from drivers.errors import UnsupportedCameraError
+from drivers.genicam.hold import switch
 from drivers.genicam.nodes import NodeMap
 from drivers.genicam.trigger import PTP_SWITCHES
 
@@ -24,7 +25,7 @@ class PtpNodes:
 
     def __init__(self, nodes: NodeMap) -> None:
         self._nodes = nodes
-        nodes.write_boolean(self._required(PTP_SWITCHES), True)
+        switch(nodes, self._required(PTP_SWITCHES), True)
         self._status = self._required(_STATUS_NODES)
         self._latch = self._first(_LATCH_NODES)
         self._offset = self._first(_OFFSET_NODES)

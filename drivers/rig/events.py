@@ -29,7 +29,7 @@ class CameraSilent:
 
 @dataclass(frozen=True, slots=True)
 class CameraGone:
-    """A camera is lost or cannot be opened; retried unless `final`."""
+    """A camera is lost or cannot be opened; opening it is tried again, unless it is `final`: the fault stays."""
 
     side: Side
     error: AutoexposeError

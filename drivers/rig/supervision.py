@@ -16,13 +16,7 @@ from dataclasses import replace
 import numpy as np
 
 from drivers.camera import Camera
-from drivers.errors import (
-    AutoexposeError,
-    CameraError,
-    CameraLostError,
-    ConfigurationError,
-    UnsupportedCameraError,
-)
+from drivers.errors import AutoexposeError, CameraError, CameraLostError, stays
 from drivers.exposure import ExposureSetting
 from drivers.frames import Frame, Side
 from drivers.log_throttle import LogThrottle
@@ -96,7 +90,6 @@ class Supervisor:
         self._pending: tuple[ExposureSetting, int] | None = None
         self._pacer: Pacer | None = None  # while it is open and triggered by the host
         self._camera: Camera | None = None  # while it is open and streams
-        self._ever_opened = False
         self._opened_ns = 0
         self._back_off_ns = _SHORTEST_BACK_OFF_NS
         self._open_due_ns: float = 0
@@ -209,17 +202,16 @@ class Supervisor:
         try:
             camera = self._opener()
         except AutoexposeError as error:
-            final = isinstance(error, UnsupportedCameraError | ConfigurationError) and not self._ever_opened
-            self._report_gone(error, final)
+            self._report_gone(error, stays(error))
             return
-        self._ever_opened, self._opened_ns = True, self._now_ns()
+        self._opened_ns = self._now_ns()
         with self.news:
             wanted, self._pending = self._wanted, None
         try:
-            self._write(camera, wanted)
+            self._write(camera, camera.limits.nearest(wanted))
             camera.start()
         except CameraError as error:
-            self._lose(camera, error)
+            self._lose(camera, error, stays(error))
             return
         with self.news:  # `pace`, which answers the event, must find the camera
             self._events.put(CameraReady(self._side, camera.description, camera.limits))
@@ -230,11 +222,11 @@ class Supervisor:
             self._camera = camera
             self.news.notify_all()
 
-    def _lose(self, camera: Camera, error: CameraError) -> None:
+    def _lose(self, camera: Camera, error: CameraError, final: bool = False) -> None:
         self._end_frames()
         if self._now_ns() - self._opened_ns > _LONGEST_BACK_OFF_NS:
             self._back_off_ns = _SHORTEST_BACK_OFF_NS
-        self._report_gone(error, final=False)
+        self._report_gone(error, final)
         # A dead camera is closed on another thread: that takes up to 10 s, and it may be back long before.
         threading.Thread(target=camera.close, name=f"close-{self._side}", daemon=True).start()
 

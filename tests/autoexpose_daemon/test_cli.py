@@ -14,14 +14,18 @@ import time
 from pathlib import Path
 
 import pytest
+import typer
 import yaml
 
 from autoexpose_daemon.cli import main
+from autoexpose_daemon.cli.daemon import _explaining
 from autoexpose_daemon.cli.signals import stop_on_signals
 from autoexpose_daemon.control.metrics.gradient import GradientMetric
+from autoexpose_daemon.service.notify import Notifier
 from calibration.document import CameraIdentity
 from calibration.response import ResponseFunction
 from calibration.response.file import Origin, ResponseFile
+from drivers.errors import AutoexposeError, ConfigurationError, NodeError, UnsupportedCameraError
 from drivers.pixels.formats import PixelFormat
 from tests.autoexpose_daemon.stereo import stereo_cameras
 from tests.calibration.geometry.pairs import small_ros
@@ -182,6 +186,14 @@ def test_run_refuses_a_calibration_of_frames_of_another_size(tmp_path: Path) -> 
     sentence = f"{calibration}: is for frames of 640x480 pixels, but camera {camera.serial} sends 720x540: calibrate"
     assert f"autoexpose: cameras.left.calibration: {sentence}" in result.stderr
     assert "Traceback" not in result.stderr
+
+
+@pytest.mark.parametrize("kind", [ConfigurationError, UnsupportedCameraError, NodeError])
+def test_what_stays_is_not_worth_another_start(kind: type[AutoexposeError], capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(typer.Exit) as ended, _explaining(Notifier(None)):
+        raise kind("camera S: it has no PixelFormat")
+    assert ended.value.exit_code == os.EX_CONFIG
+    assert capsys.readouterr().err.endswith("camera S: it has no PixelFormat\n")
 
 
 def exposure_of_foreign_camera() -> int:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.runtime.frame_watch import INCOMPLETE_FRAMES
@@ -12,7 +14,7 @@ from autoexpose_daemon.runtime.rig_control import RigControl
 from autoexpose_daemon.status.describe import describe
 from autoexpose_daemon.status.panel import newest_setting
 from drivers.camera import CameraDescription, IncompleteFrame
-from drivers.errors import CameraLostError
+from drivers.errors import CameraLostError, NodeError, UnsupportedCameraError
 from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import SIDES, Frame, Side
 from drivers.pixels.formats import PixelFormat
@@ -90,3 +92,27 @@ def test_holes_before_a_camera_was_lost_are_not_held_against_it_afterwards() -> 
     assert ("left", "incomplete") in control.telemetry.complaints
     control.take([CameraGone("left", CameraLostError("unplugged"), final=False), READY["left"], holes])
     assert not control.telemetry.complaints
+
+
+CANNOT_BE_DRIVEN = UnsupportedCameraError("camera S: it has no PixelFormat")
+
+
+def test_a_camera_that_comes_back_and_cannot_be_driven_stays_out_and_the_other_one_goes_on() -> None:
+    control = rig_of_two()
+    control.take([CameraGone("left", CANNOT_BE_DRIVEN, final=True)])
+    control.take([arrived("right", 2), CameraSilent("left")])
+    assert control.telemetry.complaints["left", "gone"].startswith(f"{CANNOT_BE_DRIVEN}; it stays out")
+    assert control.telemetry.newest == {"right": SETTING}
+    refused = NodeError("camera T: its ExposureAuto has no Off, only Continuous")
+    with pytest.raises(NodeError, match="camera T"):
+        control.take([CameraGone("right", refused, final=True)])
+
+
+@pytest.mark.parametrize(("opened_ns", "ends"), [(0, True), (-60_000_000_000, False)])
+def test_a_camera_that_cannot_be_driven_ends_the_start_but_not_what_runs_for_long(opened_ns: int, ends: bool) -> None:
+    control = rig_of_two()
+    control.telemetry.opened_ns = opened_ns
+    control._health._ever_ready.discard("left")
+    control.take([CameraGone("left", CameraLostError("nobody there"), final=False)])
+    with pytest.raises(UnsupportedCameraError) if ends else nullcontext():
+        control.take([CameraGone("left", CANNOT_BE_DRIVEN, final=True)])

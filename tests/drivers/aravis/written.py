@@ -1,10 +1,12 @@
-"""Which nodes the driver writes."""
+"""Which nodes the driver writes where they do not hold the value."""
 
 from __future__ import annotations
 
 import pytest
 
 from drivers.aravis.nodes import AravisNodes
+from drivers.config.feature import FeatureValue
+from drivers.errors import NodeError
 
 SELECTORS = {
     *("TriggerSelector", "GainSelector", "ChunkSelector", "LineSelector", "ActionSelector"),
@@ -14,8 +16,13 @@ SELECTORS = {
 
 
 def names_written(monkeypatch: pytest.MonkeyPatch) -> set[str]:
-    """Names of the nodes that are written from now on."""
+    """Names of the nodes that are written from now on, as if none held its value already."""
     names: set[str] = set()
+
+    def hides_its_value(_nodes: object, name: str) -> FeatureValue:
+        raise NodeError(name)
+
+    monkeypatch.setattr("drivers.genicam.hold.read_feature", hides_its_value)
 
     def noting(method: str) -> None:
         original = getattr(AravisNodes, method)

@@ -37,11 +37,13 @@ class EnumerationNode:
     value: str
     entries: tuple[str, ...]
     selected: tuple[str, ...] = ()
+    locked: bool = False
 
 
 @dataclass
 class BooleanNode:
     value: bool = False
+    locked: bool = False
 
 
 @dataclass
@@ -114,7 +116,8 @@ class MemoryNodes:
         return node.unit if isinstance(node, FloatNode | IntegerNode) else None
 
     def entries(self, name: str) -> tuple[str, ...]:
-        return self._node(name, EnumerationNode).entries if name in self.nodes else ()
+        node = self.nodes.get(name)
+        return node.entries if isinstance(node, EnumerationNode) else ()
 
     def float_bounds(self, name: str) -> tuple[float, float]:
         node = self._node(name, FloatNode)
@@ -154,16 +157,19 @@ class MemoryNodes:
         return self._node(name, BooleanNode).value
 
     def write_boolean(self, name: str, value: bool) -> None:
+        node = self._node(name, BooleanNode)
+        assert not node.locked, name
         self.writes.append((name, value))
-        self._node(name, BooleanNode).value = value
+        node.value = value
 
     def read_entry(self, name: str) -> str:
         return self._node(name, EnumerationNode).value
 
     def write_entry(self, name: str, entry: str) -> None:
-        assert entry in self.entries(name)
+        node = self._node(name, EnumerationNode)
+        assert entry in node.entries and not node.locked, name
         self.writes.append((name, entry))
-        self._node(name, EnumerationNode).value = entry
+        node.value = entry
 
     def read_string(self, name: str) -> str:
         return self._node(name, StringNode).value

@@ -205,7 +205,7 @@ def test_automatic_exposure_and_gain_are_switched_off_if_present() -> None:
         GainSelector=EnumerationNode("DigitalAll", ("All", "DigitalAll")),
     )
     switch_auto_off(nodes)
-    assert nodes.writes == [("ExposureMode", "Timed"), ("ExposureAuto", "Off"), ("GainSelector", "All")]
+    assert nodes.writes == [("GainSelector", "All"), ("ExposureMode", "Timed"), ("ExposureAuto", "Off")]
     switch_auto_off(sfnc1())
 
 

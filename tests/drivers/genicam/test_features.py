@@ -81,7 +81,7 @@ def test_they_are_set_in_their_order_and_selectors_put_back() -> None:
         camera,
         setup(
             "- UserSetSelector: Default\n- UserSetLoad: execute\n- Width: 320\n- OffsetX: 400\n"
-            "- LineSelector[Line2].LineInverter: on\n- BlackLevel: 2\n- Sharpness: Off\n- DeviceUserID: left"
+            "- LineSelector[Line2].LineInverter: on\n- BlackLevel: 2\n- Sharpness: On\n- DeviceUserID: left"
         ),
     )
     assert (camera.read_integer("Width"), camera.read_integer("OffsetX")) == (320, 400)

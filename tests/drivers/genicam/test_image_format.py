@@ -36,7 +36,10 @@ def test_a_former_name_of_a_format_will_do() -> None:
     nodes = colour_camera("RGB8Packed")
     assert choose_pixel_format(nodes, None) == "RGB8"
     assert choose_pixel_format(nodes, PixelFormat.RGB8) == "RGB8"
-    assert nodes.writes == [("PixelFormat", "RGB8Packed")]
+    assert nodes.writes == []
+    assert choose_pixel_format(nodes, PixelFormat.MONO8) == "Mono8"
+    assert choose_pixel_format(nodes, PixelFormat.RGB8) == "RGB8"
+    assert nodes.writes[-1] == ("PixelFormat", "RGB8Packed")
 
 
 def test_other_formats_are_refused_by_name() -> None:

@@ -37,12 +37,8 @@ def test_a_line_is_armed_after_every_trigger_is_off() -> None:
     nodes = triggered()
     assert arm_trigger(nodes, LINE0) == ()
     assert nodes.writes == [
-        ("TriggerSelector", "AcquisitionStart"),
         ("TriggerMode", "Off"),
         ("TriggerSelector", "FrameStart"),
-        ("TriggerMode", "Off"),
-        ("TriggerSelector", "FrameStart"),
-        ("AcquisitionFrameRateEnable", False),
         ("TriggerSource", "Line0"),
         ("TriggerActivation", "RisingEdge"),
         ("TriggerOverlap", "ReadOut"),
@@ -51,7 +47,8 @@ def test_a_line_is_armed_after_every_trigger_is_off() -> None:
 
 
 def test_a_software_trigger_needs_its_source_and_its_command() -> None:
-    nodes = triggered(TriggerSoftware=CommandNode())
+    source = EnumerationNode("Line0", ("Software", "Line0"))
+    nodes = triggered(TriggerSoftware=CommandNode(), TriggerSource=source)
     assert arm_trigger(nodes, SOFTWARE) == ()
     assert nodes.writes[-3:] == [("TriggerSource", "Software"), ("TriggerOverlap", "ReadOut"), ("TriggerMode", "On")]
     for bare in (triggered(), triggered(TriggerSource=EnumerationNode("Line0", ("Line0",)))):
@@ -130,7 +127,7 @@ def test_a_free_run_reports_a_missing_line_and_refuses_impossible_rates() -> Non
 
 
 def test_a_free_run_without_a_rate_is_as_fast_as_the_exposure_allows() -> None:
-    nodes = triggered()
+    nodes = triggered(AcquisitionFrameRateEnable=BooleanNode(True))
     assert arm_trigger(nodes, TriggerSetup("free_run", rate_hz=None)) == ()
     assert nodes.writes[-1] == ("AcquisitionFrameRateEnable", False)
 

@@ -10,7 +10,15 @@ import threading
 import pytest
 
 from drivers.camera import Camera
-from drivers.errors import AutoexposeError, CameraNotFoundError, ConfigurationError, NodeError, UnsupportedCameraError
+from drivers.errors import (
+    AutoexposeError,
+    CameraBusyError,
+    CameraLostError,
+    CameraNotFoundError,
+    ConfigurationError,
+    NodeError,
+    UnsupportedCameraError,
+)
 from drivers.exposure import ExposureSetting
 from drivers.frames import Frame
 from drivers.rig.events import CameraGone, CameraReady, CameraSilent, FrameArrived, NotTriggered, RigEvent, Written
@@ -131,16 +139,46 @@ def test_a_camera_that_can_never_be_driven_is_left_alone() -> None:
     assert bench.supervisor.serve_due_ns == bench.supervisor.take_due_ns == math.inf
 
 
-def test_a_setup_that_a_returning_camera_refuses_is_tried_again() -> None:
+@pytest.mark.parametrize(
+    ("error", "final"),
+    [
+        (ConfigurationError("camera S: features: Widht: the camera has no such feature"), True),
+        (UnsupportedCameraError("camera S: it has no PixelFormat"), True),
+        (NodeError("camera S: its ExposureMode is TriggerWidth and cannot be Timed"), True),
+        (CameraBusyError("camera S: could not set Width to 8: busy"), False),
+        (CameraLostError("camera S does not answer"), False),
+        (CameraNotFoundError("no camera S"), False),
+    ],
+)
+def test_a_returning_camera_is_tried_again_unless_the_fault_stays(error: AutoexposeError, final: bool) -> None:
     camera = InstantCamera()
     bench = Bench(camera)
     bench.run(0.1)
-    camera.lost, bench.camera = True, ConfigurationError("camera S: features: Widht: the camera has no such feature")
+    camera.lost, bench.camera = True, error
     gone = [event for event in bench.run(0.5) if isinstance(event, CameraGone)]
-    assert isinstance(gone[-1].error, ConfigurationError)
-    assert not gone[-1].final
+    assert (gone[-1].error, gone[-1].final) == (error, final)
     bench.camera = InstantCamera()
-    assert any(isinstance(event, CameraReady) for event in bench.run(1.0))
+    assert any(isinstance(event, CameraReady) for event in bench.run(3.0)) != final
+
+
+@pytest.mark.parametrize("final", [True, False])
+def test_a_camera_that_opens_but_does_not_start_is_tried_again_unless_the_fault_stays(final: bool) -> None:
+    class Unstartable(InstantCamera):
+        def start(self) -> None:
+            raise NodeError("camera S: no AcquisitionStart") if final else CameraBusyError("camera S: busy")
+
+    bench = Bench(Unstartable())
+    gone = [event for event in bench.run(1.0) if isinstance(event, CameraGone)]
+    assert {event.final for event in gone} == {final}
+    assert (len(bench.attempts_ns) == 1) == final
+
+
+def test_the_first_setting_is_one_that_the_camera_takes() -> None:
+    camera = InstantCamera()
+    bench = Bench(camera)
+    bench.supervisor.request(ExposureSetting(1e9, 99.0), 0)
+    bench.run(0.1)
+    assert camera.written == [camera.limits.brightest]
 
 
 def test_the_camera_clock_is_read_once_a_second_and_at_a_silence() -> None:
