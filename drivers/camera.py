@@ -54,6 +54,29 @@ class CameraDescription:
     action_queue: int = 1
 
 
+@dataclass(frozen=True, slots=True)
+class RefusedPackets:
+    """Packets that someone sent to a camera's stream and that the host refused, since they did not look like its own.
+
+    Attributes
+    ----------
+    count
+        How many.
+    senders
+        Who sent most of them, as ADDRESS:PORT.
+    addresses
+        The camera's own.
+    """
+
+    count: int
+    senders: tuple[str, ...]
+    addresses: tuple[str, ...]
+
+    def __str__(self) -> str:
+        own, others = " and ".join(self.addresses), " and ".join(self.senders)
+        return f"packets for its stream come from {others} and are refused: its own are expected from {own}"
+
+
 class Camera(Protocol):
     """An opened camera.
 
@@ -86,6 +109,9 @@ class Camera(Protocol):
 
     def latch_clock(self) -> ClockReading | None:
         """Measure again how the camera's clock maps to the host's; returns that in the trigger mode "ptp"."""
+
+    def refused_packets(self) -> RefusedPackets | None:
+        """What was sent to its stream since the last call and looked foreign; None: nothing."""
 
     def close(self) -> None:
         """Stop acquisition, release control and free everything; safe on a lost camera, and to call twice.

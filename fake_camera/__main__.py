@@ -135,7 +135,8 @@ def _serve(
     if options.usb3:
         resources.callback(Usb3Server(device, options.socket, options.tcp, xml).close)
     else:
-        server = GigeServer(device, options.address, xml, switch, ptp_event_port=options.ptp or EVENT_PORT)
+        ptp, second = options.ptp or EVENT_PORT, options.second_address
+        server = GigeServer(device, options.address, xml, switch, ptp_event_port=ptp, second_address=second)
         server.start()
         resources.callback(server.close)
 

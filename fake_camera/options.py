@@ -32,6 +32,7 @@ def parse_arguments(arguments: list[str]) -> argparse.Namespace:
     )
     add = parser.add_argument
     add("--address", type=_address, help=f"loopback address of a GigE Vision camera ({_ADDRESS})")
+    add("--second-address", type=_address, metavar="ADDRESS", help="of a second network interface, for its stream")
     add("--usb3", action="store_true", help="be a USB3 Vision camera; needs --socket, --tcp or --exec")
     add("--socket", type=Path, metavar="PATH", help="Unix socket to serve USB/IP on")
     add("--tcp", type=_port, nargs="?", const=TCP_PORT, metavar="PORT", help="TCP port for it on 127.0.0.1 (%(const)d)")
@@ -88,9 +89,9 @@ def _refuse_contradictions(parser: argparse.ArgumentParser, options: argparse.Na
         parser.error("--steered needs --control SOCKET and --line0 NAME, and the scene `room`")
     if options.steered and (options.still or options.light is not None):
         parser.error("--steered: orders say how the camera moves and how bright it is, leave out --still and --light")
-    for name in ("switch", "ptp"):
+    for name in ("switch", "ptp", "second_address"):
         if options.usb3 and getattr(options, name) is not None:
-            parser.error(f"--{name} is for GigE Vision cameras: leave it out")
+            parser.error(f"--{name.replace('_', '-')} is for GigE Vision cameras: leave it out")
     if not options.usb3 and usb3_options:
         parser.error(f"{usb3_options[0]} is for USB3 Vision cameras: add --usb3")
     if options.exec in ([], [""]):

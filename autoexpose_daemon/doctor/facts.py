@@ -8,7 +8,7 @@ from ipaddress import IPv4Interface
 from pathlib import Path
 
 from drivers.host import stream_filter
-from drivers.host.gvcp import Control, GigeCamera, control_of, ptp_status_of, search
+from drivers.host.gvcp import Control, GigeCamera, control_of, ptp_status_of, search, streamed_packet_bytes
 from drivers.host.network import find_interfaces, largest_socket_buffer_bytes
 from drivers.host.usb import UsbFacts, find_usb
 
@@ -17,13 +17,15 @@ from drivers.host.usb import UsbFacts, find_usb
 class GigeFacts:
     """GigE Vision cameras and what the host's network offers them.
 
-    `control` and `ptp`, the state of its PTP clock, are known for reachable cameras; `failures` says why an interface
-    could not be searched, `no_filter` why a stream cannot be protected from other senders' packets.
+    `control` and `ptp`, the state of its PTP clock, are known for reachable cameras, `packet_bytes` for those that
+    stream at present; `failures` says why an interface could not be searched, `no_filter` why a stream cannot be
+    protected from other senders' packets.
     """
 
     cameras: tuple[GigeCamera, ...] = ()
     control: Mapping[IPv4Interface, Control] = field(default_factory=dict)
     ptp: Mapping[IPv4Interface, str | None] = field(default_factory=dict)
+    packet_bytes: Mapping[IPv4Interface, int] = field(default_factory=dict)
     failures: Mapping[str, str] = field(default_factory=dict)
     largest_socket_buffer_bytes: int | None = None
     no_filter: str | None = None
@@ -57,6 +59,9 @@ def gather(root: Path = Path("/"), wanted: Collection[str] = ()) -> Facts:
             cameras=found.cameras,
             control={address: control_of(str(address.ip)) for address in reachable},
             ptp={address: ptp_status_of(str(address.ip)) for address in reachable},
+            packet_bytes={
+                address: size for address in reachable if (size := streamed_packet_bytes(str(address.ip))) is not None
+            },
             failures=found.failures,
             largest_socket_buffer_bytes=largest_socket_buffer_bytes(root),
             no_filter=stream_filter.why_not(),

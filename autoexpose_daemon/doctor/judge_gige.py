@@ -39,6 +39,8 @@ def judge_gige(gige: GigeFacts, need: Need) -> Iterator[Finding]:
             yield _judge_control(gige.control[camera.address], f"{name} at {where}", camera)
             if need.ptp:
                 yield _judge_ptp(gige.ptp.get(camera.address), name)
+            if (packet_bytes := gige.packet_bytes.get(camera.address, 0)) > camera.interface.mtu_bytes:
+                yield _fragmented(camera.interface, name, packet_bytes)
             wanted.append(camera)
     for interface, group in groupby(sorted(wanted, key=_interface_name), key=lambda camera: camera.interface):
         sharing = list(group)
@@ -136,6 +138,17 @@ def _judge_packets(interface: NetworkInterface, cameras: Sequence[GigeCamera], n
         "warning",
         f"{sentence}: a frame takes {packets} packets, any of which may be lost; with jumbo frames it takes a sixth",
         f"sudo ip link set dev {name} mtu 9000   # if card, switch and camera allow it",
+    )
+
+
+def _fragmented(interface: NetworkInterface, name: str, packet_bytes: int) -> Finding:
+    return Finding(
+        "gige-packets",
+        "warning",
+        f"{name} streams packets of {packet_bytes} bytes at present, more than the MTU of {interface.name}, "
+        f"{interface.mtu_bytes} bytes: each travels in fragments, and is lost with any of them",
+        f"sudo ip link set dev {interface.name} mtu {packet_bytes}   "
+        f"# or transport.packet_size_bytes: {interface.mtu_bytes} in the configuration",
     )
 
 

@@ -23,6 +23,7 @@ from drivers.rig.events import (
     CameraSilent,
     ClockRead,
     FrameArrived,
+    PacketsRefused,
     RigEvent,
     WriteFailed,
     Written,
@@ -33,6 +34,10 @@ from drivers.triggers.record import RigRecord
 log = logging.getLogger(__name__)
 
 _SILENCE_LOG_PAUSE_S = 60.0  # a trigger much slower than configured makes each frame end a silence
+
+_WHOSE_PACKETS = (
+    "if this is the camera, give it one address; if not, keep that sender off its network (docs/hostile-packets.md)"
+)
 
 
 class RigHealth:
@@ -51,12 +56,15 @@ class RigHealth:
         self._sides = frozenset(config.sides)
         self._ever_ready: set[Side] = set()
         self._out: set[Side] = set()
+        self._silent: set[Side] = set()
         self._throttle = LogThrottle(_SILENCE_LOG_PAUSE_S)
 
     def see(self, event: RigEvent, now_ns: int) -> None:
         """Look at an event; raises the error of a camera that cannot be driven: at the start, or if none is left."""
         if isinstance(event, FrameArrived):
             self._stuck.arrived(event.side, now_ns)
+            self._silent.discard(event.side)
+            self._complaints.end(event.side, "strangers")
         match event:
             case FrameArrived(side, IncompleteFrame()):
                 self._frame_watch.incomplete(side)
@@ -67,6 +75,11 @@ class RigHealth:
                 if side not in self._record.unpaced and self._throttle.due(side, now_ns):
                     log.warning("%s camera: no frames; checking that it answers", side)
                 self._frame_watch.silent(side)
+                self._silent.add(side)
+            case PacketsRefused(side, packets):
+                self._telemetry.counts.refused_packets += packets.count
+                if side in self._silent:
+                    self._complaints.begin(side, "strangers", f"{packets}: {_WHOSE_PACKETS}")
             case CameraGone(side, error, final):
                 self._gone(side, error, final, now_ns)
             case CameraReady():

@@ -65,6 +65,8 @@ class Counts:
         "triggers", "frames between triggers", "Frames that arrived between the expected triggers.")
     reconnects: Count = _counter("triggers", "reconnects", "Cameras that were lost and came back.")
     clock_jumps: Count = _counter("triggers", "jumps of a camera's clock", "Jumps of a camera's clock.")
+    refused_packets: Count = _counter(
+        "triggers", "refused packets", "Packets for a camera's stream that did not look like its own.")
     late_writes: Count = _counter("writes", "late writes", "Settings written too late for the exposure they were for.")
     refused_writes: Count = _counter("writes", "refused writes", "Settings that a camera refused.")
     adjusted_writes: Count = _counter(

@@ -13,7 +13,7 @@ from drivers.aravis.discovery import FoundCamera
 from drivers.aravis.introspection import Aravis, GLib, genicam_xml
 from drivers.aravis.nodes import AravisNodes
 from drivers.aravis.stream import create_stream, row_padding_bytes
-from drivers.camera import CameraDescription, ClockReading, IncompleteFrame
+from drivers.camera import CameraDescription, ClockReading, IncompleteFrame, RefusedPackets
 from drivers.config.setup import ACTION_KEYS, CameraSetup
 from drivers.errors import (
     CameraBusyError,
@@ -110,7 +110,7 @@ class AravisCamera:
         self._frame_ids = FrameIdUnwrapper()
         self._last_frame_id = -1
         self._unreadable = False
-        self._stream = create_stream(camera, nodes, setup)
+        self._stream, self._guard = create_stream(camera, nodes, setup)
         self._chunks = camera.create_chunk_parser()
         self._actions = None if self._ptp is None else _action_sender(found)
         # The handler runs on a thread of Aravis and must never hold the last reference to the camera, only the event.
@@ -198,6 +198,11 @@ class AravisCamera:
         offset_ns = self._clock.latch()
         return None if state is None or offset_ns is None else ClockReading(offset_ns, state)
 
+    def refused_packets(self) -> RefusedPackets | None:
+        """What was sent to its stream since the last call and looked foreign; None: nothing."""
+        self._check_present()
+        return None if self._guard is None else self._guard.refused()
+
     def close(self) -> None:
         """Stop acquisition, release control and free everything; waits for a `next_frame` in progress.
 
@@ -214,6 +219,8 @@ class AravisCamera:
                 self._closing_step("release control", device.leave_control)
             if self._actions is not None:
                 self._actions.close()
+            if self._guard is not None:
+                self._guard.close()
             self._nodes.release()
             # The stream first: its thread must end while the device still exists.
             self._chunks = self._stream = None

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-from ipaddress import IPv4Address
 from typing import Any
 
 from drivers.aravis.nodes import AravisNodes
@@ -11,7 +10,7 @@ from drivers.config.setup import LinkShare
 from drivers.errors import ConfigurationError
 from drivers.genicam.hold import hold, offered
 from drivers.genicam.link_share import bytes_per_s, needed_bytes_per_s, packet_delay_ns
-from drivers.host.network import find_interfaces
+from drivers.host.network import interface_with
 
 log = logging.getLogger(__name__)
 
@@ -67,10 +66,10 @@ def keep_to_share(camera: Any, nodes: AravisNodes, share: LinkShare, payload_byt
 
 
 def _interface_mbps(camera: Any, serial: str) -> float:
-    address = IPv4Address(camera.get_device().get_interface_address().get_address().to_string())
-    for interface in find_interfaces():
-        if interface.speed_mbps is not None and any(own.ip == address for own in interface.addresses):
-            return interface.speed_mbps
+    address = str(camera.get_device().get_interface_address().get_address().to_string())
+    interface = interface_with(address)
+    if interface is not None and interface.speed_mbps is not None:
+        return interface.speed_mbps
     raise ConfigurationError(
         f"transport.plan: the speed of the link to camera {serial} at {address} is not known: give transport.link_mbps"
     )

@@ -10,8 +10,9 @@ from drivers.aravis.link import keep_to_share
 from drivers.aravis.nodes import AravisNodes
 from drivers.config.setup import CameraSetup
 from drivers.errors import CameraLostError, NodeError, UnsupportedCameraError
-from drivers.host.network import SOCKET_BUFFER_BYTES
-from drivers.host.stream_filter import admit_only, largest_packet_id
+from drivers.host.gvcp import addresses_of
+from drivers.host.network import SOCKET_BUFFER_BYTES, interface_with
+from drivers.host.stream_filter import StreamFilter, largest_packet_id
 
 log = logging.getLogger(__name__)
 
@@ -24,12 +25,16 @@ FRAME_RETENTION_US = 50_000
 """A GigE Vision frame incomplete this long after its last packet is given up; frames behind it wait until then."""
 
 
-def create_stream(camera: Any, nodes: AravisNodes, setup: CameraSetup) -> Any:
-    """Create the stream and its buffers; chunks and format must be set before, as they decide the payload size."""
+def create_stream(camera: Any, nodes: AravisNodes, setup: CameraSetup) -> tuple[Any, StreamFilter | None]:
+    """Create the stream and its buffers, and what keeps others out of it, where the transport needs that.
+
+    Chunks and format must be set before, as they decide the payload size.
+    """
     if not nodes.is_integer("PayloadSize"):
         raise UnsupportedCameraError(
             f"camera {nodes.serial}: it has no PayloadSize, and so does not say how many bytes a frame has"
         )
+    guard = None
     if camera.is_gv_device():
         # The kernel serves packet sockets in 5 ms blocks; a plain socket is quicker.
         camera.gv_set_stream_options(Aravis.GvStreamOption.PACKET_SOCKET_DISABLED)
@@ -46,10 +51,13 @@ def create_stream(camera: Any, nodes: AravisNodes, setup: CameraSetup) -> Any:
         stream.set_property("socket-buffer-size", SOCKET_BUFFER_BYTES)
         stream.set_property("packet-timeout", PACKET_TIMEOUT_US)
         stream.set_property("frame-retention", FRAME_RETENTION_US)
-        _shut_strangers_out(stream, camera, nodes, payload_bytes)  # while there are no buffers, Aravis ignores packets
+        packet_bytes = nodes.call("read the packet size", camera.gv_get_packet_size)
+        _compare_with_mtu(camera, nodes.serial, packet_bytes)
+        # While there are no buffers, Aravis ignores packets.
+        guard = _guard(stream, camera, nodes, largest_packet_id(payload_bytes, packet_bytes))
     for _ in range(BUFFERS):
         stream.push_buffer(Aravis.Buffer.new_allocate(payload_bytes))
-    return stream
+    return stream, guard
 
 
 def row_padding_bytes(buffer: Any) -> int:
@@ -57,13 +65,26 @@ def row_padding_bytes(buffer: Any) -> int:
     return int(buffer.get_image_padding()[0]) if hasattr(buffer, "get_image_padding") else 0
 
 
-def _shut_strangers_out(stream: Any, camera: Any, nodes: AravisNodes, payload_bytes: int) -> None:
+def _compare_with_mtu(camera: Any, serial: str, packet_bytes: int) -> None:
+    interface = interface_with(_ip(camera.get_device().get_interface_address()))
+    if interface is not None and packet_bytes > interface.mtu_bytes:
+        log.warning(
+            "camera %s: its packets of %d bytes exceed the MTU of %s, %d bytes: each travels in fragments, and is lost "
+            "with any of them: `sudo ip link set dev %s mtu %d`, or transport.packet_size_bytes: %d",
+            serial, packet_bytes, interface.name, interface.mtu_bytes,
+            interface.name, packet_bytes, interface.mtu_bytes,
+        )  # fmt: skip
+
+
+def _guard(stream: Any, camera: Any, nodes: AravisNodes, largest_id: int) -> StreamFilter | None:
     device = camera.get_device()
-    sender = _ip(device.get_device_address()), _source_port(nodes)
-    packet_bytes = nodes.call("read the packet size", camera.gv_get_packet_size)
+    discovered = _ip(device.get_device_address())
     listening = _ip(device.get_interface_address()), stream.get_port()
+    addresses = sorted({discovered, *addresses_of(discovered)})
+    if len(addresses) > 1:
+        log.info("camera %s: frames are taken from %s", nodes.serial, " and ".join(addresses))
     try:
-        admit_only(sender, largest_packet_id(payload_bytes, packet_bytes), listening)
+        return StreamFilter(addresses, _source_port(nodes), largest_id, listening)
     except OSError as error:
         log.warning(
             "camera %s: its stream takes packets from anyone, as no filter could be attached: %s; "
@@ -71,6 +92,7 @@ def _shut_strangers_out(stream: Any, camera: Any, nodes: AravisNodes, payload_by
             nodes.serial,
             error.strerror or error,
         )
+        return None
 
 
 def _ip(address: Any) -> str:

@@ -6,6 +6,7 @@ which network interface a camera answered.
 
 from __future__ import annotations
 
+import secrets
 import select
 import socket
 import struct
@@ -13,7 +14,7 @@ import time
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
-from ipaddress import IPv4Interface
+from ipaddress import IPv4Address, IPv4Interface
 from typing import Literal
 
 from drivers.host.network import NetworkInterface
@@ -29,7 +30,12 @@ _DISCOVERY, _READREG = 0x0002, 0x0080
 _ACK_REQUIRED, _BROADCAST_ANSWER = 0x01, 0x10
 _SUCCESS, _ACCESS_DENIED = 0x0000, 0x8006
 _HEADER, _ACK_HEADER = struct.Struct(">BBHHH"), struct.Struct(">HHHH")
+_SEARCH_ID = 1
 _CONTROL_PRIVILEGE = 0x0A00
+_NETWORK_INTERFACES = 0x0600
+_CURRENT_ADDRESSES = (0x0024, 0x069C, 0x071C, 0x079C)
+"""Registers of the IPv4 address of each of a camera's network interfaces."""
+_STREAM_PORT, _PACKET_SIZE, _PACKET_SIZE_BITS = 0x0D00, 0x0D04, 0xFFFF
 _PTP_STATUS = 0x096C
 PTP_STATES = {
     **{1: "Initializing", 2: "Faulty", 3: "Disabled", 4: "Listening", 5: "PreMaster", 6: "Master", 7: "Passive"},
@@ -96,33 +102,80 @@ def control_of(camera_address: str, answer_s: float = ANSWER_S) -> Control:
     answer = _read_register(camera_address, _CONTROL_PRIVILEGE, answer_s)
     if answer is None:
         return "silent"
-    status, value = answer
-    if status == _ACCESS_DENIED:  # on some cameras exclusive access hides even this register
+    if answer.status == _ACCESS_DENIED:  # on some cameras exclusive access hides even this register
         return "held"
-    return "held" if value & _HELD else "free"
+    return "held" if answer.value & _HELD else "free"
 
 
 def ptp_status_of(camera_address: str, answer_s: float = ANSWER_S) -> str | None:
     """The PtpStatus of the camera at an IPv4 address, from its bootstrap register; None if it does not show one."""
     answer = _read_register(camera_address, _PTP_STATUS, answer_s)
-    return None if answer is None or answer[0] != _SUCCESS else PTP_STATES.get(answer[1])
+    return None if answer is None or answer.status != _SUCCESS else PTP_STATES.get(answer.value)
 
 
-def _read_register(camera_address: str, register: int, answer_s: float) -> tuple[int, int] | None:
-    """Status (success or access denied) and value of a bootstrap register; None if the camera answers neither."""
+def addresses_of(camera_address: str, answer_s: float = ANSWER_S) -> frozenset[str]:
+    """The addresses that a camera's control channel answers from, and those that its network interfaces have.
+
+    Its stream may leave from any of them. Answers count only with the id of the request, which nobody can guess.
+    """
+    found: set[str] = set()
+
+    def read(register: int) -> int | None:
+        answer = _read_register(camera_address, register, answer_s, from_anywhere=True)
+        if answer is None:
+            return None
+        found.add(answer.sender)
+        return answer.value if answer.status == _SUCCESS else None
+
+    interfaces = read(_NETWORK_INTERFACES)
+    if not found:  # it does not answer us
+        return frozenset()
+    for register in _CURRENT_ADDRESSES[: interfaces or 1]:
+        if named := read(register):  # 0 is no address
+            found.add(str(IPv4Address(named)))
+    return frozenset(found)
+
+
+def streamed_packet_bytes(camera_address: str, answer_s: float = ANSWER_S) -> int | None:
+    """The size of the packets of the stream that a camera sends at present; None if it sends none."""
+    port = _read_register(camera_address, _STREAM_PORT, answer_s)
+    size = _read_register(camera_address, _PACKET_SIZE, answer_s)
+    if port is None or size is None or not port.value & 0xFFFF or size.status != _SUCCESS:
+        return None
+    return size.value & _PACKET_SIZE_BITS
+
+
+@dataclass(frozen=True, slots=True)
+class _Answer:
+    """Status (success or access denied) and value of a bootstrap register, and who answered."""
+
+    status: int
+    value: int
+    sender: str
+
+
+def _read_register(
+    camera_address: str, register: int, answer_s: float, *, from_anywhere: bool = False
+) -> _Answer | None:
+    """Read a bootstrap register; None if no answer comes from the camera's address, or at all."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as asker:
-        asker.settimeout(answer_s)
-        for request_id in range(1, TRIES + 1):
+        for _ in range(TRIES):
+            request_id = secrets.randbelow(0xFFFF) + 1
+            deadline_s = time.monotonic() + answer_s
             try:
-                asker.connect((camera_address, PORT))
-                asker.send(_command(_READREG, struct.pack(">I", register), request_id))
-                status, acknowledged, payload = _parse(asker.recv(2048))
+                if not from_anywhere:
+                    asker.connect((camera_address, PORT))
+                asker.sendto(_command(_READREG, struct.pack(">I", register), request_id), (camera_address, PORT))
+                while (left_s := deadline_s - time.monotonic()) > 0:
+                    asker.settimeout(left_s)
+                    datagram, (sender, _) = asker.recvfrom(2048)
+                    status, acknowledged, payload = _parse(datagram, request_id)
+                    if acknowledged == _READREG + 1 and (
+                        status == _ACCESS_DENIED or (status == _SUCCESS and len(payload) >= 4)
+                    ):
+                        return _Answer(status, int.from_bytes(payload[:4], "big"), sender)
             except OSError:  # timed out, or the host itself reports that nothing is there
                 continue
-            if acknowledged != _READREG + 1:
-                continue
-            if status == _ACCESS_DENIED or (status == _SUCCESS and len(payload) >= 4):
-                return status, int.from_bytes(payload[:4], "big")
     return None
 
 
@@ -150,7 +203,7 @@ def _ask_everyone(asker: socket.socket, interface: NetworkInterface) -> None:
     asker.setsockopt(socket.SOL_SOCKET, socket.SO_BINDTODEVICE, interface.name.encode())
     asker.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
     # By itself the kernel does not send broadcasts from 127.0.0.1.
-    discovery = _command(_DISCOVERY, b"", 1, _BROADCAST_ANSWER)
+    discovery = _command(_DISCOVERY, b"", _SEARCH_ID, _BROADCAST_ANSWER)
     for own in interface.addresses:
         sender = struct.pack("=i4s4x", 0, own.ip.packed)
         asker.sendmsg([discovery], [(socket.IPPROTO_IP, _IP_PKTINFO, sender)], 0, ("255.255.255.255", PORT))
@@ -160,16 +213,16 @@ def _command(number: int, payload: bytes, request_id: int, flags: int = 0) -> by
     return _HEADER.pack(0x42, flags | _ACK_REQUIRED, number, len(payload), request_id) + payload
 
 
-def _parse(datagram: bytes) -> tuple[int, int, bytes]:
-    """Status, number of the acknowledgement and payload; zeros for anything else."""
+def _parse(datagram: bytes, request_id: int) -> tuple[int, int, bytes]:
+    """Status, number of the acknowledgement and payload; zeros for anything else, or to another request."""
     if len(datagram) < _ACK_HEADER.size:
         return 0, 0, b""
-    status, acknowledged, _, _ = _ACK_HEADER.unpack_from(datagram)
-    return status, acknowledged, datagram[_ACK_HEADER.size :]
+    status, acknowledged, _, answered = _ACK_HEADER.unpack_from(datagram)
+    return (status, acknowledged, datagram[_ACK_HEADER.size :]) if answered == request_id else (0, 0, b"")
 
 
 def _read_identity(datagram: bytes, interface: NetworkInterface) -> GigeCamera | None:
-    status, acknowledged, identity = _parse(datagram)
+    status, acknowledged, identity = _parse(datagram, _SEARCH_ID)
     if status != _SUCCESS or acknowledged != _DISCOVERY + 1 or len(identity) < _IDENTITY_BYTES:
         return None
 

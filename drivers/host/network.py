@@ -47,6 +47,11 @@ def find_interfaces() -> list[NetworkInterface]:
     ]
 
 
+def interface_with(address: str) -> NetworkInterface | None:
+    """The interface that has an IPv4 address; None if none has."""
+    return next((each for each in find_interfaces() if any(str(own.ip) == address for own in each.addresses)), None)
+
+
 def largest_socket_buffer_bytes(root: Path = Path("/")) -> int | None:
     """``net.core.rmem_max``: the largest receive buffer that a socket is granted; None when it cannot be read."""
     size_bytes = read_number(root / "proc/sys/net/core/rmem_max")

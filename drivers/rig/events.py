@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
-from drivers.camera import CameraDescription, ClockReading, IncompleteFrame
+from drivers.camera import CameraDescription, ClockReading, IncompleteFrame, RefusedPackets
 from drivers.errors import AutoexposeError, CameraError
 from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import Frame, Side
@@ -81,7 +81,25 @@ class ClockRead:
     reading: ClockReading
 
 
-RigEvent = CameraReady | CameraSilent | CameraGone | FrameArrived | Written | WriteFailed | NotTriggered | ClockRead
+@dataclass(frozen=True, slots=True)
+class PacketsRefused:
+    """Packets were sent to a camera's stream that do not look like its own."""
+
+    side: Side
+    packets: RefusedPackets
+
+
+RigEvent = (
+    CameraReady
+    | CameraSilent
+    | CameraGone
+    | FrameArrived
+    | Written
+    | WriteFailed
+    | NotTriggered
+    | ClockRead
+    | PacketsRefused
+)
 
 
 class EventQueue(Protocol):

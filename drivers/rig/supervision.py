@@ -28,6 +28,7 @@ from drivers.rig.events import (
     EventQueue,
     FrameArrived,
     NotTriggered,
+    PacketsRefused,
     WriteFailed,
     Written,
 )
@@ -276,8 +277,11 @@ class Supervisor:
         self._events.put(Written(self._side, setting, read_back, started_ns, self._now_ns()))
 
     def _latch_clock(self, camera: Camera) -> None:
-        """Also shows whether a silent camera still answers."""
+        """Also shows whether a silent camera still answers, or others send in its place."""
         try:
+            refused = camera.refused_packets()
+            if refused is not None:
+                self._events.put(PacketsRefused(self._side, refused))
             reading = camera.latch_clock()
             if reading is not None:
                 self._events.put(ClockRead(self._side, reading))

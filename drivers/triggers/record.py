@@ -13,9 +13,9 @@ from drivers.rig.events import (
     CameraGone,
     CameraReady,
     CameraSilent,
-    ClockRead,
     FrameArrived,
     NotTriggered,
+    RigEvent,
     WriteFailed,
     Written,
 )
@@ -86,7 +86,7 @@ class RigRecord:
 
     def take(
         self,
-        event: FrameArrived | CameraSilent | CameraGone | CameraReady | WriteFailed | NotTriggered | ClockRead,
+        event: RigEvent,
         now_ns: int,
     ) -> list[StereoPair]:
         """Enter any event but a write; returns the pairs that are ready for control, oldest first."""

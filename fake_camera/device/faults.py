@@ -38,6 +38,8 @@ class Fault(str, Enum):
     ``lose_actions``      `count` action commands do not arrive
     ``lose_packets``      `count` stream packets are not sent, from the next trigger's frame on
     ``lose_half``         the same, but every other packet on average gets through
+    ``other_address``     `count` stream packets leave from an address that is none of the camera's
+    ``fragment``          `count` stream packets that are too large are sent in fragments, even if that is forbidden
 
     USB3 Vision only:
 
@@ -72,6 +74,8 @@ class Fault(str, Enum):
     LOSE_ACTIONS = "lose_actions"
     LOSE_PACKETS = "lose_packets"
     LOSE_HALF = "lose_half"
+    OTHER_ADDRESS = "other_address"
+    FRAGMENT = "fragment"
     NAK = "nak"
     PENDING_ACKNOWLEDGE = "pending_acknowledge"
     STALL = "stall"
@@ -92,7 +96,10 @@ _ALL = frozenset(Fault)
 GIGE = _ALL - {Fault.NAK, Fault.PENDING_ACKNOWLEDGE, Fault.STALL, Fault.SHORT_TRAILER}
 """Faults of a GigE Vision camera."""
 
-USB3 = _ALL - {Fault.LOSE_PACKETS, Fault.LOSE_HALF, Fault.LATE_ACTIONS, Fault.LOSE_ACTIONS}
+USB3 = _ALL - {
+    *(Fault.LOSE_PACKETS, Fault.LOSE_HALF, Fault.OTHER_ADDRESS, Fault.FRAGMENT),
+    *(Fault.LATE_ACTIONS, Fault.LOSE_ACTIONS),
+}
 """Faults of a USB3 Vision camera."""
 
 NOT_DESCRIBED = frozenset({Fault.NAN_CHUNKS, Fault.SHRINK})
@@ -258,11 +265,14 @@ class Faults:
 
     def lose_packet(self) -> bool:
         """Whether the stream packet about to be sent is to be lost; asked once for each packet."""
-        if not self._orders:  # nearly always, and a frame has dozens of packets
-            return False
-        if self.spoils_frame(Fault.LOSE_PACKETS):
+        if self.spoils_packet(Fault.LOSE_PACKETS):
             return True
-        return self._coin.random() < 0.5 and self.spoils_frame(Fault.LOSE_HALF)
+        return bool(self._orders) and self._coin.random() < 0.5 and self.spoils_frame(Fault.LOSE_HALF)
+
+    def spoils_packet(self, fault: Fault) -> bool:
+        """Whether the stream packet about to be sent meets this fault; asked once for each packet."""
+        # Nearly always there are no orders, and a frame has dozens of packets.
+        return bool(self._orders) and self.spoils_frame(fault)
 
     def spoils_frame(self, fault: Fault) -> bool:
         """Whether the frame that is being sent meets this fault; asked once for each unit that the fault counts."""

@@ -26,6 +26,8 @@ DESCRIPTION_ADDRESS = 0x100000
 LATCH_TIMESTAMP = 2
 """What to write to the timestamp control register."""
 
+_IP_CONFIGURATIONS = 0b110  # DHCP, link-local
+
 _GVCP_CAPABILITY = (
     1 << 31  # user-defined name
     | 1 << 30  # serial number
@@ -90,17 +92,20 @@ def bootstrap_registers(
     *,
     description_address: int = DESCRIPTION_ADDRESS,
     actions: ActionChannel | None = None,
+    second_address: str | None = None,
 ) -> Iterator[Register]:
     """The bootstrap registers of a camera at an IPv4 address, and the memory of its zipped description.
 
-    With `actions` also those of action commands and PTP.
+    With `actions` also those of action commands and PTP, with `second_address` those of a second network interface.
     """
     yield from _identity(device, address)
     url = f"Local:{device.features.get('DeviceModelName')}.zip;{description_address:x};{len(description):x}"
     yield constant(0x0200, url.encode().ljust(512, b"\0"))
     yield constant(0x0400, bytes(512))  # no second description
     yield constant(description_address, description)
-    yield constant(0x0600, _u32(1))  # network interfaces
+    yield constant(0x0600, _u32(1 if second_address is None else 2))  # network interfaces
+    if second_address is not None:
+        yield from _second_interface(device, second_address)
     yield constant(0x0900, _u32(0))  # message channels
     yield constant(0x0904, _u32(1))  # stream channels
     yield constant(0x0934, _u32(_GVCP_CAPABILITY | (0 if actions is None else _ACTION_CAPABILITY)))
@@ -124,8 +129,8 @@ def _identity(device: Device, address: str) -> Iterator[Register]:
     yield constant(0x0000, _u32(2 << 16))  # GigE Vision 2.0, with 16-bit block ids
     yield constant(0x0004, _u32(0x80000001))  # big-endian transmitter, UTF-8
     yield constant(0x0008, mac_address(str(features.get("DeviceSerialNumber"))).to_bytes(8, "big"))
-    yield constant(0x0010, _u32(0b110))  # supported IP configurations: DHCP, link-local
-    yield constant(0x0014, _u32(0b110))
+    yield constant(0x0010, _u32(_IP_CONFIGURATIONS))
+    yield constant(0x0014, _u32(_IP_CONFIGURATIONS))
     yield constant(0x0018, bytes(12))
     yield constant(0x0024, socket.inet_aton(address))
     yield constant(0x0028, bytes(12))
@@ -138,6 +143,17 @@ def _identity(device: Device, address: str) -> Iterator[Register]:
     yield text(0x00A8, 48, "simulated camera")
     yield text(0x00D8, 16, str(features.get("DeviceSerialNumber")))
     yield _user_name(device)
+
+
+def _second_interface(device: Device, address: str) -> Iterator[Register]:
+    """Addresses 0x680 to 0x6DC: its MAC address is the one after that of the first."""
+    mac = mac_address(str(device.features.get("DeviceSerialNumber"))) + 1
+    yield constant(0x0680, mac.to_bytes(8, "big"))
+    yield constant(0x0688, _u32(_IP_CONFIGURATIONS))
+    yield constant(0x068C, _u32(_IP_CONFIGURATIONS))
+    yield constant(0x069C, socket.inet_aton(address))
+    yield constant(0x06AC, socket.inet_aton("255.0.0.0"))
+    yield constant(0x06BC, bytes(4))  # no gateway
 
 
 def _user_name(device: Device) -> Register:

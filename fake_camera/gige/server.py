@@ -45,10 +45,12 @@ class GigeServer:
         switch: Switch | None = None,
         *,
         ptp_event_port: int = EVENT_PORT,
+        second_address: str | None = None,
     ) -> None:
         """Bind the sockets; with `xml` the device shows the description and the memory of that camera.
 
-        Its stream goes through `switch`, if given. A device with a PTP clock uses `ptp_event_port` and the next one.
+        Its stream goes through `switch`, if given, and leaves from `second_address`, if given, that of a second network
+        interface. A device with a PTP clock uses `ptp_event_port` and the next one.
 
         Raises
         ------
@@ -61,7 +63,8 @@ class GigeServer:
         # Without SO_REUSEADDR, since two cameras at one address would each get some of the commands.
         self._socket = _bind(address, reuse=False)
         self._broadcast_sockets = [_bind(broadcast, reuse=True) for broadcast in _BROADCAST_ADDRESSES]
-        self._stream = StreamChannel(address, device.faults, switch)
+        self._second_address = second_address
+        self._stream = StreamChannel(second_address or address, device.faults, switch)
         privilege = ControlPrivilege()
         self._xml = xml
         self._ptp: PtpPort | None = None
@@ -102,7 +105,13 @@ class GigeServer:
         if xml is None:
             description = zipped(model, genicam_xml(device.features, GIGE_VISION))
             bootstrap = bootstrap_registers(
-                device, address, privilege, self._stream, description, actions=self._actions
+                device,
+                address,
+                privilege,
+                self._stream,
+                description,
+                actions=self._actions,
+                second_address=self._second_address,
             )
             return RegisterMap((*bootstrap, *feature_registers(device, GIGE_VISION.byte_order)))
         description = zipped(model, xml.description.data)
@@ -115,6 +124,7 @@ class GigeServer:
             description,
             description_address=at,
             actions=self._actions,
+            second_address=self._second_address,
         )
         return XmlRegisters(bootstrap, xml)
 

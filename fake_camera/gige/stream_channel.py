@@ -7,6 +7,7 @@ import socket
 import struct
 import time
 from collections import deque
+from ipaddress import IPv4Address
 
 from fake_camera.device.faults import Fault, Faults
 from fake_camera.genicam.status import CommandError, Status
@@ -33,6 +34,8 @@ _DO_NOT_FRAGMENT = 1 << 30
 # Constants that Python's socket module lacks (linux/in.h).
 _IP_MTU_DISCOVER, _IP_PMTUDISC_DONT, _IP_PMTUDISC_DO = 10, 0, 2
 
+_AWAY = 128  # between an address and that of the fault `other_address`, which the loopback interface has, too
+
 
 class StreamChannel:
     """One stream to one client; its settings are those of the stream channel registers.
@@ -46,8 +49,9 @@ class StreamChannel:
     def __init__(self, address: str, faults: Faults, switch: Switch | None = None) -> None:
         self._faults = faults
         self._switch = switch
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._socket.bind((address, 0))
+        self._socket = _sending_from(address)
+        self._fragments: bool | None = None  # whether the socket makes them at present
+        self._other_address = str(IPv4Address(int(IPv4Address(address)) ^ _AWAY))
         self._kept: deque[Block] = deque(maxlen=_BLOCKS_KEPT)
         self._last_frame_id = 0
         self.source_port: int = self._socket.getsockname()[1]
@@ -58,7 +62,7 @@ class StreamChannel:
         self.destination = 0
         self._packet_delay_ns = 0
         self._packet_bytes = MAX_PACKET_BYTES
-        self._set_do_not_fragment(True)
+        self._do_not_fragment = True
 
     def reset(self) -> None:
         """Back to the power-on state: no client."""
@@ -114,7 +118,7 @@ class StreamChannel:
         if not MIN_PACKET_BYTES <= packet_bytes <= MAX_PACKET_BYTES:
             raise CommandError(Status.INVALID_PARAMETER)
         self._packet_bytes = packet_bytes
-        self._set_do_not_fragment(bool(value & _DO_NOT_FRAGMENT))
+        self._do_not_fragment = bool(value & _DO_NOT_FRAGMENT)
         if value & _FIRE_TEST_PACKET:
             self._send([trial_packet(packet_bytes)])
 
@@ -155,11 +159,25 @@ class StreamChannel:
             return size
         if self._switch is not None and not self._switch.passes(size + _IP_UDP_BYTES):
             return size
+        client = self._client, self._host_port
         with contextlib.suppress(OSError):  # too big to go unfragmented, no route, no room
-            self._socket.sendmsg(buffers, (), 0, (self._client, self._host_port))
+            if self._faults.spoils_packet(Fault.OTHER_ADDRESS):
+                with _sending_from(self._other_address, self.source_port) as elsewhere:
+                    elsewhere.sendmsg(buffers, (), 0, client)
+                return size
+            careless = self._faults.spoils_packet(Fault.FRAGMENT)
+            self._allow_fragments(careless or not self._do_not_fragment)
+            self._socket.sendmsg(buffers, (), 0, client)
         return size
 
-    def _set_do_not_fragment(self, do_not_fragment: bool) -> None:
-        self._do_not_fragment = do_not_fragment
-        mode = _IP_PMTUDISC_DO if do_not_fragment else _IP_PMTUDISC_DONT
-        self._socket.setsockopt(socket.IPPROTO_IP, _IP_MTU_DISCOVER, mode)
+    def _allow_fragments(self, allowed: bool) -> None:
+        if allowed is not self._fragments:
+            self._fragments = allowed
+            mode = _IP_PMTUDISC_DONT if allowed else _IP_PMTUDISC_DO
+            self._socket.setsockopt(socket.IPPROTO_IP, _IP_MTU_DISCOVER, mode)
+
+
+def _sending_from(address: str, port: int = 0) -> socket.socket:
+    sender = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    sender.bind((address, port))
+    return sender

@@ -163,6 +163,14 @@ def test_half_the_packets_lost(run: Run) -> None:
     assert new["incomplete"] + new["left_missing"] <= 30
 
 
+@pytest.mark.gige_only  # USB has no addresses
+def test_frames_from_another_address(run: Run) -> None:
+    with only(run, "left_missing", "refused_packets") as new:
+        run.left.inject(Fault.OTHER_ADDRESS, count=6000)  # two seconds of packets
+        wait_for_state(run, "degraded: no frames from the left camera", "packets for its stream come from")
+    assert 5000 <= new["refused_packets"] <= 6000
+
+
 def test_frame_truncated(run: Run) -> None:
     with only(run, "incomplete") as new:
         run.left.inject(Fault.TRUNCATE, count=40)

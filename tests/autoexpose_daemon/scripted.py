@@ -87,6 +87,9 @@ class Session:
     def latch_clock(self) -> None:
         self._open().latch_clock()
 
+    def refused_packets(self) -> None:
+        pass
+
     def close(self) -> None:
         self._closed = True
 

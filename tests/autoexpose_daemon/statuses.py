@@ -51,6 +51,7 @@ EXPOSING = Status(
         frames_off_setting=13,
         frames_without_exposure_metadata=14,
         clock_jumps=15,
+        refused_packets=17,
         decisions_without_imu=16,
         decisions_at_brightest_limit=8,
         reconnects=9,

@@ -245,6 +245,9 @@ class VirtualCamera:
         state, offset_ns = self._device.ptp_state(), self._clock.latch()
         return None if state is None else ClockReading(offset_ns, state)
 
+    def refused_packets(self) -> None:
+        pass
+
     def close(self) -> None:
         """Stop the stream; of a lost camera nothing is held."""
         self._lost = True

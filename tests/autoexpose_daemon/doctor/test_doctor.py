@@ -136,6 +136,12 @@ GIGE_TROUBLES: list[tuple[GigeFacts, Need, str, Severity, str, str]] = [
         r"transport.packet_size_bytes 8000 exceeds the MTU of eth0, 1500 bytes", "ip link set dev eth0 mtu 8000",
     ),
     (
+        replace(gige_facts(on(GIGE, mtu_bytes=8500)), packet_bytes={GIGE.address: 9000}),
+        need(), "gige-packets", "warning",
+        r"camera G .* streams packets of 9000 bytes at present, more than the MTU of eth0, 8500 bytes: .* in fragments",
+        r"ip link set dev eth0 mtu 9000 .* transport.packet_size_bytes: 8500",
+    ),
+    (
         gige_facts(on(GIGE, speed_mbps=100)),
         need(), "gige-bandwidth", "warning", r"camera G is on eth0 and needs 24 MB/s of about 11 MB/s", "ethtool eth0",
     ),

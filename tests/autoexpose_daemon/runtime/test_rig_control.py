@@ -13,12 +13,12 @@ from autoexpose_daemon.runtime.frame_watch import INCOMPLETE_FRAMES
 from autoexpose_daemon.runtime.rig_control import RigControl
 from autoexpose_daemon.status.describe import describe
 from autoexpose_daemon.status.panel import newest_setting
-from drivers.camera import CameraDescription, IncompleteFrame
+from drivers.camera import CameraDescription, IncompleteFrame, RefusedPackets
 from drivers.errors import CameraLostError, NodeError, UnsupportedCameraError
 from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import SIDES, Frame, Side
 from drivers.pixels.formats import PixelFormat
-from drivers.rig.events import CameraGone, CameraReady, CameraSilent, FrameArrived
+from drivers.rig.events import CameraGone, CameraReady, CameraSilent, FrameArrived, PacketsRefused
 from drivers.rig.pace import Slots
 
 PERIOD_NS = 20_000_000
@@ -83,6 +83,20 @@ def test_the_exposure_that_is_shown_is_not_that_of_a_camera_which_is_gone() -> N
     status = describe(control.telemetry, control.active.tuning.config)
     assert (status.cameras["left"].applied, status.cameras["right"].applied) == (None, alone)
     assert newest_setting(status) == alone
+
+
+def test_packets_of_others_are_counted_and_named_only_while_the_camera_is_silent() -> None:
+    control = rig_of_two()
+    refused = PacketsRefused("left", RefusedPackets(7, ("10.0.0.9:40000",), ("10.0.0.2",)))
+    control.take([arrived("left", 1), refused])
+    assert not control.telemetry.complaints
+    control.take([CameraSilent("left"), refused])
+    complaint = control.telemetry.complaints["left", "strangers"]
+    for part in ("10.0.0.9:40000", "10.0.0.2", "give it one address", "docs/hostile-packets.md"):
+        assert part in complaint
+    control.take([arrived("left", 2)])
+    assert not control.telemetry.complaints
+    assert control.telemetry.counts.refused_packets == 14
 
 
 def test_holes_before_a_camera_was_lost_are_not_held_against_it_afterwards() -> None:

@@ -17,7 +17,15 @@ import pytest
 from drivers.aravis import find_cameras, open_camera
 from drivers.config.setup import CameraSetup, TriggerSetup
 from drivers.host import gvcp
-from drivers.host.gvcp import Control, GigeCamera, control_of, ptp_status_of, search
+from drivers.host.gvcp import (
+    Control,
+    GigeCamera,
+    addresses_of,
+    control_of,
+    ptp_status_of,
+    search,
+    streamed_packet_bytes,
+)
 from drivers.host.network import NetworkInterface, find_interfaces
 from tests.fake_camera.gige.gige_client import ACCESS_DENIED, CCP, READREG, GvcpClient, gige_camera, parse_ack
 from tests.fakes import foreign_camera, loopback_address, unique
@@ -138,14 +146,17 @@ def test_a_camera_that_we_did_not_write_answers() -> None:
 
 @contextmanager
 def answering(address: str, answer: bytes) -> Iterator[None]:
-    """Something at a camera's port that gives one answer to everything, until the first empty datagram."""
+    """Something at a camera's port that gives one answer to everything, until the first empty datagram.
+
+    With the id of the question, if there is room for one.
+    """
 
     def serve() -> None:
         while True:
             question, peer = server.recvfrom(2048)
             if not question:
                 return
-            server.sendto(answer, peer)
+            server.sendto(answer[:6] + question[6:8] + answer[8:] if len(answer) >= 8 else answer, peer)
 
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as server:
         server.bind((address, gvcp.PORT))
@@ -174,6 +185,63 @@ def test_answers_are_read_for_what_they_are(answer: bytes, control: Control) -> 
     address = loopback_address()
     with answering(address, answer):
         assert control_of(address) == control
+
+
+def test_answers_to_other_questions_are_none() -> None:
+    """Whoever would pass for a camera at another address must guess the id of the question."""
+    address, found = loopback_address(), list[frozenset[str]]()
+    asking = threading.Thread(target=lambda: found.append(addresses_of(address, answer_s=10.0)))
+    with contextlib.ExitStack() as stack:
+        server, liar = (stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) for _ in range(2))
+        server.bind((address, gvcp.PORT))
+        asking.start()
+        question, peer = server.recvfrom(100)
+        for request_id in range(0, 0x10000, 1021):
+            if request_id != int.from_bytes(question[6:8], "big"):
+                liar.sendto(struct.pack(">HHHHI", 0, READREG + 1, 4, request_id, 1), peer)
+        server.sendto(struct.pack(">HHH", 0, READREG + 1, 4) + question[6:8] + bytes([0, 0, 0, 1]), peer)
+        question, peer = server.recvfrom(100)
+        server.sendto(struct.pack(">HHH", 0, READREG + 1, 4) + question[6:8] + bytes([10, 0, 0, 5]), peer)
+        asking.join()
+    assert found == [{address, "10.0.0.5"}]
+
+
+def test_a_camera_names_the_addresses_of_all_its_interfaces() -> None:
+    first, second = loopback_address(), loopback_address()
+    with gige_camera(first, unique("T")):
+        assert addresses_of(first) == {first}
+    with gige_camera(first, unique("T"), second_address=second):
+        assert addresses_of(first) == {first, second}
+    assert addresses_of(first, answer_s=0.01) == frozenset()
+
+
+def test_an_answer_from_another_address_gives_it_away() -> None:
+    """A camera, or a network between, that answers for the address that was asked."""
+    asked, answers = loopback_address(), loopback_address()
+
+    def serve() -> None:
+        for value in (1, 0):
+            question, peer = server.recvfrom(100)
+            elsewhere.sendto(struct.pack(">HHH", 0, READREG + 1, 4) + question[6:8] + struct.pack(">I", value), peer)
+
+    with contextlib.ExitStack() as stack:
+        server, elsewhere = (stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) for _ in range(2))
+        server.bind((asked, gvcp.PORT))
+        elsewhere.bind((answers, 0))
+        serving = threading.Thread(target=serve)
+        serving.start()
+        assert addresses_of(asked) == {answers}
+        serving.join()
+
+
+def test_the_packets_of_a_stream_are_measured_while_it_runs() -> None:
+    address = loopback_address()
+    with gige_camera(address, unique("T")), GvcpClient(address) as client:
+        assert streamed_packet_bytes(address) is None
+        client.write(CCP, 2)
+        client.write(0x0D00, 40_000, 0x0D04, 8000)
+        assert streamed_packet_bytes(address) == 8000
+    assert streamed_packet_bytes(address, answer_s=0.01) is None
 
 
 def identity(**fields: bytes) -> bytes:

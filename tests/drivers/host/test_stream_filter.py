@@ -18,7 +18,7 @@ import pytest
 
 from drivers.aravis import open_camera
 from drivers.config.setup import CameraSetup, TriggerSetup
-from drivers.host.stream_filter import admit_only, largest_packet_id, why_not
+from drivers.host.stream_filter import StreamFilter, largest_packet_id, why_not
 from tests.fake_camera.gige.gige_client import GvcpClient
 from tests.fakes import FakeCamera, fake_camera
 
@@ -73,25 +73,69 @@ def open_socket(address: str) -> Iterator[socket.socket]:
     ],
 )
 def test_a_packet_of_the_camera_passes_when_it_makes_sense(datagram: bytes, passes: bool) -> None:
-    with open_socket("127.0.0.1") as stream, open_socket("127.0.0.5") as camera:
-        admit_only(camera.getsockname(), LARGEST_ID, stream.getsockname())
+    with open_socket("127.0.0.1") as stream, open_socket("127.0.0.5") as camera, guarded(stream, camera):
         last = packet(TRAILER, 1, LARGEST_ID)
         camera.sendto(datagram, stream.getsockname())
         camera.sendto(last, stream.getsockname())
         assert stream.recv(10_000) == (datagram if passes else last)
 
 
+@contextlib.contextmanager
+def guarded(stream: socket.socket, *cameras: socket.socket, port: int | None = None) -> Iterator[StreamFilter]:
+    """Only these cameras reach the stream, from the port of the first, if not from another (0: any)."""
+    addresses = [camera.getsockname()[0] for camera in cameras]
+    port = cameras[0].getsockname()[1] if port is None else port
+    guard = StreamFilter(addresses, port, LARGEST_ID, stream.getsockname())
+    try:
+        yield guard
+    finally:
+        guard.close()
+
+
 @pytest.mark.parametrize("port_known", [True, False])
 def test_other_addresses_and_ports_are_kept_out(port_known: bool) -> None:
-    with open_socket("127.0.0.1") as stream, open_socket("127.0.0.5") as camera, open_socket("127.0.0.5") as neighbour:
-        address, port = camera.getsockname()
-        admit_only((address, port if port_known else 0), LARGEST_ID, stream.getsockname())
+    with contextlib.ExitStack() as stack:
+        stream, camera, neighbour, stranger = (
+            stack.enter_context(open_socket(f"127.0.0.{number}")) for number in (1, 5, 5, 6)
+        )
+        stack.enter_context(guarded(stream, camera, port=None if port_known else 0))
         first, second = packet(LEADER, 1, 0), packet(LEADER, 2, 0)
-        with open_socket("127.0.0.6") as stranger:
-            stranger.sendto(first, stream.getsockname())
+        stranger.sendto(first, stream.getsockname())
         neighbour.sendto(first, stream.getsockname())
         camera.sendto(second, stream.getsockname())
         assert stream.recv(100) == (second if port_known else first)
+
+
+def test_a_camera_may_have_several_addresses() -> None:
+    with open_socket("127.0.0.1") as stream, contextlib.ExitStack() as stack:
+        first, second, third, stranger = (
+            stack.enter_context(open_socket(f"127.0.0.{number}")) for number in (5, 6, 7, 8)
+        )
+        stack.enter_context(guarded(stream, first, second, third, port=0))
+        for sender in (stranger, third, first, second):
+            sender.sendto(packet(LEADER, 1, 0), stream.getsockname())
+        arrived = [stream.recvfrom(100)[1][0] for _ in range(3)]
+        assert arrived == ["127.0.0.7", "127.0.0.5", "127.0.0.6"]
+
+
+def test_what_is_refused_is_counted_and_its_senders_are_named() -> None:
+    with open_socket("127.0.0.1") as stream, open_socket("127.0.0.5") as camera, open_socket("127.0.0.6") as stranger:
+        with guarded(stream, camera) as guard:
+            camera.sendto(packet(LEADER, 1, 0), stream.getsockname())
+            assert guard.refused() is None
+            for _ in range(5000):  # more than any buffer holds
+                stranger.sendto(packet(PAYLOAD, 1, 1, 9000), stream.getsockname())
+            camera.sendto(packet(PAYLOAD, 1, LARGEST_ID + 1), stream.getsockname())
+            refused = guard.refused()
+            assert refused is not None
+            assert refused.count == 5001
+            assert refused.senders[0] == "{}:{}".format(*stranger.getsockname())
+            assert refused.addresses == ("127.0.0.5",)
+            camera.sendto(packet(PAYLOAD, 1, LARGEST_ID + 1), stream.getsockname())
+            own = guard.refused()
+            assert own is not None
+            assert own.senders == ("{}:{}".format(*camera.getsockname()),)
+        assert stream.recv(100) == packet(LEADER, 1, 0)
 
 
 def open_files() -> int:
@@ -101,7 +145,7 @@ def open_files() -> int:
 def test_a_socket_that_is_not_there_is_an_error_and_nothing_stays_open() -> None:
     before = open_files()
     with pytest.raises(OSError, match=r"this process has no UDP socket at 127\.0\.0\.1:1$"):
-        admit_only(("127.0.0.5", 0), LARGEST_ID, ("127.0.0.1", 1))
+        StreamFilter(["127.0.0.5"], 0, LARGEST_ID, ("127.0.0.1", 1))
     assert open_files() <= before  # what tests before this one left behind may close meanwhile
 
 
@@ -171,7 +215,7 @@ def test_a_host_that_takes_no_filter_is_named_and_the_camera_opens(
     def refuse(*_: object) -> None:
         raise OSError(errno.ENOSYS, os.strerror(errno.ENOSYS))
 
-    monkeypatch.setattr("drivers.aravis.stream.admit_only", refuse)
+    monkeypatch.setattr("drivers.aravis.stream.StreamFilter", refuse)
     with fake_camera() as camera:
         open_camera(camera.serial, CameraSetup(TriggerSetup("free_run"))).close()
     assert f"camera {camera.serial}: its stream takes packets from anyone" in caplog.text

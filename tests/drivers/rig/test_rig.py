@@ -13,7 +13,7 @@ from typing import TypeVar
 import numpy as np
 import pytest
 
-from drivers.camera import Camera, CameraDescription
+from drivers.camera import Camera, CameraDescription, RefusedPackets
 from drivers.errors import CameraLostError, CameraNotFoundError, ConfigurationError, NodeError, UnsupportedCameraError
 from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import Frame, Side
@@ -62,6 +62,9 @@ class ScriptedCamera:
 
     def latch_clock(self) -> None:
         self._check()
+
+    def refused_packets(self) -> RefusedPackets | None:
+        return None
 
     def close(self) -> None:
         self.closed.set()

@@ -9,7 +9,7 @@ import threading
 
 import pytest
 
-from drivers.camera import Camera
+from drivers.camera import Camera, RefusedPackets
 from drivers.errors import (
     AutoexposeError,
     CameraBusyError,
@@ -21,7 +21,16 @@ from drivers.errors import (
 )
 from drivers.exposure import ExposureSetting
 from drivers.frames import Frame
-from drivers.rig.events import CameraGone, CameraReady, CameraSilent, FrameArrived, NotTriggered, RigEvent, Written
+from drivers.rig.events import (
+    CameraGone,
+    CameraReady,
+    CameraSilent,
+    FrameArrived,
+    NotTriggered,
+    PacketsRefused,
+    RigEvent,
+    Written,
+)
 from drivers.rig.pace import Slots
 from drivers.rig.supervision import Supervisor
 from tests.drivers.rig.test_rig import START, ScriptedCamera
@@ -35,6 +44,10 @@ class InstantCamera(ScriptedCamera):
 
     latches = 0
     refuses_latches = False
+    refused: RefusedPackets | None = None
+
+    def refused_packets(self) -> RefusedPackets | None:
+        return self.refused
 
     def next_frame(self, timeout_s: float) -> Frame | None:
         return super().next_frame(0.0)
@@ -192,6 +205,15 @@ def test_the_camera_clock_is_read_once_a_second_and_at_a_silence() -> None:
     assert camera.latches == 1
     bench.run(4.0)
     assert camera.latches == 5
+
+
+def test_packets_that_the_host_refused_are_reported_once_a_second_and_at_a_silence() -> None:
+    camera = InstantCamera()
+    bench = Bench(camera)
+    assert not any(isinstance(event, PacketsRefused) for event in bench.run(0.95))
+    camera.refused = RefusedPackets(5, ("10.0.0.9:40000",), ("10.0.0.2",))
+    reported = [event for event in bench.run(3.0) if isinstance(event, PacketsRefused)]
+    assert reported == [PacketsRefused("left", camera.refused)] * 3
 
 
 def test_the_clock_of_a_camera_that_is_rarely_triggered_is_read_in_between() -> None:

@@ -60,9 +60,10 @@ def gige_camera(
     ptp_clock: int | None = None,
     ptp_event_port: int = EVENT_PORT,
     truth: TruthFile | None = None,
+    second_address: str | None = None,
 ) -> Iterator[Device]:
     with device(serial, ptp_clock=ptp_clock, truth=truth) as camera:
-        server = GigeServer(camera, address, ptp_event_port=ptp_event_port)
+        server = GigeServer(camera, address, ptp_event_port=ptp_event_port, second_address=second_address)
         server.start()
         try:
             yield camera
