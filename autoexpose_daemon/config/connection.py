@@ -8,11 +8,9 @@ from pydantic import field_validator, model_validator
 
 from autoexpose_daemon.config.section import FileName, Section
 from autoexpose_daemon.messages.keys import check_endpoints
-from drivers.config.files import read_regular
+from autoexpose_daemon.messages.zenoh_file import check_zenoh_file
 from drivers.errors import ConfigurationError
 from drivers.python310 import Self
-
-_MOST_ZENOH_BYTES = 1 << 20
 
 
 class ConnectionConfig(Section):
@@ -35,15 +33,12 @@ class ConnectionConfig(Section):
         return self
 
     def relative_to(self, folder: Path, section: str) -> Self:
-        """The same with its file relative to `folder`; ConfigurationError names `section` if it cannot be read."""
+        """The same with its file relative to `folder`; ConfigurationError names `section` if zenoh cannot use it."""
         if self.zenoh is None:
             return self
         file = folder / self.zenoh
         try:
-            read_regular(file, _MOST_ZENOH_BYTES)  # given a pipe, zenoh itself would wait for a writer
-        except (OSError, ValueError) as error:
-            reason = error.strerror if isinstance(error, OSError) else error
-            raise ConfigurationError(
-                f"{section}.zenoh: {file} cannot be read ({reason}): name a zenoh configuration file"
-            ) from error
+            check_zenoh_file(file)
+        except ConfigurationError as error:
+            raise ConfigurationError(f"{section}.zenoh: {error}") from error
         return self.model_copy(update={"zenoh": file})

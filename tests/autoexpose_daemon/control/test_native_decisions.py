@@ -254,7 +254,7 @@ SINGLE = np.zeros(256, np.float32)
 FAR = np.broadcast_to(np.zeros((1, 1), np.uint8), (1, 2**62))
 
 
-def misaligned(count: int) -> memoryview:
+def misaligned(count: int) -> Any:
     """So many numbers that begin at an odd address."""
     return memoryview(bytearray(8 * count + 8))[1 : 8 * count + 1].cast("d")
 

@@ -4,6 +4,7 @@ import builtins
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from autoexpose_daemon.config.document import Config
@@ -47,6 +48,28 @@ def test_what_cannot_be_is_named(tmp_path: Path, publish: str, words: list[str])
         load(tmp_path, publish)
     for word in ["rig.yaml", *words]:
         assert word in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("content", "word"),
+    [
+        (np.random.default_rng(0).bytes(500), "UTF-8"),
+        (b"{mode: 'peer'", "line 1"),
+        (b"{mode: 'pear'}", "pear"),
+        (b"{endpoint: 'tcp/1.2.3.4:7447'}", "endpoint"),
+        (b"", "mpty"),
+        (b"[" * 200_000, "nests"),
+    ],
+)
+def test_a_file_that_zenoh_cannot_use_is_refused_at_once(tmp_path: Path, content: bytes, word: str) -> None:
+    """It was called valid, and then tried again for ever."""
+    (tmp_path / "z.json5").write_bytes(content)
+    imu = "motion: {imu: {key: imu/data, zenoh: z.json5}}\ncontrol: {focal_length_px: 800}"
+    for section in ("publish: {zenoh: z.json5}", imu):
+        with pytest.raises(ConfigurationError, match=r"z\.json5 is not a configuration of zenoh") as caught:
+            load(tmp_path, section)
+        assert word in str(caught.value)
+        assert len(str(caught.value)) < 500 and "\n" not in str(caught.value)
 
 
 def test_a_file_of_zenohs_is_named_from_the_configuration(tmp_path: Path) -> None:

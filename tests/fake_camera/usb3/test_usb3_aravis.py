@@ -14,13 +14,11 @@ from pathlib import Path
 import pytest
 
 from fake_camera.usb3.run import CAMERAS_VARIABLE, ShimError, client_environment
-from tests import REPOSITORY
 from tests.fakes import FakeCamera, run_camera, run_under_shim, usb3_camera, usb3_environment
 
 pytestmark = pytest.mark.wire
 
 SUITE = Path(__file__).parent / "shim_suite.py"
-SHIM_SOURCES = REPOSITORY / "fake_camera/usb3/shim"
 LEFT_TO_LIBUDEV = {"udev_new", "udev_unref"}
 
 needs_arv_tool = pytest.mark.needs("arv-tool-0.8")
@@ -187,20 +185,3 @@ def test_a_libusb_that_needs_more_of_udev_is_refused_by_name(tmp_path: Path) -> 
     process = subprocess.run([program], env=usb3_environment(), capture_output=True, text=True, check=False)
     missing = f"{program} needs udev_device_get_parent, which is missing: add it to udev.c"
     assert (process.returncode, process.stderr) == (1, f"fake USB bus: {missing}\n")
-
-
-@needs_gcc
-@needs_arv_tool
-def test_the_shim_minds_its_memory(fake: FakeCamera, tmp_path: Path) -> None:
-    """AddressSanitizer and UndefinedBehaviorSanitizer report nothing."""
-    shim = tmp_path / "shim.so"
-    flags = ["-std=gnu11", "-g", "-fsanitize=address,undefined", "-fPIC", "-shared", "-fvisibility=hidden"]
-    output(os.environ, "gcc", *flags, *(str(path) for path in sorted(SHIM_SOURCES.glob("*.c"))), "-o", str(shim))
-    sanitizers = [output(os.environ, "gcc", f"-print-file-name={name}.so").strip() for name in ("libasan", "libubsan")]
-    environment = {
-        **usb3_environment(fake.socket),
-        "LD_PRELOAD": ":".join([*sanitizers, str(shim)]),
-        "ASAN_OPTIONS": "detect_leaks=1",
-    }
-    for command in ([], ["-n", f"Autoexpose-{fake.serial}", "control", "ExposureAuto=Off", "ExposureTime=4321"]):
-        output(environment, "arv-tool-0.8", *command)

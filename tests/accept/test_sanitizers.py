@@ -1,0 +1,96 @@
+"""The tests of the C parts again, on a build that reports misused memory and undefined behaviour."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import pytest
+
+from fake_camera.usb3.run import CAMERAS_VARIABLE
+from tests import REPOSITORY
+
+pytestmark = pytest.mark.timeout(590)
+
+FLAGS = "-fsanitize=address,undefined -fno-sanitize-recover=undefined -fno-omit-frame-pointer -g"
+NATIVE_TESTS = [f"tests/autoexpose_daemon/control/{name}.py" for name in ("test_native", "test_native_decisions")]
+SHIM_SUITES = [f"tests/fake_camera/usb3/{name}.py" for name in ("hostile_suite", "shim_suite")]
+PARTS = [
+    "autoexpose_daemon",
+    "calibration",
+    "drivers",
+    "evaluation",
+    "fake_camera",
+    "tests",
+    "pyproject.toml",
+    "setup.py",
+]
+
+
+def sanitizers() -> list[str]:
+    """The compiler's libraries, which must be loaded before any other; skips where it has none."""
+    if shutil.which("gcc") is None:
+        pytest.skip("gcc is not installed")
+    paths = [
+        subprocess.run(
+            ["gcc", f"-print-file-name={name}.so"], capture_output=True, text=True, check=True
+        ).stdout.strip()
+        for name in ("libasan", "libubsan")
+    ]
+    missing = [path for path in paths if not Path(path).is_file()]  # gcc then prints the name alone
+    if missing:
+        pytest.skip(f"the compiler has no {' and no '.join(missing)}: on Debian they are part of libgcc-*-dev")
+    return paths
+
+
+@pytest.fixture(scope="module")
+def build(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A copy of the project whose C parts were compiled with sanitizers."""
+    sanitizers()
+    place = tmp_path_factory.mktemp("sanitized")
+    for part in PARTS:
+        if (REPOSITORY / part).is_dir():
+            shutil.copytree(REPOSITORY / part, place / part, ignore=shutil.ignore_patterns("*.so", "__pycache__"))
+        else:
+            shutil.copy(REPOSITORY / part, place)
+    (place / "tests/accept").rename(place / "left_out")
+    ended = subprocess.run(
+        [sys.executable, "setup.py", "build_ext", "--inplace"],
+        cwd=place,
+        env=os.environ | {"CFLAGS": FLAGS, "LDFLAGS": FLAGS},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    built = list(place.glob("autoexpose_daemon/control/_native.*")) + list(place.glob("fake_camera/usb3/_shim.*"))
+    assert sum(path.suffix == ".so" for path in built) == 2, ended.stdout + ended.stderr
+    return place
+
+
+def run(build: Path, tests: Sequence[str], preloaded: Sequence[str] = (), cameras: str = "") -> None:
+    """Run tests of the copy; all must pass."""
+    environment = os.environ | {
+        "PYTHONPATH": str(build),
+        "PYTHONMALLOC": "malloc",  # else Python's small objects share blocks, in which nothing is seen
+        "LD_PRELOAD": ":".join([*sanitizers(), *preloaded]),
+        "ASAN_OPTIONS": "detect_leaks=0",  # of Python there are many
+        "UBSAN_OPTIONS": "print_stacktrace=1",
+        CAMERAS_VARIABLE: cameras,
+    }
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *tests]
+    ended = subprocess.run(command, cwd=build, env=environment, capture_output=True, text=True, check=False)
+    assert ended.returncode == 0, ended.stdout + ended.stderr
+    assert " passed" in ended.stdout
+
+
+def test_native_parts_mind_their_memory(build: Path) -> None:
+    run(build, NATIVE_TESTS)
+
+
+def test_the_shim_minds_its_memory(build: Path, tmp_path: Path) -> None:
+    shim = next(build.glob("fake_camera/usb3/_shim.*.so"))
+    run(build, SHIM_SUITES, [str(shim)], f"{tmp_path / 'left'}:{tmp_path / 'right'}")
