@@ -1,13 +1,13 @@
-"""Control requests over zenoh: read, passed on one at a time, and answered."""
+"""Control requests over zenoh: read, passed on one at a time, and answered, all of them."""
 
 from __future__ import annotations
 
+import contextlib
+import queue
 import threading
 import time
-from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Future
-from itertools import islice
 
 import zenoh
 from zenoh.handlers import Handler
@@ -24,7 +24,7 @@ Ask = Callable[[Request], Future[Answer]]
 _Queries = zenoh.Queryable[Handler[zenoh.Query]]
 
 WAITING_REQUESTS = 32
-"""In zenoh if they come at once, then here; the oldest is dropped when more wait, and its sender gets no answer."""
+"""At most; the senders of more are told at once that control is busy."""
 
 _PAUSE_S = 0.05
 """After each request: control must get on with its pairs, and the log must stay readable, however often anyone asks."""
@@ -52,33 +52,51 @@ class ControlDoor:
         self._ask = ask
         self._closed = closed
         self._now_s = now_s
-        self._waiting: deque[tuple[zenoh.Query, float]] = deque(maxlen=WAITING_REQUESTS)
+        self._waiting: queue.Queue[tuple[zenoh.Query, float]] = queue.Queue(WAITING_REQUESTS)
 
     def serve(self, queries: _Queries) -> None:
         """Answer queries until the session closes."""
-        while not self._closed.wait(_PAUSE_S):
-            try:
-                query, arrival_s = self._waiting.popleft() if self._waiting else (queries.recv(), self._now_s())
-                with query:
-                    self._answer(query, arrival_s + _PATIENCE_S, queries)
-            except zenoh.ZError:  # the session was closed
-                return
+        answering = threading.Thread(target=self._answer_all, name="requests", daemon=True)
+        answering.start()
+        with contextlib.suppress(zenoh.ZError):  # the session was closed
+            while True:
+                self._receive(queries.recv())
+        answering.join()
 
-    def _answer(self, query: zenoh.Query, until_s: float, queries: _Queries) -> None:
+    def _receive(self, query: zenoh.Query) -> None:
+        """Have a query wait for its turn; one that is too large to be kept, or that is too many, is refused now."""
+        try:
+            check_size(0 if query.payload is None else len(query.payload))
+            self._waiting.put_nowait((query, self._now_s()))
+        except AutoexposeError as error:
+            _refuse(query, str(error))
+        except queue.Full:
+            _refuse(query, f"control is busy, {WAITING_REQUESTS} requests are waiting: nothing has changed; try again")
+
+    def _answer_all(self) -> None:
+        while not self._closed.wait(_PAUSE_S):
+            with contextlib.suppress(queue.Empty, zenoh.ZError):
+                query, arrival_s = self._waiting.get(timeout=_TURN_S)
+                with query:
+                    self._answer(query, arrival_s + _PATIENCE_S)
+        with contextlib.suppress(queue.Empty, zenoh.ZError):
+            while True:
+                _refuse(self._waiting.get_nowait()[0], "the daemon is stopping")
+
+    def _answer(self, query: zenoh.Query, until_s: float) -> None:
         try:
             if self._now_s() > until_s:
                 raise AutoexposeError("control was busy with earlier requests: nothing has changed")
-            text = self._result(read_request(_payload(query)), until_s, queries).to_json()
+            text = self._result(read_request(_payload(query)), until_s).to_json()
         except AutoexposeError as error:
             query.reply_err(readable(str(error)))
         else:
             query.reply(query.key_expr, text)
 
-    def _result(self, request: Request, until_s: float, queries: _Queries) -> Answer:
+    def _result(self, request: Request, until_s: float) -> Answer:
         """What control answers; a request that it has not started on by then is withdrawn."""
         answer = self._ask(request)
         while not self._closed.is_set():
-            self._receive(queries)
             try:
                 return answer.result(_TURN_S)
             except FutureTimeoutError:
@@ -86,15 +104,14 @@ class ControlDoor:
                     raise AutoexposeError("control does not respond: nothing has changed") from None
         raise AutoexposeError("the daemon is stopping")
 
-    def _receive(self, queries: _Queries) -> None:
-        """Take what waits in zenoh, which does not say when it arrived."""
-        for query in islice(iter(queries.try_recv, None), WAITING_REQUESTS):
-            self._waiting.append((query, self._now_s()))
+
+def _refuse(query: zenoh.Query, why: str) -> None:
+    with query:
+        query.reply_err(why)
 
 
 def _payload(query: zenoh.Query) -> bytes:
     payload = query.payload
     if payload is None:
         raise ConfigurationError("the query has no payload: send a request in JSON")
-    check_size(len(payload))  # before its bytes are copied
     return payload.to_bytes()

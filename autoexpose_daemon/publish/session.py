@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import zenoh
-from zenoh.handlers import Handler, RingChannel
+from zenoh.handlers import FifoChannel, Handler, RingChannel
 
 from autoexpose_daemon.messages.keys import check_endpoints
 from drivers.errors import AutoexposeError
@@ -163,8 +163,11 @@ class SessionHolder:
         thread.start()
 
     def answer(self, session: zenoh.Session, key: str, serve: ServeQueries, waiting: int) -> None:
-        """Have `serve` answer queries on a separate thread until the session closes, when `recv` raises `ZError`."""
-        queries = session.declare_queryable(key, RingChannel(waiting))
+        """Have `serve` answer queries on a separate thread until the session closes, when `recv` raises `ZError`.
+
+        None is dropped: zenoh takes nothing more from their senders while `waiting` of them have not been received.
+        """
+        queries = session.declare_queryable(key, FifoChannel(waiting))
         thread = threading.Thread(target=serve, args=(queries,), name="answer", daemon=True)
         self._threads.append(thread)
         thread.start()

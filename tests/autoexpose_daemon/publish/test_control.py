@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 import zenoh
-from zenoh.handlers import RingChannel
+from zenoh.handlers import FifoChannel
 
 from autoexpose_daemon import cli
 from autoexpose_daemon.client import ReceivedPair, StereoClient
@@ -203,18 +203,18 @@ def test_a_request_that_waited_too_long_for_an_earlier_one_is_not_passed_on() ->
     door = ControlDoor(ask, closed, now_s=lambda: now_s[0])
     with (
         open_session("peer", Endpoints(listen=[at])) as daemon,
-        daemon.declare_queryable(control_key("rig"), RingChannel(WAITING_REQUESTS)) as queries,
         open_session("client", Endpoints(connect=[at])) as session,
     ):
+        queries = daemon.declare_queryable(control_key("rig"), FifoChannel(WAITING_REQUESTS))
         serving = threading.Thread(target=door.serve, args=(queries,))
         serving.start()
         shot = session.get(control_key("rig"), payload=b'{"by": "ana"}')
         wait_until(lambda: begun, "the first request")
         late = session.get(control_key("rig"), payload=b'{"by": "bob", "locked": true}')
-        wait_until(lambda: door._waiting, "the second request")
+        wait_until(lambda: door._waiting.qsize() == 1, "the second request")
         now_s[0] += 6.0
         fresh = session.get(control_key("rig"), payload=b'{"by": "cid", "locked": false}')
-        wait_until(lambda: len(door._waiting) == 2, "the third request")
+        wait_until(lambda: door._waiting.qsize() == 2, "the third request")
         begun[0].set_result(Answer("fixed", RequestTally()))
         assert shot.recv().ok is not None
         refusal = late.recv().err
@@ -271,12 +271,44 @@ def test_an_answer_of_another_program_is_refused() -> None:
                 control.show()
 
 
-def test_as_many_requests_at_once_as_may_wait_are_all_answered() -> None:
+def test_all_requests_at_once_are_answered_though_not_all_are_served() -> None:
     at = endpoint()
     with exposing(at), open_session("client", Endpoints(connect=[at])) as session:
         wait_until(lambda: bool(asked(session, b"?")), "an answer")
-        replies = [session.get(control_key("rig"), payload=b"?") for _ in range(WAITING_REQUESTS)]
-        assert [len(list(each)) for each in replies] == [1] * WAITING_REQUESTS
+        replies = [session.get(control_key("rig"), payload=b'{"by": "ana"}') for _ in range(120)]
+        answers = [list(each) for each in replies]
+    assert [len(each) for each in answers] == [1] * 120
+    served = [reply for (reply,) in answers if reply.ok is not None]
+    refused = {reply.err.payload.to_string() for (reply,) in answers if reply.err is not None}
+    assert len(served) >= WAITING_REQUESTS
+    assert all("busy, 32 requests are waiting" in why for why in refused)
+
+
+def test_requests_too_large_do_not_wait() -> None:
+    """They would fill the memory: a message may have 64 MB."""
+    at, closed, begun = endpoint(), threading.Event(), list[Future[Answer]]()
+
+    def ask(_: Request) -> Future[Answer]:
+        begun.append(Future())
+        begun[-1].set_running_or_notify_cancel()
+        return begun[-1]
+
+    door = ControlDoor(ask, closed)
+    with (
+        open_session("peer", Endpoints(listen=[at])) as daemon,
+        open_session("client", Endpoints(connect=[at])) as session,
+    ):
+        queries = daemon.declare_queryable(control_key("rig"), FifoChannel(WAITING_REQUESTS))
+        serving = threading.Thread(target=door.serve, args=(queries,))
+        serving.start()
+        busy = session.get(control_key("rig"), payload=b'{"by": "ana"}')
+        wait_until(lambda: begun, "a request that takes long")
+        for _ in range(3):
+            assert asked(session, bytes(8 << 20)).startswith("a request of 8388608 bytes")
+        begun[0].set_result(Answer("fixed", RequestTally()))
+        assert busy.recv().ok is not None
+        closed.set()
+    serving.join()
 
 
 @pytest.mark.parametrize("connect", ["10.0.0.1:7447", ["tcp/127.0.0.1:1", "10.0.0.1:7447"]])
