@@ -13,6 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, Strict, ValidationError, with
 from pydantic_core import ErrorDetails
 
 from calibration.findings import Finding
+from drivers.config.bounds import Range
 from drivers.config.files import replace_file
 from drivers.config.readable import quoted
 from drivers.config.strict_yaml import load_mapping
@@ -23,7 +24,11 @@ D = TypeVar("D", bound=BaseModel)
 Text = Annotated[str, Strict()]
 Name = Annotated[str, Strict(), Field(min_length=1)]
 Number = Annotated[float, Strict()]
-NotNegative = Annotated[float, Strict(), Field(ge=0)]
+
+
+def within(bounds: Range) -> Any:
+    """The constraint of a number, beyond which it is a typo."""
+    return Field(ge=bounds.low, le=bounds.high)
 
 
 def optional(advice: str) -> Any:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import signal
 import threading
@@ -24,6 +25,8 @@ if TYPE_CHECKING:
     from autoexpose_daemon.config.document import Config
     from autoexpose_daemon.recording.recorder import Recorder
     from autoexpose_daemon.runtime.daemon import Daemon
+
+log = logging.getLogger(__name__)
 
 ConfigFile = Annotated[Path, typer.Option("-c", "--config", help="The configuration, a YAML file.")]
 
@@ -121,14 +124,20 @@ def run_daemon(
     by_hand = os.isatty(0)  # then SIGHUP means that the terminal was closed
     signal.signal(signal.SIGHUP, lambda *_: set_from_handler(stop if by_hand else reload))
 
+    def read_config() -> Config:
+        config = load(file)
+        for note in config.notes:
+            log.warning("%s: %s", file, note)
+        return config
+
     def new_config() -> Config | None:
         if not reload.is_set():
             return None
         reload.clear()
-        return load(file)
+        return read_config()
 
     def build(config: Config, start: ExposureSetting | None) -> Daemon:
         return add_outlets(Daemon(config, openers(config), start=start), config, recorder)
 
-    service = Service(load(file), build, notifier, LastExposure.in_state_directory())
+    service = Service(read_config(), build, notifier, LastExposure.in_state_directory())
     run_until_stopped(service, stop, Console(), "autoexpose", new_config)

@@ -73,5 +73,7 @@ def check_config(
         refused = [f"{file}: cameras.{side}: {error}" for side, error in refusals(config) if error is not None]
         if refused:
             raise ConfigurationError("\n".join(refused))
+    for note in config.notes:
+        typer.echo(f"{file}: note: {note}")
     cameras = ", ".join(f"{side} {camera.serial}" for side, camera in config.sides.items())
     typer.echo(f"{file}: valid: {cameras}; policy {config.control.policy}")

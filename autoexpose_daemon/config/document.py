@@ -16,6 +16,7 @@ from autoexpose_daemon.config.section import Binning, LinkMbps, Name, PacketByte
 from calibration.gain.file import GainFile
 from calibration.geometry.file import check_camera, check_pair, load_geometry
 from calibration.geometry.model import CameraGeometry
+from calibration.geometry.plausible import baseline_note
 from calibration.response import ResponseFunction
 from calibration.response.file import ResponseFile
 from calibration.vignetting.file import VignettingFile
@@ -229,6 +230,12 @@ class Config(Section):
                     check_camera(geometries[side], camera.serial)
         check_pair(geometries)
         return geometries
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What the files it names say that few rigs have, one line each."""
+        note = baseline_note(self.calibrations.get("right"))
+        return () if note is None else (f"cameras.right.calibration: {note}",)
 
     @cached_property
     def vignettings(self) -> dict[Side, VignettingFile]:

@@ -9,6 +9,7 @@ from rich.console import Console
 
 from autoexpose_daemon.config.load import load_config
 from autoexpose_daemon.doctor.facts import gather
+from autoexpose_daemon.doctor.finding import Finding
 from autoexpose_daemon.doctor.judge import judge
 from autoexpose_daemon.doctor.need import Need
 from autoexpose_daemon.doctor.output import as_json, show, stops
@@ -28,6 +29,8 @@ def examine(config: Path | None, as_document: bool, report: Path | None = None) 
         write_report(report, facts, need, typer.echo)
         return True
     findings = judge(facts, need)
+    if loaded is not None:
+        findings += [Finding("calibration", "warning", note) for note in loaded.notes]
     if loaded is not None and not stops(findings) and any(camera.features for camera in loaded.sides.values()):
         from autoexpose_daemon.doctor.judge_features import judge_features  # noqa: PLC0415  loads Aravis
 

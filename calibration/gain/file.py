@@ -13,18 +13,20 @@ from calibration.document import (
     CalibrationDocument,
     CameraIdentity,
     Name,
-    NotNegative,
     Number,
     optional,
     read_document,
+    within,
     write_document,
 )
 from calibration.findings import Finding
+from drivers.config.bounds import GAIN_DB, GAIN_ERROR_DB, GAIN_SETTING
 from drivers.exposure.gain_scale import GainScale
 from drivers.python310 import Self
 
 FORMAT = "autoexpose-gain/1"
-_Rising = "give two or more numbers that rise"
+_Gain = Annotated[Number, within(GAIN_DB)]
+_Setting = Annotated[Number, within(GAIN_SETTING)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,9 +98,13 @@ class _Document(CalibrationDocument):
 
     format: Literal["autoexpose-gain/1"] = Field(description=f"only {FORMAT!r} can be read")
     node: Name = Field(description="give the name of the gain's node")
-    error_db: NotNegative | None = optional("give dB")
-    settings: Annotated[tuple[Number, ...], Field(min_length=2)] = Field(description=_Rising)
-    gains_db: Annotated[tuple[Number, ...], Field(min_length=2)] = Field(description=_Rising)
+    error_db: Annotated[Number, within(GAIN_ERROR_DB)] | None = optional(f"give {GAIN_ERROR_DB}")
+    settings: Annotated[tuple[_Setting, ...], Field(min_length=2)] = Field(
+        description=f"give two or more numbers that rise, of {GAIN_SETTING}"
+    )
+    gains_db: Annotated[tuple[_Gain, ...], Field(min_length=2)] = Field(
+        description=f"give two or more numbers that rise, of {GAIN_DB}"
+    )
 
     @model_validator(mode="after")
     def _is_a_scale(self) -> Self:

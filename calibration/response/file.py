@@ -14,17 +14,18 @@ from pydantic import Field, Strict, field_validator
 from calibration.document import (
     CalibrationDocument,
     CameraIdentity,
-    NotNegative,
     Number,
     Text,
     optional,
     read_document,
     to_calibrate,
+    within,
     write_document,
 )
 from calibration.findings import Finding
 from calibration.response import GREY_LEVELS, ResponseFunction
 from calibration.response.solution import ResponseModel, ResponseSolution
+from drivers.config.bounds import BINNING, GAIN_DB, GREY_LEVEL, LOG2_EXPOSURE, UNCERTAINTY_STOPS
 from drivers.errors import ConfigurationError
 from drivers.pixels.formats import PixelFormat
 
@@ -33,7 +34,9 @@ _DECIMALS = 6
 """A millionth of a stop is far below what any sweep resolves, and keeps the file readable."""
 
 
-_Uncertainties = Annotated[tuple[NotNegative, ...], Field(min_length=GREY_LEVELS, max_length=GREY_LEVELS)]
+_Stops = Annotated[Number, within(LOG2_EXPOSURE)]
+_Uncertainty = Annotated[Number, within(UNCERTAINTY_STOPS)]
+_Uncertainties = Annotated[tuple[_Uncertainty, ...], Field(min_length=GREY_LEVELS, max_length=GREY_LEVELS)]
 _Grey = Annotated[int, Strict(), Field(ge=0, lt=GREY_LEVELS)]
 
 
@@ -175,20 +178,22 @@ class _Document(CalibrationDocument):
     """All keys of a response file."""
 
     format: Literal["autoexpose-response/1"] = Field(description=f"only {FORMAT!r} can be read")
-    log2_exposure: list[Number] = Field(description="give 256 numbers of stops, for grey 0 to 255")
+    log2_exposure: list[_Stops] = Field(
+        description=f"give 256 numbers of stops, for grey 0 to 255, within {LOG2_EXPOSURE}"
+    )
     black_level: Annotated[int, Strict()] = Field(description="give a grey level, 0 to 255")
     saturation: Annotated[int, Strict()] = Field(description="give a grey level, 0 to 255")
     pixel_format: PixelFormat | None = optional("give a format of docs/configuration.md, such as Mono8")
-    binning: Annotated[int, Strict(), Field(gt=0)] | None = optional("give a whole number of pixels")
-    gain_db: Number | None = optional("give a number of dB")
+    binning: Annotated[int, Strict(), within(BINNING)] | None = optional(f"give a whole number, {BINNING}")
+    gain_db: Annotated[Number, within(GAIN_DB)] | None = optional(f"give a number of dB, {GAIN_DB}")
     model: ResponseModel | None = optional(f"give one of {', '.join(get_args(ResponseModel))}")
     parameters: dict[Text, Number] | None = optional("give numbers by name")
     covered: tuple[_Grey, _Grey] | None = optional("give the first and the last grey level, such as [4, 250]")
     accurate: tuple[_Grey, _Grey] | None = optional("give the first and the last grey level, such as [20, 250]")
-    residual_grey: Number | None = optional("give a number of grey levels")
+    residual_grey: Annotated[Number, within(GREY_LEVEL)] | None = optional(f"give {GREY_LEVEL}")
     noise: dict[Any, Any] | None = optional("keep it as it was written")
     latency: dict[Any, Any] | None = optional("keep it as it was written")
-    uncertainty_stops: _Uncertainties | None = optional("give 256 numbers that are not negative")
+    uncertainty_stops: _Uncertainties | None = optional("give 256 numbers of stops that are not negative")
 
     @field_validator("covered", "accurate")
     @classmethod

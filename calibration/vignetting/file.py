@@ -12,14 +12,15 @@ from pydantic import Field, Strict, model_validator
 from calibration.document import (
     CalibrationDocument,
     CameraIdentity,
-    NotNegative,
     Number,
     optional,
     read_document,
+    within,
     write_document,
 )
 from calibration.findings import Finding
 from calibration.vignetting.model import MOST_COEFFICIENTS, Vignetting
+from drivers.config.bounds import SHARE
 from drivers.errors import ConfigurationError
 from drivers.python310 import Self
 
@@ -116,7 +117,7 @@ class _Document(CalibrationDocument):
     grid: tuple[tuple[Number, ...], ...] | None = Field(
         None, description="give rows of relative light, or coefficients instead"
     )
-    error: NotNegative | None = optional("give a share of the light")
+    error: Annotated[Number, within(SHARE)] | None = optional("give a share of the light, 0 to 1")
 
     @model_validator(mode="after")
     def _is_one_kind(self) -> Self:

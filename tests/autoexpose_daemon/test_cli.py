@@ -26,6 +26,7 @@ from calibration.document import CameraIdentity
 from calibration.response import ResponseFunction
 from calibration.response.file import Origin, ResponseFile
 from drivers.errors import AutoexposeError, ConfigurationError, NodeError, UnsupportedCameraError
+from drivers.frames import SIDES
 from drivers.pixels.formats import PixelFormat
 from tests.autoexpose_daemon.stereo import stereo_cameras
 from tests.calibration.geometry.pairs import small_ros
@@ -66,6 +67,19 @@ def test_config_check_says_what_a_good_file_holds(within: Within, tmp_path: Path
     code, output, _ = within("config", "check", str(file))
     assert code == 0
     assert "left A, right B" in output
+
+
+def test_config_check_names_a_baseline_that_few_rigs_have(within: Within, tmp_path: Path) -> None:
+    for side in SIDES:
+        document = small_ros(side, 720, 540)
+        document["projection_matrix"]["data"][3] *= 100
+        (tmp_path / f"{side}.yaml").write_text(yaml.safe_dump(document))
+    file = tmp_path / "rig.yaml"
+    cameras = ", ".join(f"{side}: {{serial: {side}, calibration: {side}.yaml}}" for side in SIDES)
+    file.write_text(f"cameras: {{{cameras}}}")
+    code, output, _ = within("config", "check", str(file))
+    assert code == 0
+    assert "note: cameras.right.calibration: the baseline is 8 m" in output
 
 
 def test_a_bad_file_is_one_sentence_and_no_traceback(tmp_path: Path) -> None:

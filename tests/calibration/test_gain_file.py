@@ -39,6 +39,14 @@ def test_what_is_saved_is_loaded(tmp_path: Path) -> None:
         (MINIMUM + "settings: [0.0, 1.0]\ngains_db: [1.0, 0.0]", "gains_db must rise"),
         (MINIMUM + "settings: [0.0, 1.0]\ngains_db: [0.0, 0.0]", "gains_db must rise"),
         (MINIMUM + "settings: [0.0, 1.0]\ngains_db: [0.0, .inf]", "give two or more numbers that rise"),
+        (
+            MINIMUM + "settings: [0, 1, 2]\ngains_db: [0, 1, 1.0e+308]",
+            "gains_db[2] is 1e+308: give two or more",
+        ),
+        (MINIMUM + "settings: [0, 1, 2]\ngains_db: [0, 1, 101]", "-60 to 100 dB"),
+        (MINIMUM + "settings: [0, 1.0e+300]\ngains_db: [0, 1]", "settings[1] is 1e+300: give two or more numbers"),
+        (MINIMUM + "settings: [0.0, 1.0]\ngains_db: [0, 1]\nerror_db: 1.0e+9", "is 1000000000.0: give 0 to 100 dB"),
+        (MINIMUM + "settings: [0.0, 1.0]\ngains_db: [0, 1]\nerror_db: -1", "error_db is -1: give 0 to 100 dB"),
         (MINIMUM + "settings: [0.0, 1.0]\ngains_db: [0.0, 1.0]\nlaw: cubic", "unknown key 'law'"),
     ],
 )

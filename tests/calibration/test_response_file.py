@@ -75,7 +75,9 @@ def test_a_curve_made_by_hand_is_as_good(tmp_path: Path) -> None:
         ("pixel_format", ["Mono8"]),
         ("binning", 0),
         ("binning", "2"),
+        ("binning", 10**9),
         ("gain_db", float("nan")),
+        ("gain_db", 1e308),
         ("date", "yesterday"),
         ("tool", 1),
         ("model", "spline"),
@@ -85,11 +87,13 @@ def test_a_curve_made_by_hand_is_as_good(tmp_path: Path) -> None:
         ("covered", [0, 256]),
         ("accurate", [250, 6]),
         ("residual_grey", True),
+        ("residual_grey", 1e300),
         ("findings", [{"severity": "fatal", "reason": "x", "text": "x"}]),
         ("noise", 3),
         ("latency", []),
         ("uncertainty_stops", [0.1] * 255),
         ("uncertainty_stops", [-0.1] * 256),
+        ("uncertainty_stops", [1e308] * 256),
     ],
 )
 def test_a_bad_value_is_refused_with_file_and_key(tmp_path: Path, key: str, value: object) -> None:

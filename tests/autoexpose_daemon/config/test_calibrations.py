@@ -37,6 +37,17 @@ def test_both_formats_say_the_same_of_a_pair(rig: Path) -> None:
     assert by_ros["right"].baseline_m == pytest.approx(0.0800, abs=1e-4)
 
 
+@pytest.mark.parametrize(("scale", "said"), [(1.0, ""), (100.0, "the baseline is 8.003 m"), (0.05, "0.004002 m")])
+def test_a_baseline_that_few_rigs_have_is_named_and_used(rig: Path, scale: float, said: str) -> None:
+    right = ros("right")
+    right["projection_matrix"]["data"][3] *= scale
+    (rig.parent / "right.yaml").write_text(yaml.safe_dump(right))
+    config = load_config(write(rig, left="left.yaml", right="right.yaml"))
+    assert config.calibrations["right"].baseline_m == pytest.approx(0.0800 * scale, rel=1e-3)
+    assert len(config.notes) == bool(said)
+    assert all(note.startswith("cameras.right.calibration: ") and said in note for note in config.notes)
+
+
 def test_files_are_read_once(rig: Path) -> None:
     config = load_config(write(rig, left="left.yaml", right="right.yaml"))
     (rig.parent / "left.yaml").unlink()
