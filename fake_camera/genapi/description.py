@@ -9,7 +9,7 @@ from xml.etree.ElementTree import Element, ParseError, fromstring
 
 REGISTERS = ("IntReg", "MaskedIntReg", "FloatReg", "StringReg", "Register", "StructEntry")
 _BELOW_STRUCT = ("StructEntry",)
-_REFERENCES = ("pVariable", "pAddress", "pLength")
+_REFERENCES = ("pVariable", "pAddress", "pLength", "pMin", "pMax", "pInc", "pCommandValue", "pValueCopy")
 _START = re.compile(rb"<\?xml|<RegisterDescription")
 _LONGEST_NUMBER = 64  # characters: numbers have 64 bits
 
@@ -49,7 +49,7 @@ class Node:
 
     @property
     def references(self) -> tuple[str, ...]:
-        """The nodes that its formulas, its address and its length refer to."""
+        """The nodes that its formulas, its address and length, and its limits refer to."""
         inside = [part for outer in self.parts.get("IntSwissKnife", []) for part in outer.iter("pVariable")]
         indices = self.parts.get("pIndex", [])
         parts = [*inside, *indices, *(part for tag in _REFERENCES for part in self.parts.get(tag, []))]

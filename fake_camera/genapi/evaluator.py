@@ -4,20 +4,19 @@ from __future__ import annotations
 
 import contextlib
 import functools
-import math
 import struct
 from collections.abc import Callable, Iterator
 from typing import Concatenate, ParamSpec, TypeVar
 
 from fake_camera.genapi.description import REGISTERS, Description, Node, NodeError, whole_number
 from fake_camera.genapi.field import Field
-from fake_camera.genapi.formula import FormulaError, Number, compile_formula
+from fake_camera.genapi.formula import FormulaError, Number, compile_formula, rounded
 from fake_camera.genapi.memory import Memory
 
 _WHOLE = ("Integer", "IntReg", "MaskedIntReg", "StructEntry", "IntSwissKnife", "IntConverter", "Enumeration", "Boolean")
+_BOUNDS = {"pMin", "pMax", "Min", "Max"}
 _CONVERTERS = ("Converter", "IntConverter")
 _DEEPEST = 64  # nodes in a chain of references: more means a circle
-_LARGEST_INTEGER = 1 << 64
 _LONGEST_REGISTER = 1 << 16  # bytes: longer than any register of a camera, look-up tables included
 _MOST_STEPS = 20_000  # nodes evaluated for one value; a few are evaluated some hundred times
 
@@ -56,8 +55,8 @@ class Evaluator:
         self._ports = ports or {}
         self._in_register: dict[str, list[str]] = {}
         for name, node in self._nodes.items():
-            if node.kind in ("Integer", "Float") and node.text("pValue"):
-                self._in_register.setdefault(node.text("pValue"), []).append(name)
+            if node.kind in ("Integer", "Float") and _BOUNDS & node.parts.keys():
+                self._in_register.setdefault(self._register_of(node), []).append(name)
         self._chosen: dict[str, Number] = {}
         self._seen: dict[str, Field] = {}
         self._depth = 0
@@ -107,11 +106,20 @@ class Evaluator:
     def chain(self, name: str) -> tuple[Node, ...]:
         """A node and those behind it, which must all be available for the first to be."""
         nodes = [self.node(name)]
-        while (behind := self._behind(nodes[-1])) is not None:
+        while (behind := self.behind(nodes[-1])) is not None:
             if len(nodes) > _DEEPEST:
                 raise NodeError(f"node {name} depends on itself")
             nodes.append(self.node(behind))
         return tuple(nodes)
+
+    def referred(self, node: Node) -> tuple[str, ...]:
+        """The nodes that must be readable for this one: behind it, in its formulas, its address and its limits."""
+        behind = self.behind(node)
+        return node.references if behind is None else (*node.references, behind)
+
+    def is_served(self, port: str) -> bool:
+        """Whether somebody answers at a port: those of events are served to nobody."""
+        return port in self._ports or port not in self._nodes or "EventID" not in self._nodes[port].parts
 
     @_raising_node_errors
     def sources(self, name: str) -> tuple[Node, ...]:
@@ -119,9 +127,7 @@ class Evaluator:
         nodes = {name: self.node(name)}
         waiting = [name]
         while waiting:
-            node = nodes[waiting.pop()]
-            behind = self._behind(node)
-            for source in (*node.references, *([] if behind is None else [behind])):
+            for source in self.referred(nodes[waiting.pop()]):
                 if source not in nodes:
                     nodes[source] = self.node(source)
                     waiting.append(source)
@@ -161,7 +167,7 @@ class Evaluator:
             field = self._field(node)
             self.write(field, field.encode(value, self.bytes_of(field)))
             return
-        behind = self._behind(node)
+        behind = self.behind(node)
         if behind is None:
             raise NodeError(f"node {name} cannot be set")
         if node.kind in _CONVERTERS:
@@ -169,7 +175,7 @@ class Evaluator:
         elif node.kind == "Boolean":
             self.set(behind, node.integer("OnValue", 1) if value else node.integer("OffValue", 0))
         else:
-            self.set(behind, round(value) if node.kind in _WHOLE else value)
+            self.set(behind, rounded(value) if node.kind in _WHOLE else value)
 
     @contextlib.contextmanager
     def selecting(self, selector: str, value: int) -> Iterator[None]:
@@ -199,19 +205,24 @@ class Evaluator:
     def bound(self, name: str, which: str) -> Number | None:
         """The Min, Max or Inc (`which`) of a number, its own or that of the node behind it; None when not declared."""
         node = self.node(name)
+        limit = self._bound(node, which)
+        return limit if limit is None or not self.is_whole(name) else rounded(limit)
+
+    def _bound(self, node: Node, which: str) -> Number | None:
         if f"p{which}" in node.parts:
             return self.value(node.text(f"p{which}"))
         if which in node.parts:
             return _number(node.text(which))
-        behind = self._behind(node)
+        behind = self.behind(node)
+        converts = node.kind in _CONVERTERS
+        if which == "Inc" and (behind is None or converts):
+            return 1 if node.kind in _WHOLE else None
         if behind is None or node.kind == "Enumeration":
             return None
-        if node.kind not in _CONVERTERS:
+        if not converts:
             return self.bound(behind, which)
         slope = node.text("Slope", "Automatic")
-        if which == "Inc" or slope == "Varying":
-            return None
-        return self._converted(node, behind, which, slope)
+        return None if slope == "Varying" else self._converted(node, behind, which, slope)
 
     def _converted(self, node: Node, behind: str, which: str, slope: str) -> Number | None:
         """A limit through a converter, which swaps them if it falls."""
@@ -229,15 +240,14 @@ class Evaluator:
         low, high = self.bound(name, "Min"), self.bound(name, "Max")
         return float("-inf") if low is None else low, float("inf") if high is None else high
 
-    def register_limits(self, register: str) -> tuple[Number, Number]:
-        """The narrowest limits that numbers declare for the register that they are in; infinite where none does."""
-        low, high = float("-inf"), float("inf")
+    def holds(self, register: str) -> bool:
+        """Whether the numbers that are in a register are within the limits that they declare."""
         for name in self._in_register.get(register, ()):
             with contextlib.suppress(NodeError):
-                least, most = self.limits(name)
-                if least < most:
-                    low, high = max(low, least), min(high, most)
-        return low, high
+                low, high = self.limits(name)
+                if low < high and not low <= self.value(name) <= high:
+                    return False
+        return True
 
     def limit_node(self, name: str, which: str) -> str:
         """The node that is the limit of a number, or of the one behind it without a formula between; else empty."""
@@ -245,6 +255,14 @@ class Evaluator:
             if f"p{which}" in node.parts or which in node.parts or node.kind in _CONVERTERS:
                 return node.text(f"p{which}")
         return ""
+
+    def _register_of(self, node: Node) -> str:
+        """The last node behind one, by pValue alone."""
+        for _ in range(_DEEPEST):
+            if node.text("pValue") not in self._nodes:
+                break
+            node = self._nodes[node.text("pValue")]
+        return node.name
 
     def is_whole(self, name: str) -> bool:
         """Whether a number has no fraction."""
@@ -254,8 +272,8 @@ class Evaluator:
     def bounded(self, name: str, value: Number) -> tuple[str, Number]:
         """The node at or behind `name` that declares bounds (else the last one), and `value` in its own terms."""
         node = self.node(name)
-        behind = self._behind(node)
-        if behind is None or {"pMin", "pMax", "Min", "Max"} & node.parts.keys():
+        behind = self.behind(node)
+        if behind is None or _BOUNDS & node.parts.keys():
             return name, value
         if node.kind in _CONVERTERS:
             value = self._formula(node, "FormulaTo", "FROM", value)
@@ -268,7 +286,7 @@ class Evaluator:
             return field.decode(self.bytes_of(field))
         if node.kind in ("SwissKnife", "IntSwissKnife"):
             return self._formula(node, "Formula")
-        behind = self._behind(node)
+        behind = self.behind(node)
         if behind is None:
             if "Value" not in node.parts and "ValueDefault" not in node.parts:
                 raise NodeError(f"node {node.name} has no value")
@@ -277,10 +295,13 @@ class Evaluator:
         if node.kind in _CONVERTERS:
             return self._formula(node, "FormulaFrom", "TO", value)
         if node.kind == "Boolean":
-            return int(value == node.integer("OnValue", 1))
-        return int(value) if node.kind in _WHOLE else value
+            on, off = node.integer("OnValue", 1), node.integer("OffValue", 0)
+            if value not in (on, off):
+                raise NodeError(f"node {node.name}: {value} is neither {on} nor {off}")
+            return int(value == on)
+        return rounded(value) if node.kind in _WHOLE else value
 
-    def _behind(self, node: Node) -> str | None:
+    def behind(self, node: Node) -> str | None:
         """The node that holds the value of this one, if another does."""
         if "pIndex" in node.parts and node.kind not in REGISTERS:
             index = int(self.value(node.text("pIndex")))
@@ -305,13 +326,14 @@ class Evaluator:
         constants = {part.get("Name", ""): part.text or "" for part in node.parts.get("Constant", [])}
         expressions = {part.get("Name", ""): part.text or "" for part in node.parts.get("Expression", [])}
         integer = node.kind in _WHOLE
-        values: dict[str, Number] = {given: value}  # some formulas use one variable a hundred times
+        whole = rounded if integer else (lambda number: number)
+        values: dict[str, Number] = {given: whole(value)}  # some formulas use one variable a hundred times
 
         def variable(name: str) -> Number:
             if name in values:
                 return values[name]
             if name in known:
-                return values.setdefault(name, self.value(known[name]))
+                return values.setdefault(name, whole(self._variable(known[name], name.partition(".")[2])))
             if name in constants:
                 return _number(constants[name])
             if name in expressions:
@@ -320,14 +342,23 @@ class Evaluator:
 
         try:
             result = compile_formula(node.text(tag), integer)(variable)
-            result = math.trunc(result) if integer else result
+            result = rounded(result) if integer else result
         except NodeError:
             raise
         except (ValueError, ArithmeticError, RecursionError) as error:
             raise NodeError(f"formula of node {node.name}: {error}") from error
-        if abs(result) > _LARGEST_INTEGER and isinstance(result, int):
-            raise NodeError(f"formula of node {node.name}: its value does not fit into 64 bits")
         return result
+
+    def _variable(self, name: str, what: str) -> Number:
+        """What a variable of a formula stands for: the value of its node, or what the variable's own name ends in."""
+        if what in ("Min", "Max", "Inc"):
+            limit = self.bound(name, what)
+            if limit is None:
+                raise NodeError(f"node {name} has no {what}")
+            return limit
+        if what.startswith("Entry."):
+            return self.node(name).entries[what.removeprefix("Entry.")].integer("Value", 0)
+        return self.value(name)
 
     def _field(self, node: Node) -> Field:
         length = int(self.value(node.text("pLength"))) if "pLength" in node.parts else node.integer("Length", 4)
@@ -366,6 +397,8 @@ class Evaluator:
         return address
 
     def _port(self, field: Field) -> Memory:
+        if not self.is_served(field.port):
+            raise NodeError(f"nobody serves the port {field.port}")
         return self._ports.get(field.port, self._memory)
 
 

@@ -6,9 +6,9 @@ import struct
 from dataclasses import dataclass
 
 from fake_camera.genapi.description import NodeError
-from fake_camera.genapi.formula import Number
+from fake_camera.genapi.formula import Number, rounded
 
-_LONGEST_NUMBER = 8  # bytes
+_LONGEST = 64  # bits of a number
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,10 +29,11 @@ class Field:
         order = "<" if self.little_endian else ">"
         if self.floating:
             return float(struct.unpack(order + ("d" if self.length == 8 else "f"), data)[0])
-        if self.length > _LONGEST_NUMBER:
+        if self.length * 8 > _LONGEST:
             raise NodeError(f"a register of {self.length} bytes is not a number")
         raw = int.from_bytes(data, "little" if self.little_endian else "big") >> self.shift & (1 << self.bits) - 1
-        return raw - (1 << self.bits) if self.signed and raw >> self.bits - 1 else raw
+        signed = self.signed or self.bits == _LONGEST  # numbers have 64 bits, one of them the sign
+        return raw - (1 << self.bits) if signed and raw >> self.bits - 1 else raw
 
     def encode(self, value: Number, data: bytes) -> bytes:
         """The register's bytes `data` with `value` written into them, clipped to the bits available."""
@@ -40,7 +41,8 @@ class Field:
             return struct.pack(("<" if self.little_endian else ">") + ("d" if self.length == 8 else "f"), value)
         order = "little" if self.little_endian else "big"
         mask = (1 << self.bits) - 1
-        low, high = (-(1 << self.bits - 1), mask >> 1) if self.signed else (0, mask)
+        low = -(1 << self.bits - 1) if self.signed or self.bits == _LONGEST else 0
+        high = mask >> 1 if self.signed else mask
         raw = int.from_bytes(data, order) & ~(mask << self.shift)  # type: ignore[arg-type]
-        raw |= (min(max(round(value), low), high) & mask) << self.shift
+        raw |= (min(max(rounded(value), low), high) & mask) << self.shift
         return raw.to_bytes(self.length, order)  # type: ignore[arg-type]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import itertools
 import math
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
@@ -27,8 +26,22 @@ class Wished(NamedTuple):
         return Wished(*(number / unit for number in self))
 
 
+class _Attempt(NamedTuple):
+    """How to set a number: what empty registers are filled with on trial, since formulas may divide by them."""
+
+    filling: int
+    shared: bool = False
+    """Whether limits may be in registers that are no longer empty, as long as what else is in them stays sound."""
+    clipped: bool = False
+    """Whether a value is good enough that the limits have clipped."""
+
+
 _FILLINGS = (0, 1, 10, 1_000_000)
-"""What empty registers are filled with on trial, since formulas may divide by them: counts, a time base (us)."""
+"""Counts, a time base (us)."""
+_ATTEMPTS = (
+    *(_Attempt(filling) for filling in _FILLINGS), _Attempt(0, shared=True),
+    *(_Attempt(filling, clipped=True) for filling in _FILLINGS),
+)  # fmt: skip
 _EXISTS = (("pIsImplemented", True), ("pIsAvailable", True))
 _CONDITIONS = (*_EXISTS, ("pIsLocked", False))
 _ALMOST = 1e-6  # of an increment
@@ -101,20 +114,20 @@ class Opener:
             return
         parts = [name, *(node.text(tag) for node in evaluator.chain(name) for tag in _LIMITS if node.text(tag))]
         empty: list[str] = []
-        for clipped, filling in itertools.product((False, True), _FILLINGS):
+        for attempt in _ATTEMPTS:
             for register in empty:
-                evaluator.set(register, filling)
-            empty += [register for register in fill(evaluator, parts, filling) if register not in empty]
+                evaluator.set(register, attempt.filling)
+            empty += [register for register in fill(evaluator, parts, attempt.filling) if register not in empty]
             with contextlib.suppress(NodeError):
-                self._limit(name, wished, filling)
-                if self._settle(name, wished, clipped):
+                self._limit(name, wished, attempt)
+                if self._settle(name, wished, attempt.clipped):
                     return
         for register in empty:
             evaluator.set(register, 0)
         if writable:
             self.failed.append(name)
 
-    def _limit(self, name: str, wished: Wished, filling: int) -> None:
+    def _limit(self, name: str, wished: Wished, attempt: _Attempt) -> None:
         """Set the increment and the limits that are in registers."""
         evaluator = self.evaluator
         holder, value = evaluator.bounded(name, wished.value)
@@ -128,9 +141,8 @@ class Opener:
         def settle(tag: str, number: float) -> None:
             limit = evaluator.node(holder).text(tag)
             registers = evaluator.fields(limit) if limit else {}
-            if math.isfinite(number) and any(
-                register in ours or evaluator.value(register) in (0, filling) for register in registers
-            ):
+            free = [node for node in registers if node in ours or evaluator.value(node) in (0, attempt.filling)]
+            if math.isfinite(number) and (free or (limit and attempt.shared)):
                 assign(evaluator, limit, number, done)
                 ours.update(registers)
                 done.append(limit)
@@ -186,15 +198,12 @@ class Opener:
         if evaluator.kind(name) is None:
             return False
         try:
-            chain = evaluator.chain(name)
-            sources = list(evaluator.sources(name))
-            for limit in [node.text(tag) for node in chain for tag in _LIMITS if node.text(tag)]:
-                sources += evaluator.sources(limit)
+            chain, sources = evaluator.chain(name), evaluator.sources(name)
         except NodeError:  # a node is missing in the description
             self.failed.append(name)
             return False
         opened = self._meet(chain, _CONDITIONS if writable else _EXISTS)
-        opened &= self._meet([source for source in dict.fromkeys(sources) if source not in chain], _EXISTS)
+        opened &= self._meet([source for source in sources if source not in chain], _EXISTS)
         if not opened:
             self.failed.append(name)
         return opened

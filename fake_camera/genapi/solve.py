@@ -23,16 +23,14 @@ def assign(evaluator: Evaluator, name: str, value: Number, kept: Sequence[str] =
 
     First through the node's own pValue and converters; else from the bits of the registers that it depends on, by what
     each bit adds (sums, shifts, scales); else by bisecting one register (any monotonic formula), at last with 1 in the
-    empty ones (products, quotients). Registers stay within bounds that the description declares for them, and the
-    nodes `kept` keep their values.
+    empty ones (products, quotients). What else is in these registers stays within its limits, and the nodes `kept` keep
+    their values.
     """
     present = [evaluator.value(other) for other in kept]
 
     def sound(before: dict[str, bytes]) -> bool:
         changed = [node for node, data in before.items() if evaluator.bytes_of(fields[node]) != data]
-        bounds = {node: evaluator.register_limits(node) for node in changed}
-        inside = all(low <= evaluator.value(node) <= high for node, (low, high) in bounds.items())
-        return inside and [evaluator.value(other) for other in kept] == present
+        return all(map(evaluator.holds, changed)) and [evaluator.value(other) for other in kept] == present
 
     for way in (_set, _compose, _halve):
         fields = evaluator.fields(name)
@@ -55,8 +53,9 @@ def fill(evaluator: Evaluator, names: Sequence[str], number: Number) -> list[str
         if not empty:
             return filled
         for node in empty:
-            low, high = evaluator.register_limits(node)
-            evaluator.set(node, min(max(number, low), high) if number else 0)
+            evaluator.set(node, number)
+            if number and not evaluator.holds(node):
+                evaluator.set(node, 1)
         filled += empty
 
 
@@ -192,7 +191,8 @@ def _halve(evaluator: Evaluator, name: str, value: Number, fields: dict[str, Fie
     present = [evaluator.value(other) for other in kept]
     for node, field in reversed(fields.items()):  # divisors come after what many nodes share, such as a time base
         before = evaluator.bytes_of(field)
-        if _search(evaluator, name, value, node, field) and [evaluator.value(other) for other in kept] == present:
+        found = _search(evaluator, name, value, node, field) and evaluator.holds(node)
+        if found and [evaluator.value(other) for other in kept] == present:
             return True
         evaluator.write(field, before)
     return False
@@ -206,9 +206,7 @@ def _search(evaluator: Evaluator, name: str, value: Number, node: str, field: Fi
         except NodeError:
             return math.nan
 
-    least, most = evaluator.register_limits(node)
     low, high = (1e-6, 1e12) if field.floating else (1, (1 << field.bits - field.signed) - 1)
-    low, high = max(low, least), min(high, most)
     below, above = at(low), at(high)
     if math.isnan(below) or math.isnan(above) or below * above > 0:
         return False

@@ -42,6 +42,8 @@ class XmlCamera:
         The description that it wears.
     not_available
         Wanted features that stay unavailable, because no register contents were found that unlock them.
+    chunk_ports
+        What the description reads of the last frame's chunk data, by the names of its ports.
 
     `raw_gain` is the law of a gain that is not in dB.
     """
@@ -53,7 +55,7 @@ class XmlCamera:
         self._fixed: Fixed = lambda address, count: None
         self._lock = threading.RLock()
         chunk_ports = (name for name, node in description.nodes.items() if "ChunkID" in node.parts)
-        self._ports = {name: Memory() for name in chunk_ports}
+        self.chunk_ports = {name: Memory() for name in chunk_ports}
         self._power_on()
         device.on_power_on(self._power_on)
 
@@ -133,7 +135,7 @@ class XmlCamera:
         known = self._chunk_data.get(entry)
         if known is None or known[0] != value:
             assign(self._evaluator, f"Chunk{entry}", value)
-            known = value, self._ports[port].read(0, self._chunk_size(port))
+            known = value, self.chunk_ports[port].read(0, self._chunk_size(port))
             self._chunk_data[entry] = known
         return chunk_id, known[1]
 
@@ -143,7 +145,7 @@ class XmlCamera:
             features.update("DeviceVendorName", self.description.vendor)
             features.update("DeviceModelName", self.description.model)
             self._memory = Memory(self._fixed)
-            self._evaluator = Evaluator(self.description, self._memory, self._ports)
+            self._evaluator = Evaluator(self.description, self._memory, self.chunk_ports)
             width, height = int(features.get("SensorWidth")), int(features.get("SensorHeight"))
             self.not_available = power_on(self._evaluator, width, height)
             self._identify()
@@ -247,7 +249,7 @@ class XmlCamera:
     def _chunk_port(self, entry: str) -> tuple[str, int]:
         """The port that a chunk is read through, and its id."""
         for field in self._evaluator.fields(f"Chunk{entry}").values():
-            if field.port in self._ports:
+            if field.port in self.chunk_ports:
                 return field.port, int(self.description.nodes[field.port].text("ChunkID"), 16)
         raise NodeError(f"Chunk{entry} is not read through the port of a chunk")
 

@@ -41,6 +41,4 @@ def _number(evaluator: Evaluator, name: str, value: object) -> int | None:
         entry = evaluator.node(name).entries.get(value)
         return None if entry is None else entry.integer("Value", 0)
     assert isinstance(value, int)
-    # Where the register of an offset is declared as unsigned, clients read it as 64 bits with a sign all the same.
-    signed = all(field.signed for field in evaluator.fields(name).values())
-    return value if signed else value & (1 << 64) - 1
+    return value

@@ -30,11 +30,12 @@ def formula(text: str, integer: bool = False, **variables: float) -> float:
 @pytest.mark.parametrize(
     ("text", "value"),
     [
-        ("1 + 2 * 3 - 4", 3), ("(1 + 2) * 3", 9), ("2 ** 3 ** 2", 512), ("-2 ** 2", -4), ("7 % 4", 3),
-        ("0x10 | 1", 17), ("6 & 3", 2), ("6 ^ 3", 5), ("1 << 4 >> 2", 4), ("~0 & 0xFF", 255), ("!0 + !5", 1),
-        ("1 = 1", 1), ("1 <> 1", 0), ("2 >= 2 && 1 < 2", 1), ("0 || 0", 0), ("1 ? 2 : 0 ? 3 : 4", 2), ("0?2:0?3:4", 4),
+        ("1 + 2 * 3 - 4", 3), ("(1 + 2) * 3", 9), ("2 ** 3 ** 2", 64), ("-2 ** 2", 4), ("-(2) ** 2", -4), ("7 % 4", 3),
+        ("0x10 | 1", 17), ("6 & 3", 2), ("6 ^ 3", 5), ("1 << 4 >> 2", 4), ("~0 & 0xFF", 255), ("1 + 1 << 2", 5), ("6 & 3 << 1", 4),
+        ("1 = 1", 1), ("1 <> 1", 0), ("2 >= 2 && 1 < 2", 1), ("0 || 0", 0), ("1 ? 2 : (0 ? 3 : 4)", 2), ("0?2:0?3:4", 4),
+        ("1 ? 2 : 3 ? 4 : 5", 4), ("5 & 3 = 1", 1), ("1 > 0 || 0 > 1", 0),
         ("EXP(LN(5))", 5), ("LG(1000)", 3), ("SQRT(16) + ABS(-1)", 5), ("SGN(-3) + TRUNC(2.9) + CEIL(0.1)", 2),
-        ("1.5e1 + .5", 15.5), ("2.0e-3", 0.002), ("PI", math.pi), ("A.B * C_1", 6),
+        ("1.5e1 + 0.5", 15.5), ("ROUND(2.5) + ROUND(-2.5)", 0), ("ROUND(2.345, 2)", 2.35), ("LN(0)", -math.inf), ("2.0e-3", 0.002), ("PI", math.pi), ("A.B * C_1", 6),
     ],
 )  # fmt: skip
 def test_formulas(text: str, value: float) -> None:
@@ -47,13 +48,22 @@ def test_integer_formulas_divide_towards_zero() -> None:
     assert formula("-7 / 2", integer=True) == -3
 
 
-@pytest.mark.parametrize("text", ["1 +", "(1", "1 ? 2", "FOO(1)", "1 2", ""])
+@pytest.mark.parametrize(
+    "text", ["1 +", "(1", "1 ? 2", "FOO(1)", "1 2", "", "!1", "1 == 1", "1 != 2", ".5", "SIN(1, 2)"]
+)
 def test_what_is_no_formula_is_refused(text: str) -> None:
     with pytest.raises(FormulaError, match="formula"):
         compile_formula(text, False)
 
 
-@pytest.mark.parametrize("text", ["1 / 0", "2 ** 5000"])
+def test_integer_formulas_have_64_bits() -> None:
+    assert formula("1 << 63", integer=True) == -(1 << 63)
+    assert formula("1 << 64", integer=True) == 1
+    assert formula("9223372036854775807 + 1", integer=True) == -(1 << 63)
+    assert formula("9007199254740993 % 10", integer=True) == 3
+
+
+@pytest.mark.parametrize("text", ["1 / 0", "1 % 0", "0 ? 1 / 0 : 3"])
 def test_what_has_no_value_is_told(text: str) -> None:
     with pytest.raises(FormulaError):
         formula(text)

@@ -292,7 +292,7 @@ def test_ptp_and_action_commands_by_its_own_registers(number: int, monkeypatch: 
         monkeypatch.setattr(Slave, "data_set", lambda _: DataSet(PortState.Slave, True, -7, clock, clock))
         client.run("PtpDataSetLatch")
         assert (client.get("PtpStatus"), client.get("PtpServoStatus")) == (8, 6)
-        assert client.get("PtpOffsetFromMaster") == 2**64 - 7  # declared without a sign, but of 64 bits
+        assert client.get("PtpOffsetFromMaster") == -7  # declared without a sign, but of 64 bits
         client.set("ActionDeviceKey", 0xCAFE)
         assert device.features.get("ActionDeviceKey") == 0xCAFE
         client.set("TriggerSource", 7)
