@@ -125,9 +125,9 @@ class Writer:
             )
         return f"{register}_Scaled"
 
-    def choice(self, name: str, entries: dict[str, int], selects: tuple[str, ...] = ()) -> None:
+    def choice(self, name: str, entries: dict[str, int], selects: tuple[str, ...] = (), extra: str = "") -> None:
         """An enumeration in a register."""
-        conditions = self.conditions(name)
+        conditions = extra + self.conditions(name)
         entry = '<EnumEntry Name="{}"><Value>{}</Value></EnumEntry>'
         inside = "".join(entry.format(*item) for item in entries.items()) + f"<pValue>{name}_Raw</pValue>"
         inside += "".join(f"<pSelected>{selected}</pSelected>" for selected in selects)

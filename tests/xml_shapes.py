@@ -88,6 +88,99 @@ def plain_time(writer: Writer, name: str = "ExposureTime", unit: str = "us") -> 
     writer.number(name, "Float", unit)
 
 
+def counts_of_unknown_length(writer: Writer) -> None:
+    writer.number("ExposureTimeRaw", "Integer", "")
+
+
+def time_in_lines(writer: Writer) -> None:
+    writer.number("ExposureTime", "Float", "lines")
+
+
+def time_that_falls_as_its_register_rises(writer: Writer) -> None:
+    """Limits in the register's own order, which the converter turns round."""
+    writer.number("Speed", "Integer", "")
+    writer.nodes.append(
+        '<Converter Name="ExposureTime_Falling"><FormulaTo>1000000/FROM</FormulaTo><FormulaFrom>1000000/TO'
+        "</FormulaFrom><pValue>Speed</pValue><Slope>Automatic</Slope></Converter>"
+    )
+    _feature(writer, "Float", "ExposureTime", pValue="ExposureTime_Falling", Unit="us")
+
+
+def time_within_swapped_bounds(writer: Writer) -> None:
+    writer.register("FloatReg", "ExposureTime_Raw", length=8)
+    _feature(writer, "Float", "ExposureTime", pValue="ExposureTime_Raw", Min="100000", Max="20", Unit="us")
+
+
+def time_that_is_fixed(writer: Writer) -> None:
+    _feature(writer, "Float", "ExposureTime", ImposedAccessMode="RO", Value="5000", Min="10", Max="1e5", Unit="us")
+
+
+def time_beside_one_that_is_fixed(writer: Writer) -> None:
+    time_that_is_fixed(writer)
+    writer.number("ExposureTimeAbs", "Float", "us")
+
+
+def time_within_bounds_of_no_number(writer: Writer) -> None:
+    writer.register("FloatReg", "ExposureTime_Raw", length=8)
+    _knife(writer, "ExposureTime_Max", "SQRT(0-1)")
+    _feature(writer, "Float", "ExposureTime", pValue="ExposureTime_Raw", Min="10", pMax="ExposureTime_Max", Unit="us")
+
+
+# What is automatic, or fixed
+
+
+def _fixed(writer: Writer, name: str, entry: str, *others: str, selected: str | None = None) -> None:
+    """An enumeration that is read-only and stands at `entry`."""
+    entries = "".join(
+        f'<EnumEntry Name="{each}"><Value>{number}</Value></EnumEntry>' for number, each in enumerate((entry, *others))
+    )
+    parts = {"ImposedAccessMode": "RO", "Value": "0"} | ({} if selected is None else {"pSelected": selected})
+    inside = "".join(f"<{tag}>{text}</{tag}>" for tag, text in parts.items())
+    writer.nodes.append(f'<Enumeration Name="{name}">{entries}{inside}</Enumeration>')
+
+
+def fixed_as_needed(writer: Writer) -> None:
+    """Nothing automatic, and all of it read-only."""
+    for name, entry, other in (
+        ("ExposureMode", "Timed", "TriggerWidth"),
+        ("ExposureAuto", "Off", "Continuous"),
+        ("GainAuto", "Off", "Continuous"),
+        ("TriggerOverlap", "ReadOut", "Off"),
+        ("TriggerActivation", "RisingEdge", "FallingEdge"),
+    ):
+        _fixed(writer, name, entry, other)
+    _feature(writer, "Boolean", "GammaEnabled", ImposedAccessMode="RO", Value="0")
+    _feature(writer, "Boolean", "AcquisitionFrameRateEnable", ImposedAccessMode="RO", Value="0")
+
+
+def automatic_by_numbers(writer: Writer) -> None:
+    """Switches that are no enumerations."""
+    for kind, name in (("Integer", "GainAuto"), ("Boolean", "ExposureAuto"), ("Integer", "GammaEnable")):
+        writer.register("IntReg", f"{name}_Raw")
+        _feature(writer, kind, name, pValue=f"{name}_Raw")
+
+
+def limited_rate(writer: Writer) -> None:
+    plain_rate(writer)
+    _feature(writer, "Boolean", "AcquisitionFrameRateEnable", ImposedAccessMode="RO", Value="1")
+
+
+def fixed_rate(writer: Writer) -> None:
+    _feature(
+        writer, "Float", "AcquisitionFrameRate", ImposedAccessMode="RO", Value="25", Min="1", Max="60", Unit="Hz"
+    )  # fmt: skip
+
+
+def exposure_by_the_pulse(writer: Writer) -> None:
+    plain_time(writer)
+    _fixed(writer, "ExposureMode", "TriggerWidth", "Timed")
+
+
+def always_automatic(writer: Writer) -> None:
+    plain_time(writer)
+    _fixed(writer, "ExposureAuto", "Continuous")
+
+
 # Gain
 
 
@@ -99,6 +192,29 @@ def raw_gain_of_taps(writer: Writer) -> None:
     """One raw gain for all, and one for each tap, in the same register."""
     writer.choice("GainSelector", {"Tap1": 1, "Tap2": 2, "All": 0}, ("GainRaw",))
     writer.number("GainRaw", "Integer", "")
+
+
+def gain_of_a_fixed_selector(writer: Writer) -> None:
+    """A selector that lists other entries, and never leaves this one: as on FLIR's Blackfly and Grasshopper3."""
+    _fixed(writer, "GainSelector", "All", "DigitalAll", selected="Gain")
+    gain_in_db(writer)
+
+
+def gain_that_is_fixed(writer: Writer) -> None:
+    _feature(writer, "Float", "Gain", ImposedAccessMode="RO", Value="0", Min="0", Max="24", Unit="dB")
+
+
+def gain_within_bounds_of_no_number(writer: Writer) -> None:
+    writer.register("FloatReg", "Gain_Raw", length=8)
+    _knife(writer, "Gain_Max", "SQRT(0-1)")
+    _feature(writer, "Float", "Gain", pValue="Gain_Raw", Min="0", pMax="Gain_Max", Unit="dB")
+
+
+def gain_with_increments_of_zero(writer: Writer) -> None:
+    """Raw, and of a selector without the entry All."""
+    writer.choice("GainSelector", {"AnalogAll": 1, "DigitalAll": 2}, ("GainRaw",))
+    writer.register("IntReg", "GainRaw_Raw")
+    _feature(writer, "Integer", "GainRaw", pValue="GainRaw_Raw", Min="0", Max="240", Inc="0")
 
 
 def gain_without_a_unit(writer: Writer) -> None:
@@ -167,6 +283,31 @@ def edge_of_an_external_trigger(writer: Writer) -> None:
     )
 
 
+def fixed_selector(writer: Writer, entry: str, other: str) -> None:
+    """A TriggerSelector that stands where it stands, and may list more: as on Point Grey's Flea3."""
+    _fixed(writer, "TriggerSelector", entry, other, selected="TriggerMode")
+    writer.choice("TriggerMode", {"Off": 0, "On": 1})
+    writer.choice("TriggerSource", {"Software": 0, "Line1": 1})
+
+
+def trigger_without_a_selector(writer: Writer) -> None:
+    """Its mode is a number."""
+    writer.register("IntReg", "TriggerMode_Raw")
+    _feature(writer, "Boolean", "TriggerMode", pValue="TriggerMode_Raw")
+    writer.choice("TriggerSource", {"Software": 0, "Line1": 1})
+
+
+def blanks_around_values(writer: Writer) -> None:
+    """White space, as some editors leave it."""
+    triggers(writer, "FrameStart")
+    writer.register("IntReg", "TriggerSoftware_Raw", "WO")
+    writer.nodes.append(
+        '<Command Name="TriggerSoftware"><ImposedAccessMode> WO </ImposedAccessMode><pValue> TriggerSoftware_Raw '
+        "</pValue><CommandValue> 1 </CommandValue></Command>"
+    )
+    writer.choice("ExposureAuto", {"Continuous": 2, "Off": 0}, extra="<ImposedAccessMode> RW </ImposedAccessMode>")
+
+
 def sources_alone(writer: Writer) -> None:
     writer.choice("TriggerSource", {"Trigger": 0, "IO_Connector": 1})
 
@@ -190,6 +331,32 @@ def picture(writer: Writer) -> None:
     writer.choice("AcquisitionMode", {"Continuous": 0})
     writer.command("AcquisitionStart")
     writer.command("AcquisitionStop")
+
+
+def picture_without_payload(writer: Writer) -> None:
+    picture(writer)
+    writer.nodes[:] = [node for node in writer.nodes if "PayloadSize" not in node]
+
+
+def picture_without_start(writer: Writer) -> None:
+    picture(writer)
+    writer.nodes[:] = [node for node in writer.nodes if "AcquisitionSt" not in node]
+
+
+def locked_picture(writer: Writer) -> None:
+    """Locked while frames are sent, with formats and switches that exist only by name."""
+    picture(writer)
+    writer.nodes[:] = [node for node in writer.nodes if "PixelFormat" not in node]
+    writer.register("IntReg", "TLParamsLocked_Raw")
+    _feature(writer, "Integer", "TLParamsLocked", pValue="TLParamsLocked_Raw", Min="0", Max="1")
+    writer.register("IntReg", "PixelFormat_Raw")
+    writer.nodes.append('<Integer Name="Never_Available"><Value>0</Value></Integer>')
+    writer.nodes.append(
+        '<Enumeration Name="PixelFormat"><pIsLocked>TLParamsLocked</pIsLocked><EnumEntry Name="Mono16">'
+        "<pIsAvailable>Never_Available</pIsAvailable><Value>0x01100007</Value></EnumEntry>"
+        '<EnumEntry Name="Mono8"><Value>0x01080001</Value></EnumEntry><pValue>PixelFormat_Raw</pValue></Enumeration>'
+    )
+    _feature(writer, "Boolean", "GammaEnable", pIsAvailable="Never_Available", Value="1")
 
 
 def latch_without_its_value(writer: Writer) -> None:
@@ -221,8 +388,32 @@ DRIVEN: dict[str, tuple[Part, ...]] = {
     "only exposure start": (
         picture, plain_time, gain_without_a_unit, plain_rate, lambda w: triggers(w, "ExposureStart")
     ),
+    "fixed selectors": (
+        picture, plain_time, gain_of_a_fixed_selector, plain_rate,
+        lambda w: fixed_selector(w, "ExposureStart", "ExposureActive"),
+    ),
+    "fixed as needed": (picture, plain_time, gain_in_db, fixed_as_needed, lambda w: triggers(w, "FrameStart")),
+    "automatic by numbers": (
+        picture, plain_time, gain_in_db, automatic_by_numbers, trigger_without_a_selector
+    ),
+    "blanks": (picture, plain_time, gain_in_db, blanks_around_values),
+    "swapped bounds": (
+        picture, time_within_swapped_bounds, gain_within_bounds_of_no_number, lambda w: triggers(w, "FrameStart")
+    ),
+    "falling time": (picture, time_that_falls_as_its_register_rises, lambda w: triggers(w, "FrameStart")),
+    "locked picture": (
+        locked_picture, time_beside_one_that_is_fixed, gain_that_is_fixed, limited_rate,
+        lambda w: triggers(w, "FrameStart"),
+    ),
+    "increments of zero": (picture, plain_time, gain_with_increments_of_zero, lambda w: triggers(w, "FrameStart")),
 }  # fmt: skip
 """Cameras that are driven by a trigger line."""
+
+COUNTED: dict[str, tuple[Part, ...]] = {
+    "unknown counts": (picture, counts_of_unknown_length, gain_in_db, lambda w: triggers(w, "FrameStart")),
+    "lines": (picture, time_in_lines, gain_in_db, lambda w: triggers(w, "FrameStart")),
+}
+"""Cameras that are driven once it is said what a count of their exposure time is."""
 
 FREE_ONLY: dict[str, tuple[Part, ...]] = {
     "sources alone": (picture, plain_time, gain_without_a_unit, plain_rate, sources_alone),
@@ -238,6 +429,14 @@ REFUSED: dict[str, tuple[Part, ...]] = {
     "no picture": (plain_time,),
     "nothing": (),
     "a time alone": (picture, partial(plain_time, unit="s")),
+    "fixed time": (picture, time_that_is_fixed, lambda w: triggers(w, "FrameStart")),
+    "no bounds": (picture, time_within_bounds_of_no_number, lambda w: triggers(w, "FrameStart")),
+    "by the pulse": (picture, exposure_by_the_pulse, lambda w: triggers(w, "FrameStart")),
+    "always automatic": (picture, always_automatic, lambda w: triggers(w, "FrameStart")),
+    "fixed at another trigger": (picture, plain_time, lambda w: fixed_selector(w, "AcquisitionStart", "FrameStart")),
+    "no payload size": (picture_without_payload, plain_time, lambda w: triggers(w, "FrameStart")),
+    "no start": (picture_without_start, plain_time, lambda w: triggers(w, "FrameStart")),
+    "fixed rate": (picture, plain_time, fixed_rate),
 }
 """What is not driven."""
 
@@ -245,6 +444,6 @@ REFUSED: dict[str, tuple[Part, ...]] = {
 def xml_shape(name: str, name_space: str = "GEV") -> bytes:
     """The description of a camera of that shape, and of the standard it names."""
     writer = Writer(0)
-    for part in (DRIVEN | FREE_ONLY | REFUSED)[name]:
+    for part in (DRIVEN | COUNTED | FREE_ONLY | REFUSED)[name]:
         part(writer)
     return document(name, name_space, writer.nodes)

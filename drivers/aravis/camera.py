@@ -214,7 +214,8 @@ class AravisCamera:
                 return
             device = self._camera.get_device()
             device.disconnect(self._control_lost)
-            self._closing_step("stop acquisition", self._camera.stop_acquisition)
+            if self._nodes.exists("AcquisitionStop"):
+                self._closing_step("stop acquisition", self._camera.stop_acquisition)
             if self._camera.is_gv_device():
                 self._closing_step("release control", device.leave_control)
             if self._actions is not None:

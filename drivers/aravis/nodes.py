@@ -12,6 +12,7 @@ from drivers.errors import CameraBusyError, CameraError, CameraLostError, NodeEr
 from drivers.genicam.nodes import Kind
 
 T = TypeVar("T")
+N = TypeVar("N", int, float)
 
 _KINDS: tuple[tuple[Any, Kind], ...] = (
     (Aravis.GcEnumeration, "enumeration"),
@@ -33,6 +34,11 @@ _LASTING = [
     if hasattr(Aravis.DeviceError, name)  # 0.8.20 has one for all that a camera answers
 ]  # fmt: skip
 """What the device's own interface or the camera answers for ever; others, such as busy or access denied, pass."""
+
+
+def _ordered(least: N, most: N) -> tuple[N, N]:
+    """Bounds, which Aravis gives the wrong way round for a converter that decreases; 0 is one that it cannot find."""
+    return (most, least) if least > most > 0 else (least, most)
 
 
 def is_silence(error: GLib.Error) -> bool:
@@ -185,7 +191,7 @@ class AravisNodes:
     def float_bounds(self, name: str) -> tuple[float, float]:
         """Least and greatest value."""
         bounds = self.call(f"read the bounds of {name}", self._device.get_float_feature_bounds, name)
-        return (bounds.max, bounds.min) if bounds.min > bounds.max else (bounds.min, bounds.max)
+        return _ordered(bounds.min, bounds.max)
 
     def float_increment(self, name: str) -> float:
         """The declared increment; without one Aravis gives an error, or the smallest positive float."""
@@ -200,7 +206,7 @@ class AravisNodes:
     def integer_bounds(self, name: str) -> tuple[int, int]:
         """Least and greatest value."""
         bounds = self.call(f"read the bounds of {name}", self._device.get_integer_feature_bounds, name)
-        return min(bounds.min, bounds.max), max(bounds.min, bounds.max)
+        return _ordered(bounds.min, bounds.max)
 
     def integer_increment(self, name: str) -> int:
         """The declared increment."""

@@ -10,7 +10,7 @@ from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.exposure.gain_scale import GainScale
 from drivers.genicam.hold import hold, offered, switch
 from drivers.genicam.nodes import NodeMap
-from drivers.genicam.quantity import DECIBELS, EXACT, MICROSECONDS, Quantity, is_number
+from drivers.genicam.quantity import DECIBELS, EXACT, Quantity, is_number, us_per_unit
 
 TIME_NODES = ("ExposureTime", "ExposureTimeAbs")
 """SFNC 2 and SFNC 1 names."""
@@ -52,7 +52,8 @@ class ExposureDialect:
             min_time_us = time_step_us or LEAST_TIME_US
         if max_time_us < min_time_us:
             raise UnsupportedCameraError(
-                f"camera {nodes.serial}: its {self.time.node} takes at most {max_time_us:g} us, no exposure time"
+                f"camera {nodes.serial}: its {self.time.node} takes {min_time_us:g} to {max_time_us:g} us, which is no "
+                "exposure time"
             )
         if self.gain is None:
             return ExposureLimits(min_time_us, max_time_us, 0.0, 0.0, time_step_us)
@@ -189,7 +190,7 @@ def _find_time(nodes: NodeMap, count_us: float | None) -> Quantity:
 def _own_length_us(nodes: NodeMap, name: str) -> float | None:
     """Microseconds in one of what an exposure time is counted in; None if the camera does not say."""
     unit = nodes.unit(name)
-    known_us = MICROSECONDS.get(unit)
+    known_us = us_per_unit(unit)
     if name == RAW_TIME and (unit is None or known_us is None):  # no unit means microseconds only of a time
         return _base_us(nodes) or None
     return known_us
@@ -224,7 +225,7 @@ def _find_gain(
     stuck = {gain.node: why for gain in there if (why := _why_stuck(nodes, gain)) is not None}
     drivable = [gain for gain in there if gain.node not in stuck]
     for gain in drivable:
-        if gain.node != RAW_GAIN and (nodes.unit(gain.node) or "").lower() in DECIBELS:
+        if gain.node != RAW_GAIN and (nodes.unit(gain.node) or "").strip().lower() in DECIBELS:
             _check_scale(nodes, gain_scale, f"its {gain.node} is in dB already")
             return gain, ()
     if not drivable:
@@ -250,7 +251,7 @@ def _why_stuck(nodes: NodeMap, gain: Quantity) -> str | None:
         low, high = gain.bounds(nodes)
     except NodeError as error:
         return f"has no bounds ({error})"
-    return None if low < high else f"takes {low:g} alone"
+    return None if low < high else f"takes {low:g} to {high:g}"
 
 
 def _why_no_gain(nodes: NodeMap, stuck: dict[str, str]) -> str:

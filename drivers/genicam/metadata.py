@@ -10,7 +10,7 @@ from drivers.errors import NodeError
 from drivers.exposure import ExposureSetting
 from drivers.genicam.hold import hold, offered, switch
 from drivers.genicam.nodes import NodeMap
-from drivers.genicam.quantity import MICROSECONDS
+from drivers.genicam.quantity import us_per_unit
 from drivers.genicam.write_latency import WriteLatency
 
 FRAME_ID_CYCLE = 0xFFFF
@@ -97,14 +97,14 @@ def enable_chunks(nodes: NodeMap, gain_node: str | None) -> tuple[ChunkNodes | N
         if nodes.exists("ChunkSelector") and nodes.available("ChunkModeActive"):
             switch(nodes, "ChunkModeActive", True)  # first: some selectors exist only while it is on
             named = all(nodes.exists(f"Chunk{chunk}") for chunk in wanted)
-            if named and set(wanted) <= set(offered(nodes, "ChunkSelector")):
+            chunk_us = us_per_unit(nodes.unit("ChunkExposureTime")) if named else None
+            if chunk_us is not None and set(wanted) <= set(offered(nodes, "ChunkSelector")):
                 for chunk in wanted:
                     hold(nodes, "ChunkSelector", chunk)
                     switch(nodes, "ChunkEnable", True)
-                us_per_unit = MICROSECONDS.get(nodes.unit("ChunkExposureTime"), 1.0)
                 gain = None if gain_node is None else f"Chunk{wanted[1]}"
                 is_integer = gain is not None and nodes.is_integer(gain)
-                return ChunkNodes("ChunkExposureTime", us_per_unit, gain, is_integer), ()
+                return ChunkNodes("ChunkExposureTime", chunk_us, gain, is_integer), ()
             switch(nodes, "ChunkModeActive", False)
     except NodeError as error:
         return None, (f"{_INFERRED} (chunk data cannot be switched on: {error})",)

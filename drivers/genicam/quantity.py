@@ -11,8 +11,8 @@ from drivers.errors import NodeError
 from drivers.exposure.gain_scale import GainScale
 from drivers.genicam.nodes import NodeMap
 
-MICROSECONDS = {None: 1.0, "us": 1.0, "µs": 1.0, "μs": 1.0, "usec": 1.0, "s": 1e6, "ms": 1e3, "ns": 1e-3}
-"""Microseconds per unit that a time node may declare; no unit means microseconds, as the SFNC prescribes."""
+_MICROSECONDS = {"": 1.0, "us": 1.0, "µs": 1.0, "μs": 1.0, "usec": 1.0, "s": 1e6, "ms": 1e3, "ns": 1e-3}
+"""No unit means microseconds, as the SFNC prescribes."""
 DECIBELS = {"db": 1.0}
 """The only unit of gain with a defined meaning."""
 
@@ -91,6 +91,11 @@ class Quantity:
         own = value / self.scale
         limits = (limit for limit in nodes.float_bounds(self.node) if math.isclose(own, limit))
         return next(limits, own)
+
+
+def us_per_unit(unit: str | None) -> float | None:
+    """Microseconds in the unit that a time node declares; None for one that is not known."""
+    return _MICROSECONDS.get((unit or "").strip().lower())
 
 
 def is_number(nodes: NodeMap, name: str) -> bool:

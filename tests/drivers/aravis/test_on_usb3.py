@@ -18,6 +18,7 @@ RUNTIME = REPOSITORY / "tests/autoexpose_daemon/runtime"
 SUITES = [
     HERE / "test_camera_contract.py",
     DIALECTS,
+    HERE / "test_shapes_on_the_wire.py",
     HERE / "test_pixel_formats_on_the_wire.py",
     RUNTIME / "test_daemon.py",
     RUNTIME / "test_features.py",
