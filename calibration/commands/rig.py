@@ -26,8 +26,8 @@ from drivers.pixels.formats import PIXEL_FORMATS, PixelFormat
 class CameraMode:
     """A camera by its serial, the image format to run it with (None keeps what it has), and features to set first.
 
-    `gain_scale` drives a gain that is not in dB; `response` is its response file, which need not exist yet; `rate_hz`
-    is that of the rig's trigger.
+    `gain_scale` drives a gain that is not in dB, `exposure_count_us` a time in counts; `response` is its response file,
+    which need not exist yet; `rate_hz` is that of the rig's trigger.
     """
 
     serial: str
@@ -35,6 +35,7 @@ class CameraMode:
     binning: int | None = None
     features: tuple[FeatureSetting, ...] = ()
     gain_scale: GainScale | None = None
+    exposure_count_us: float | None = None
     response: Path | None = None
     rate_hz: float | None = None
     packet_size_bytes: int | None = None
@@ -52,6 +53,7 @@ class CameraMode:
             binning=self.binning,
             features=tuple(feature for feature in self.features if feature.name not in otherwise),
             gain_scale="own numbers" if own_gain else self.gain_scale,
+            exposure_count_us=self.exposure_count_us,
             packet_size_bytes=self.packet_size_bytes,
             link_share=self.link_share,
         )
@@ -92,7 +94,9 @@ def rig_of_config(path: Path) -> list[CameraMode]:
             scale = _gain_scale(path, _file(path, camera, side, "gain_calibration"), side, serial)
             response = _file(path, camera, side, "response")
             row = pixel_format and PIXEL_FORMATS[pixel_format]
-            rig.append(CameraMode(serial, row, binning, features, scale, response))
+            key = "exposure_count_us"
+            count_us = _number(path, f"cameras.{side}.{key}", camera.get(key), bounds.EXPOSURE_COUNT_US)
+            rig.append(CameraMode(serial, row, binning, features, scale, count_us, response))
     share = LinkShare(len(rig), mbps) if transport.get("plan") is True else None
     size = None if packet_bytes is None else int(packet_bytes)
     return [replace(mode, rate_hz=rate_hz, packet_size_bytes=size, link_share=share) for mode in rig]

@@ -49,8 +49,12 @@ def arm_trigger(nodes: NodeMap, setup: TriggerSetup) -> tuple[str, ...]:
         if setup.output_line is not None:
             _drive_line(nodes, setup.output_line)
             return of_rate
-        return of_rate if _lines(nodes) else (*of_rate, "no hardware trigger line: it can only run freely")
+        if _lines(nodes) or _hides_sources(nodes):
+            return of_rate
+        return (*of_rate, "no hardware trigger line: it can only run freely")
     _check_frame_trigger(nodes)
+    if _hides_sources(nodes):
+        _switch_mode(nodes, True)
     match setup.mode:
         case "software":
             return _arm_software(nodes)
@@ -83,6 +87,11 @@ def _frame_trigger(nodes: NodeMap) -> str | None:
 
 def _lines(nodes: NodeMap) -> tuple[str, ...]:
     return tuple(entry for entry in offered(nodes, "TriggerSource") if entry.startswith(("Line", "Input")))
+
+
+def _hides_sources(nodes: NodeMap) -> bool:
+    """Whether the sources of a trigger exist only while it is on."""
+    return nodes.exists("TriggerSource") and not nodes.available("TriggerSource")
 
 
 def _check_frame_trigger(nodes: NodeMap) -> None:
@@ -139,8 +148,16 @@ def action_queue(nodes: NodeMap) -> int:
 
 
 def _arm(nodes: NodeMap, source: str, edge: str | None = None) -> tuple[str, ...]:
-    limitations = list(_limit_rate(nodes, False))  # some cameras cap triggered frames by it, too
+    limitations = _limit_rate(nodes, False)  # some cameras cap triggered frames by it, too
     hold(nodes, "TriggerSource", source)
+    _take_pulses(nodes, edge)  # some cameras lock these nodes while the trigger is on,
+    _switch_mode(nodes, True)
+    return *limitations, *_take_pulses(nodes, edge)  # others have them only then
+
+
+def _take_pulses(nodes: NodeMap, edge: str | None) -> tuple[str, ...]:
+    """Choose the edge of a pulse that triggers, and take pulses during readout; returns what the camera does not."""
+    limitations = []
     edges = offered(nodes, "TriggerActivation") if edge is not None else ()
     if edge in edges:
         hold(nodes, "TriggerActivation", edge)
@@ -150,7 +167,6 @@ def _arm(nodes: NodeMap, source: str, edge: str | None = None) -> tuple[str, ...
         hold(nodes, "TriggerOverlap", "ReadOut")
     else:
         limitations.append("no TriggerOverlap ReadOut: exposure and readout together must fit into a trigger period")
-    _switch_mode(nodes, True)
     return tuple(limitations)
 
 

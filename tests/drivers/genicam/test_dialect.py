@@ -4,7 +4,7 @@ import sys
 
 import pytest
 
-from drivers.errors import NodeError, UnsupportedCameraError
+from drivers.errors import ConfigurationError, NodeError, UnsupportedCameraError
 from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.genicam.dialect import find_dialect, switch_auto_off
 from tests.drivers.genicam.node_map import EnumerationNode, FloatNode, IntegerNode, MemoryNodes, Node
@@ -231,3 +231,82 @@ def test_a_tenth_of_the_time_and_half_a_db_are_rounding(name: str, error: float,
             find_dialect(nodes).write(nodes, asked, None)
     else:
         assert find_dialect(nodes).write(nodes, asked, None) != asked
+
+
+@pytest.mark.parametrize(
+    ("present_us", "settled_us"),
+    [(5000.0, 5000.0), (0.0, 10.0), (-3.0, 10.0), (1e9, 1e6), (NAN, 10.0), (INFINITE, 10.0)],
+)
+def test_a_camera_that_was_switched_on_with_anything_takes_the_nearest_it_can(
+    present_us: float, settled_us: float
+) -> None:
+    nodes = sfnc2(ExposureTime=FloatNode(present_us, 10.0, 1e6, "us"))
+    dialect = find_dialect(nodes)
+    assert dialect.settle(nodes, dialect.limits(nodes)).exposure_time_us == settled_us
+
+
+@pytest.mark.parametrize(
+    "time", [{"ExposureTimeRaw": IntegerNode(50, 1, 4095)}, {"ExposureTime": FloatNode(1, 1, 99, "lines")}]
+)
+def test_counts_of_unknown_length_are_driven_once_that_is_given(time: dict[str, Node]) -> None:
+    nodes = MemoryNodes(dict(time))
+    with pytest.raises(UnsupportedCameraError, match="exposure_count_us"):
+        find_dialect(nodes)
+    dialect = find_dialect(nodes, count_us=20.0)
+    assert dialect.limits(nodes).min_time_us == 20.0
+    assert dialect.write(nodes, ExposureSetting(1000.0, 0.0), None).exposure_time_us == 1000.0
+    assert nodes.writes == [(*time, 50)]
+    nodes.nodes["ExposureTimeAbs"] = FloatNode(5000.0, 10.0)
+    with pytest.raises(
+        ConfigurationError, match="the unit of its ExposureTimeAbs is known: leave out exposure_count_us"
+    ):
+        find_dialect(nodes, count_us=20.0)
+
+
+def test_a_time_that_is_read_only_is_passed_over_for_one_that_is_not_or_refused() -> None:
+    nodes = sfnc2(ExposureTime=FloatNode(5000.0, 10.0, 1e6, "us", locked=True))
+    with pytest.raises(UnsupportedCameraError, match="M1: its ExposureTime cannot be written"):
+        find_dialect(nodes)
+    nodes.nodes["ExposureTimeAbs"] = FloatNode(5000.0, 10.0)
+    assert find_dialect(nodes).time.node == "ExposureTimeAbs"
+
+
+@pytest.mark.parametrize(
+    ("gain", "words"),
+    [
+        (FloatNode(3.0, 0.0, 24.0, "dB", locked=True), "cannot be written"),
+        (FloatNode(3.0, 0.0, NAN, "dB"), "has no bounds"),
+        (FloatNode(3.0, 24.0, 0.0, "dB"), "takes 24 to 0"),
+        (IntegerNode(0, 0, 0), "takes 0 to 0"),
+    ],
+)
+def test_a_gain_that_cannot_be_changed_is_named_and_the_time_driven(gain: Node, words: str) -> None:
+    nodes = sfnc2(Gain=gain)
+    dialect = find_dialect(nodes)
+    assert dialect.gain is None
+    assert dialect.limitations[0].startswith(f"gain (Gain) {words}")
+    dialect.write(nodes, ExposureSetting(1000.0, 0.0), None)
+
+
+@pytest.mark.parametrize(
+    ("name", "node", "words"),
+    [
+        ("ExposureMode", EnumerationNode("TriggerWidth", ("TriggerWidth",)), "cannot be Timed"),
+        ("ExposureMode", EnumerationNode("TriggerWidth", ("Timed", "TriggerWidth"), locked=True), "cannot be Timed"),
+        ("ExposureAuto", EnumerationNode("Continuous", ("Off", "Continuous"), locked=True), "is Continuous and cannot"),
+        ("GainAuto", EnumerationNode("Once", ("Once", "Continuous")), "has no Off, only Once, Continuous"),
+    ],
+)
+def test_a_camera_that_exposes_by_itself_is_refused_by_name(name: str, node: Node, words: str) -> None:
+    with pytest.raises(NodeError, match=f"camera M1: its {name} .*{words}"):
+        switch_auto_off(sfnc2(**{name: node}))
+
+
+def test_what_is_read_only_and_as_it_should_be_is_left_alone() -> None:
+    nodes = sfnc2(
+        ExposureAuto=EnumerationNode("Off", ("Off", "Continuous"), locked=True),
+        ExposureMode=EnumerationNode("Timed", ("Timed", "TriggerWidth"), locked=True),
+        GainSelector=EnumerationNode("DigitalAll", ("All", "DigitalAll"), locked=True),
+    )
+    switch_auto_off(nodes)
+    assert nodes.writes == []

@@ -238,3 +238,22 @@ def test_rounding_is_no_difference() -> None:
     assert same(False, "Off")
     assert not same(30, 31.0)
     assert not same(False, "On")
+
+
+def test_a_feature_that_is_read_only_may_be_asked_for_as_it_is() -> None:
+    camera = Camera()
+    camera.nodes["BlackLevel"] = FloatNode(2.0, 0.0, 12.5, "%", locked=True)
+    assert set_features(camera, features("- BlackLevel: 2")) == []
+    (complaint,) = set_features(camera, features("- BlackLevel: 3"))
+    assert str(complaint).startswith("BlackLevel: it is read-only")
+
+
+def test_of_a_read_only_selector_only_the_entry_at_which_it_stands_is_offered() -> None:
+    camera = Camera()
+    camera.nodes["LineSelector"] = EnumerationNode("Line1", LINES, ("LineInverter",), locked=True)
+    assert set_features(camera, features("- LineSelector[Line1].LineInverter: true")) == []
+    (complaint,) = set_features(camera, features("- LineSelector[Line2].LineInverter: true"))
+    assert str(complaint).endswith("its selector LineSelector: it is read-only and stands at Line1")
+    keys = [setting.key for setting in read_inventory(camera).settings]
+    assert "LineSelector[Line1].LineInverter" in keys
+    assert "LineSelector[Line2].LineInverter" not in keys

@@ -147,3 +147,27 @@ def test_chunks_that_cannot_be_switched_on_are_reported_with_the_reason() -> Non
     assert chunks is None
     assert limitation.startswith("a frame's setting is inferred from when it was written")
     assert "could not set ChunkModeActive: write-protect" in limitation
+
+
+def test_chunks_that_are_on_already_need_no_write() -> None:
+    nodes = MemoryNodes(
+        {
+            "ChunkModeActive": BooleanNode(True, locked=True),
+            "ChunkSelector": EnumerationNode("ExposureTime", ("Image", "ExposureTime"), locked=True),
+            "ChunkEnable": BooleanNode(True, locked=True),
+            "ChunkExposureTime": FloatNode(0.0),
+        }
+    )
+    assert enable_chunks(nodes, None) == (ChunkNodes("ChunkExposureTime", 1.0, None), ())
+
+
+def test_a_chunk_of_an_unknown_unit_says_nothing() -> None:
+    nodes = MemoryNodes(
+        {
+            "ChunkModeActive": BooleanNode(),
+            "ChunkSelector": EnumerationNode("ExposureTime", ("ExposureTime",)),
+            "ChunkEnable": BooleanNode(),
+            "ChunkExposureTime": FloatNode(0.0, unit="lines"),
+        }
+    )
+    assert enable_chunks(nodes, None)[0] is None

@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 
 from drivers.config.setup import TriggerSetup
-from drivers.errors import ConfigurationError, UnsupportedCameraError
+from drivers.errors import ConfigurationError, NodeError, UnsupportedCameraError
 from drivers.genicam.trigger import action_queue, arm_trigger
 from tests.drivers.genicam.node_map import (
     BooleanNode,
@@ -44,6 +44,64 @@ def test_a_line_is_armed_after_every_trigger_is_off() -> None:
         ("TriggerOverlap", "ReadOut"),
         ("TriggerMode", "On"),
     ]
+
+
+def test_a_read_only_selector_is_left_where_it_stands() -> None:
+    nodes = triggered(
+        TriggerSelector=EnumerationNode("FrameStart", ("AcquisitionStart", "FrameStart"), locked=True),
+        TriggerSource=EnumerationNode("Line0", ("Line0", "Line3"), locked=True),
+    )
+    assert arm_trigger(nodes, LINE0) == ()
+    assert {"TriggerSelector", "TriggerSource"}.isdisjoint(name for name, _ in nodes.writes)
+    with pytest.raises(ConfigurationError, match="no trigger line 'Line3'; it has Line0"):
+        arm_trigger(nodes, TriggerSetup("external", "Line3"))
+    elsewhere = EnumerationNode("AcquisitionStart", ("AcquisitionStart", "FrameStart"), locked=True)
+    with pytest.raises(UnsupportedCameraError, match=r"TriggerSelector offers AcquisitionStart$"):
+        arm_trigger(triggered(TriggerSelector=elsewhere), LINE0)
+
+
+def test_what_is_read_only_and_not_needed_is_a_limitation() -> None:
+    nodes = triggered(
+        TriggerActivation=EnumerationNode("FallingEdge", ("FallingEdge", "RisingEdge"), locked=True),
+        AcquisitionFrameRateEnable=BooleanNode(True, locked=True),
+    )
+    of_rate, of_edge = arm_trigger(nodes, LINE0)
+    assert "AcquisitionFrameRateEnable is True and cannot be False" in of_rate
+    assert "it is triggered by FallingEdge" in of_edge
+
+
+def test_what_is_read_only_and_needed_is_refused_by_name() -> None:
+    nodes = triggered(AcquisitionMode=EnumerationNode("SingleFrame", ("SingleFrame", "Continuous"), locked=True))
+    with pytest.raises(NodeError, match="AcquisitionMode is SingleFrame and cannot be Continuous"):
+        arm_trigger(nodes, LINE0)
+    rate = FloatNode(30.0, 1.0, 200.0, "Hz", locked=True)
+    with pytest.raises(ConfigurationError, match="AcquisitionFrameRate is 30 Hz and cannot be written"):
+        arm_trigger(triggered(AcquisitionFrameRate=rate), FREE_RUN)
+    assert arm_trigger(triggered(AcquisitionFrameRate=rate), TriggerSetup("free_run", rate_hz=30.0)) == ()
+
+
+def test_what_a_trigger_has_only_while_it_is_on_is_set_then() -> None:
+    class Hiding(MemoryNodes):
+        def available(self, name: str) -> bool:
+            hidden = name in ("TriggerSource", "TriggerActivation") and self.read_entry("TriggerMode") == "Off"
+            return super().available(name) and not hidden
+
+        def entries(self, name: str) -> tuple[str, ...]:
+            return super().entries(name) if self.available(name) else ()
+
+    nodes = Hiding(triggered().nodes)
+    assert arm_trigger(nodes, FREE_RUN) == arm_trigger(nodes, LINE0) == ()
+    held = [nodes.read_entry(name) for name in ("TriggerSource", "TriggerActivation", "TriggerMode")]
+    assert held == ["Line0", "RisingEdge", "On"]
+
+
+@pytest.mark.parametrize("mode", [EnumerationNode("On", ("Off", "On")), BooleanNode(True), IntegerNode(1)])
+def test_a_trigger_without_a_selector_is_switched_too(mode: Node) -> None:
+    nodes = triggered(TriggerMode=mode)
+    del nodes.nodes["TriggerSelector"]
+    arm_trigger(nodes, FREE_RUN)
+    arm_trigger(nodes, LINE0)
+    assert [value for name, value in nodes.writes if name == "TriggerMode"] in (["Off", "On"], [False, True])
 
 
 def test_a_software_trigger_needs_its_source_and_its_command() -> None:
