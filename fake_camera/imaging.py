@@ -187,3 +187,8 @@ class ExposedFrame:
     device_time_ns: int
     pixels: Pixels
     settings: ImageSettings
+
+    @property
+    def exposure_end_ns(self) -> int:
+        """End of the exposure on the device's own clock."""
+        return self.device_time_ns + round(self.settings.exposure_time_us * 1e3)

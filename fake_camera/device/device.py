@@ -86,7 +86,9 @@ class Device:
         self.faults = Faults(self._power_on, self._power_off)
         self._acquisition = Acquisition(self.features)
         self._lock = threading.Lock()  # guards acquisition and actions; never held while other code is called back
+        self._sending = threading.Lock()  # held while a frame is sent
         self._sink: Callable[[ExposedFrame], None] = lambda frame: None
+        self._exposure_ended: Callable[[ExposedFrame], None] = lambda frame: None
         self._on_power_on: list[Callable[[], None]] = []
         self._on_power_off: list[Callable[[], None]] = []
         self._show_exposure: Callable[[int], None] = lambda start_ns: None
@@ -119,6 +121,8 @@ class Device:
         """
         match command:
             case "AcquisitionStart":
+                with self._sending:  # a frame under way at the last stop is none of this acquisition
+                    pass
                 with self._lock:
                     self._acquisition.start(time.monotonic_ns())
                 self._wake.set()
@@ -141,9 +145,17 @@ class Device:
             case _:
                 raise KeyError(command)
 
-    def connect(self, sink: Callable[[ExposedFrame], None]) -> None:
-        """Pass each finished frame to `sink`, on the device's sending thread, where sending may take time."""
+    def connect(
+        self,
+        sink: Callable[[ExposedFrame], None],
+        exposure_ended: Callable[[ExposedFrame], None] = lambda frame: None,
+    ) -> None:
+        """Pass each finished frame to `sink`, on the device's sending thread, where sending may take time.
+
+        Before that, and while EventNotification is on, to `exposure_ended`, when its exposure ends; it must not wait.
+        """
         self._sink = sink
+        self._exposure_ended = exposure_ended
 
     def wire_line1(self, rise: Callable[[int], None]) -> None:
         """Call `rise` with the start of each exposure (CLOCK_MONOTONIC, ns) while Line1 shows it; it must not wait."""
@@ -308,11 +320,16 @@ class Device:
         """Send each frame when it is due; sending takes as long as the transport needs."""
         while (rendered := self._frames.get()) is not None:
             due_ns, tolerance_ns, exposure, frame = rendered
+            end_ns = exposure.start_ns + round(exposure.settings.exposure_time_us * 1e3)
+            self._closed.wait(max(0, end_ns - time.monotonic_ns()) * 1e-9)
+            if self.features.get("EventNotification") == "On" and self._wanted(exposure):
+                self._exposure_ended(frame)
             if self._closed.wait(max(0, due_ns - time.monotonic_ns()) * 1e-9):
                 return
-            if self._wanted(exposure) and self._in_time(due_ns, tolerance_ns):
-                self.faults.on_send(exposure.pulse)
-                self._sink(frame)
+            with self._sending:
+                if self._wanted(exposure) and self._in_time(due_ns, tolerance_ns):
+                    self.faults.on_send(exposure.pulse)
+                    self._sink(frame)
 
     def _in_time(self, due_ns: int, tolerance_ns: int) -> bool:
         """Whether a frame due at that time is late by no more than this; if not, it is counted as an overrun."""

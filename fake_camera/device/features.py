@@ -44,7 +44,8 @@ FULL_READOUT_NS = 3_000_000
 
 _REGION = {"Width": "OffsetX", "OffsetX": "Width", "Height": "OffsetY", "OffsetY": "Height"}  # share an axis
 _LASTING = ("DeviceUserID",)  # cameras keep the user-defined name in non-volatile memory
-_NOT_IN_USER_SETS = ("DeviceUserID", "TLParamsLocked", "UserSetSelector")
+NOT_IN_USER_SETS = ("DeviceUserID", "TLParamsLocked", "UserSetSelector")
+"""Writable features that are no settings."""
 _HISTORY = 64  # writes that may come between a pulse and the moment when its thread runs
 
 
@@ -190,7 +191,7 @@ class Features:
         values = {
             name: value
             for name, value in self._values.items()
-            if self._specs[name].writable and name not in _NOT_IN_USER_SETS
+            if self._specs[name].writable and name not in NOT_IN_USER_SETS
         }
         return values, dict(self._chunks), dict(self._inverted), dict(self._ratios)
 

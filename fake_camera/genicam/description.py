@@ -8,8 +8,9 @@ from collections.abc import Mapping
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 from fake_camera.device.feature_table import Spec
-from fake_camera.device.features import Features
+from fake_camera.device.features import NOT_IN_USER_SETS, Features
 from fake_camera.genicam.chunks import CHUNKS
+from fake_camera.genicam.events import EXPOSURE_END
 from fake_camera.genicam.registers import (
     INCREMENT,
     LOCK,
@@ -39,6 +40,7 @@ _CATEGORIES = {
     "DigitalIOControl": ("Line",),
     "AnalogControl": ("Gain", "Balance", "BlackLevel", "Gamma"),
     "ChunkDataControl": ("Chunk",),
+    "EventControl": ("Event",),
     "UserSetControl": ("UserSet",),
     "ActionControl": ("Action",),
     "PtpControl": ("Ptp",),
@@ -52,9 +54,14 @@ _SELECTED = {
     "LineSelector": ("LineMode", "LineSource", "LineInverter"),
     "TriggerSelector": ("TriggerMode", "TriggerSource", "TriggerActivation", "TriggerOverlap", "TriggerSoftware"),
     "ChunkSelector": ("ChunkEnable",),
+    "EventSelector": ("EventNotification",),
     "UserSetSelector": ("UserSetLoad", "UserSetSave"),
     "ActionSelector": ("ActionGroupKey", "ActionGroupMask"),
 }
+
+
+_EVENT_DATA = ("EventExposureEnd", "EventExposureEndTimestamp", "EventExposureEndFrameID")
+"""The id, which comes first in every event, the time, and the data of ExposureEnd."""
 
 
 def genicam_xml(features: Features, transport: Transport) -> bytes:
@@ -86,6 +93,7 @@ def genicam_xml(features: Features, transport: Transport) -> bytes:
     for field in transport.fields:
         _bootstrap_field(root, field, transport.byte_order)
     _chunk_data(root)
+    _event_data(root, transport.event_time_at)
     SubElement(root, "Port", Name="Device", NameSpace="Standard")
     for node in root.iter("Endianess"):
         node.text = {"big": "BigEndian", "little": "LittleEndian"}[transport.byte_order]
@@ -108,7 +116,7 @@ def zipped(name: str, description: bytes) -> bytes:
 
 def _categories(root: Element, features: Features, transport: Transport) -> None:
     names = [*features.names, *commands(features)]
-    names += [field.name for field in transport.fields] + [f"Chunk{name}" for name in CHUNKS]
+    names += [field.name for field in transport.fields] + [f"Chunk{name}" for name in CHUNKS] + [*_EVENT_DATA]
     top = SubElement(root, "Category", Name="Root", NameSpace="Standard")
     for category, beginnings in _CATEGORIES.items():
         members = [name for name in names if name.startswith(beginnings)]
@@ -130,6 +138,8 @@ def _feature(root: Element, spec: Spec, entries: Mapping[str, int], address: int
         _register_body(node, address, value_bytes(spec), access)
         return
     SubElement(node, "ImposedAccessMode").text = access
+    if spec.writable and spec.name not in NOT_IN_USER_SETS:
+        SubElement(node, "Streamable").text = "Yes"
     for entry, value in entries.items():
         entry_node = SubElement(node, "EnumEntry", Name=entry, NameSpace="Standard")
         SubElement(entry_node, "Value").text = str(value)
@@ -214,9 +224,21 @@ def _chunk_data(root: Element) -> None:
         SubElement(port, "ChunkID").text = f"{chunk.chunk_id:X}"
 
 
-def _int_reg(root: Element, name: str, address: int, length: int, access: str, *, sign: str = "Unsigned") -> None:
+def _event_data(root: Element, time_at: int) -> None:
+    places = ((2, 2), (time_at, 8), (time_at + 8, 8))  # address and length
+    for name, (address, length) in zip(_EVENT_DATA, places, strict=True):
+        node = SubElement(root, "Integer", Name=name, NameSpace="Standard")
+        SubElement(node, "ImposedAccessMode").text = "RO"
+        SubElement(node, "pValue").text = f"{name}_Value"
+        _int_reg(root, f"{name}_Value", address, length, "RO", port="EventExposureEnd_Port")
+    SubElement(SubElement(root, "Port", Name="EventExposureEnd_Port"), "EventID").text = f"{EXPOSURE_END:X}"
+
+
+def _int_reg(
+    root: Element, name: str, address: int, length: int, access: str, *, sign: str = "Unsigned", port: str = "Device"
+) -> None:
     node = SubElement(root, "IntReg", Name=name)
-    _register_body(node, address, length, access)
+    _register_body(node, address, length, access, port)
     SubElement(node, "Sign").text = sign
     SubElement(node, "Endianess")
 

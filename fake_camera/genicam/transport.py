@@ -27,8 +27,12 @@ class RegisterField:
 
 @dataclass(frozen=True, slots=True)
 class Transport:
-    """A transport standard: its name in GenICam, its byte order, and the described bits of its bootstrap registers."""
+    """A transport standard: its name in GenICam, its byte order, and the described bits of its bootstrap registers.
+
+    `event_time_at` is where in an event its time is; its data follow.
+    """
 
     name_space: Literal["GEV", "U3V"]
     byte_order: ByteOrder
+    event_time_at: int
     fields: tuple[RegisterField, ...]

@@ -15,6 +15,7 @@ from fake_camera.genicam.registers import Register, constant, unsigned
 from fake_camera.genicam.status import CommandError, Status
 from fake_camera.genicam.transport import RegisterField, Transport
 from fake_camera.gige.actions import ActionChannel
+from fake_camera.gige.message_channel import MessageChannel
 from fake_camera.gige.stream_channel import MAX_PACKET_BYTES, MAX_PACKET_DELAY_NS, MIN_PACKET_BYTES, StreamChannel
 
 CONTROL_PRIVILEGE = 0x0A00
@@ -31,6 +32,8 @@ _IP_CONFIGURATIONS = 0b110  # DHCP, link-local
 _GVCP_CAPABILITY = (
     1 << 31  # user-defined name
     | 1 << 30  # serial number
+    | 1 << 4  # EVENTDATA
+    | 1 << 3  # EVENT
     | 1 << 2  # PACKETRESEND
     | 1 << 1  # WRITEMEM
     | 1 << 0  # several registers in one command
@@ -46,17 +49,24 @@ _ACTION_CAPABILITY = (
 GIGE_VISION = Transport(
     "GEV",
     "big",
+    8,
     (
         RegisterField("GevVersionMajor", 0x0000, lsb=15),
         RegisterField("GevVersionMinor", 0x0000, msb=16),
         RegisterField("GevMACAddress", 0x0008, length=8),
         RegisterField("GevCurrentIPAddress", 0x0024),
         RegisterField("GevCurrentSubnetMask", 0x0034),
+        RegisterField("GevMessageChannelCount", 0x0900),
         RegisterField("GevStreamChannelCount", 0x0904),
         RegisterField("GevHeartbeatTimeout", 0x0938, writable=True, limits=(500, 0xFFFFFFFF, 1), unit="ms"),
         RegisterField("GevTimestampTickFrequency", 0x093C, length=8, unit="Hz"),
         RegisterField("GevTimestampControlLatch", 0x0944, "command", writable=True, command_value=LATCH_TIMESTAMP),
         RegisterField("GevTimestampValue", 0x0948, length=8, unit="ns"),
+        RegisterField("GevMCPHostPort", 0x0B00, writable=True, msb=16),
+        RegisterField("GevMCDA", 0x0B10, writable=True),
+        RegisterField("GevMCTT", 0x0B14, writable=True, unit="ms"),
+        RegisterField("GevMCRC", 0x0B18, writable=True),
+        RegisterField("GevMCSP", 0x0B1C, msb=16),
         RegisterField("GevSCPHostPort", 0x0D00, writable=True, msb=16, locked=True),
         RegisterField("GevSCPSFireTestPacket", 0x0D04, "command", writable=True, lsb=0, locked=True),
         RegisterField("GevSCPSDoNotFragment", 0x0D04, "boolean", writable=True, msb=1, lsb=1, locked=True),
@@ -88,8 +98,9 @@ def bootstrap_registers(
     address: str,
     privilege: ControlPrivilege,
     stream: StreamChannel,
-    description: bytes,
+    messages: MessageChannel,
     *,
+    description: bytes,
     description_address: int = DESCRIPTION_ADDRESS,
     actions: ActionChannel | None = None,
     second_address: str | None = None,
@@ -106,7 +117,7 @@ def bootstrap_registers(
     yield constant(0x0600, _u32(1 if second_address is None else 2))  # network interfaces
     if second_address is not None:
         yield from _second_interface(device, second_address)
-    yield constant(0x0900, _u32(0))  # message channels
+    yield constant(0x0900, _u32(1))  # message channels
     yield constant(0x0904, _u32(1))  # stream channels
     yield constant(0x0934, _u32(_GVCP_CAPABILITY | (0 if actions is None else _ACTION_CAPABILITY)))
     yield unsigned(
@@ -114,6 +125,7 @@ def bootstrap_registers(
     )
     yield from _clock(device)
     yield unsigned(CONTROL_PRIVILEGE, lambda: privilege.value)
+    yield from _messages(messages)
     yield from _stream(stream)
     if actions is not None:
         yield from _actions(device, actions)
@@ -181,14 +193,23 @@ def _clock(device: Device) -> Iterator[Register]:
     yield Register(0x0948, 8, lambda: struct.pack(">Q", device.features.get("TimestampLatchValue")))
 
 
-def _stream(stream: StreamChannel) -> Iterator[Register]:
-    def settable(address: int, name: str) -> Register:
-        return unsigned(address, lambda: getattr(stream, name), lambda value: setattr(stream, name, value))
+def _settable(address: int, channel: StreamChannel | MessageChannel, name: str) -> Register:
+    return unsigned(address, lambda: getattr(channel, name), lambda value: setattr(channel, name, value))
 
-    yield settable(0x0D00, "host_port")
-    yield settable(0x0D04, "packet_size_register")
-    yield settable(0x0D08, "packet_delay_ns")
-    yield settable(0x0D18, "destination")
+
+def _messages(messages: MessageChannel) -> Iterator[Register]:
+    yield _settable(0x0B00, messages, "host_port")
+    yield _settable(0x0B10, messages, "destination")
+    yield _settable(0x0B14, messages, "timeout_ms")
+    yield _settable(0x0B18, messages, "retries")
+    yield unsigned(0x0B1C, lambda: messages.source_port)
+
+
+def _stream(stream: StreamChannel) -> Iterator[Register]:
+    yield _settable(0x0D00, stream, "host_port")
+    yield _settable(0x0D04, stream, "packet_size_register")
+    yield _settable(0x0D08, stream, "packet_delay_ns")
+    yield _settable(0x0D18, stream, "destination")
     yield unsigned(0x0D1C, lambda: stream.source_port)
     yield constant(0x0D20, _u32(0))  # no optional capabilities
     yield constant(0x0D24, _u32(0))  # none enabled

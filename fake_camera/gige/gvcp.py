@@ -35,6 +35,7 @@ class Command(IntEnum):
     WRITEREG = 0x0082
     READMEM = 0x0084
     WRITEMEM = 0x0086
+    EVENTDATA = 0x00C2
     ACTION = 0x0100
 
 
@@ -103,6 +104,24 @@ class Action:
     def from_request(cls, request: Request) -> Action:
         """Parse the payload of an ACTION; raises CommandError INVALID_HEADER when it is too short."""
         return cls(*_unpack(">IIIQ" if request.scheduled else ">III", request.payload))
+
+
+def command(number: Command, payload: bytes, request_id: int, *, ack_required: bool) -> bytes:
+    """A command that the camera itself sends: its events."""
+    return _HEADER.pack(_KEY, _ACK_REQUIRED * ack_required, number, len(payload), request_id) + payload
+
+
+def acknowledges(datagram: bytes, number: Command, request_id: int) -> bool:
+    """Whether a client acknowledges that command."""
+    if len(datagram) < _ACK_HEADER.size:
+        return False
+    _, acknowledged, _, answered = _ACK_HEADER.unpack_from(datagram)
+    return bool(acknowledged == number + 1 and answered == request_id)
+
+
+def event(event_id: int, block_id: int, device_time_ns: int, data: bytes) -> bytes:
+    """The payload of an EVENTDATA: an event of stream channel 0."""
+    return struct.pack(">HHHHQ", 0, event_id, 0, block_id, device_time_ns) + data
 
 
 def register_addresses(payload: bytes) -> list[int]:

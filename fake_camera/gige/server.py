@@ -15,12 +15,15 @@ from fake_camera.genapi.sent_chunks import sent_chunks
 from fake_camera.genapi.xml_camera import XmlCamera
 from fake_camera.genapi.xml_registers import XmlRegisters, free_address
 from fake_camera.genicam.description import genicam_xml, zipped
+from fake_camera.genicam.events import EXPOSURE_END
 from fake_camera.genicam.privilege import ControlPrivilege
 from fake_camera.genicam.registers import RegisterMap, feature_registers
 from fake_camera.gige import gvcp
 from fake_camera.gige.actions import ActionChannel
 from fake_camera.gige.bootstrap import GIGE_VISION, bootstrap_registers
 from fake_camera.gige.control_channel import ControlChannel
+from fake_camera.gige.gvsp import block_id
+from fake_camera.gige.message_channel import MessageChannel
 from fake_camera.gige.stream_channel import StreamChannel
 from fake_camera.gige.switch import Switch
 from fake_camera.imaging import ExposedFrame
@@ -65,6 +68,7 @@ class GigeServer:
         self._broadcast_sockets = [_bind(broadcast, reuse=True) for broadcast in _BROADCAST_ADDRESSES]
         self._second_address = second_address
         self._stream = StreamChannel(second_address or address, device.faults, switch)
+        self._messages = MessageChannel(address)
         privilege = ControlPrivilege()
         self._xml = xml
         self._ptp: PtpPort | None = None
@@ -79,7 +83,7 @@ class GigeServer:
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._serve, name=f"gvcp {address}", daemon=True)
         device.faults.restrict(GIGE if xml is None else GIGE - NOT_DESCRIBED)
-        device.connect(self._send)
+        device.connect(self._send, self._exposure_ended)
         device.on_power_on(self._power_on)
 
     def start(self) -> None:
@@ -96,6 +100,7 @@ class GigeServer:
         for udp in (self._socket, *self._broadcast_sockets):
             udp.close()
         self._stream.close()
+        self._messages.close()
         if self._ptp is not None:
             self._ptp.close()
 
@@ -109,7 +114,8 @@ class GigeServer:
                 address,
                 privilege,
                 self._stream,
-                description,
+                self._messages,
+                description=description,
                 actions=self._actions,
                 second_address=self._second_address,
             )
@@ -121,7 +127,8 @@ class GigeServer:
             address,
             privilege,
             self._stream,
-            description,
+            self._messages,
+            description=description,
             description_address=at,
             actions=self._actions,
             second_address=self._second_address,
@@ -160,15 +167,21 @@ class GigeServer:
         chunks = sent_chunks(frame, self._device, self._xml, GIGE_VISION.byte_order)
         self._stream.send(frame, chunks)
 
+    def _exposure_ended(self, frame: ExposedFrame) -> None:
+        block, time_ns = block_id(frame.frame_id), frame.exposure_end_ns
+        self._messages.send(gvcp.event(EXPOSURE_END, block, time_ns, frame.frame_id.to_bytes(8, "big")))
+
     def _released(self) -> None:
         """Stop streaming: there is no client."""
         self._stream.stop()
+        self._messages.host_port = 0
         self._device.execute("AcquisitionStop")
         self._device.features.update("TLParamsLocked", 0)
 
     def _power_on(self) -> None:
         self._control.reset()
         self._stream.reset()
+        self._messages.reset()
         if self._actions is not None:
             self._actions.reset()
 

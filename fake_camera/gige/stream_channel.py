@@ -54,11 +54,12 @@ class StreamChannel:
         self._other_address = str(IPv4Address(int(IPv4Address(address)) ^ _AWAY))
         self._kept: deque[Block] = deque(maxlen=_BLOCKS_KEPT)
         self._last_frame_id = 0
+        self._openings = 0
         self.source_port: int = self._socket.getsockname()[1]
         self._power_on()
 
     def _power_on(self) -> None:
-        self._host_port = 0
+        self.host_port = 0
         self.destination = 0
         self._packet_delay_ns = 0
         self._packet_bytes = MAX_PACKET_BYTES
@@ -71,7 +72,7 @@ class StreamChannel:
 
     def stop(self) -> None:
         """Close the channel to the client; its settings stay."""
-        self._host_port = 0
+        self.host_port = 0
 
     def close(self) -> None:
         """Free the socket."""
@@ -94,7 +95,8 @@ class StreamChannel:
 
     @host_port.setter
     def host_port(self, value: int) -> None:
-        self._host_port = value & 0xFFFF  # the upper half selects a network interface: there is one
+        self._host_port = value & 0xFFFF  # the upper half selects a network interface: the stream has only one
+        self._openings += 1
 
     @property
     def packet_delay_ns(self) -> int:
@@ -115,11 +117,11 @@ class StreamChannel:
     @packet_size_register.setter
     def packet_size_register(self, value: int) -> None:
         packet_bytes = value & 0xFFFF
-        if not MIN_PACKET_BYTES <= packet_bytes <= MAX_PACKET_BYTES:
+        if packet_bytes < MIN_PACKET_BYTES:
             raise CommandError(Status.INVALID_PARAMETER)
-        self._packet_bytes = packet_bytes
+        self._packet_bytes = min(packet_bytes, MAX_PACKET_BYTES)
         self._do_not_fragment = bool(value & _DO_NOT_FRAGMENT)
-        if value & _FIRE_TEST_PACKET:
+        if value & _FIRE_TEST_PACKET and packet_bytes == self._packet_bytes:
             self._send([trial_packet(packet_bytes)])
 
     def send(self, frame: ExposedFrame, chunks: bytes) -> None:
@@ -136,7 +138,10 @@ class StreamChannel:
         else:
             self._kept.append(block)
         pause_s = 0.0
+        opening = self._openings
         for packet_id in packet_ids:
+            if self._openings != opening:
+                return  # the next client must not get the rest
             sent = self._send(block.packet(packet_id))
             pause_s += sent * _PACE_S_PER_BYTE + self._packet_delay_ns * 1e-9
             if pause_s > _SHORTEST_PAUSE_S:

@@ -42,6 +42,7 @@ _ALIGNMENT_LOG2 = 2
 USB3_VISION = Transport(
     "U3V",
     "little",
+    4,
     (
         RegisterField("U3VVersionMajor", SBRM, lsb=15),
         RegisterField("U3VVersionMinor", SBRM, msb=16),

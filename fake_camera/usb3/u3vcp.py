@@ -86,7 +86,7 @@ def write_acknowledgement(written: int) -> bytes:
     return struct.pack("<HH", 0, written)
 
 
-def event(event_id: int, request_id: int, device_time_ns: int) -> bytes:
-    """The transfer of an event without data."""
-    body = struct.pack("<HHQ", 0, event_id, device_time_ns)
+def event(event_id: int, request_id: int, device_time_ns: int, data: bytes = b"") -> bytes:
+    """The transfer of an event."""
+    body = struct.pack("<HHQ", 0, event_id, device_time_ns) + data
     return _HEADER.pack(_EVENT_MAGIC, 0, _EVENT, len(body), request_id) + body

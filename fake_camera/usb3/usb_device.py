@@ -87,7 +87,7 @@ class UsbDevice:
         self._halted_out = False
         self._configuration = 0
         device.faults.restrict(USB3 if xml is None else USB3 - NOT_DESCRIBED)
-        device.connect(self._send)
+        device.connect(self._send, self._exposure_ended)
 
     def reset(self) -> None:
         """Back to the power-on state, except for the camera's features."""
@@ -146,9 +146,12 @@ class UsbDevice:
         return XmlRegisters(bootstrap, xml, alignment=1)
 
     def _send(self, frame: ExposedFrame) -> None:
-        frame = dataclasses.replace(frame, frame_id=frame.frame_id - 1)  # on USB frame ids begin at 0
+        frame = _counted_from_0(frame)
         chunks = sent_chunks(frame, self._device, self._xml, USB3_VISION.byte_order)
         self._stream.send(frame, chunks)
+
+    def _exposure_ended(self, frame: ExposedFrame) -> None:
+        self._events.exposure_ended(_counted_from_0(frame))
 
     def _identity(self) -> Identity:
         names = ("DeviceVendorName", "DeviceModelName", "DeviceSerialNumber", "DeviceVersion", "DeviceUserID")
@@ -208,3 +211,8 @@ class UsbDevice:
             endpoint.halt()
         else:
             endpoint.clear_halt()
+
+
+def _counted_from_0(frame: ExposedFrame) -> ExposedFrame:
+    """As frames are counted on USB."""
+    return dataclasses.replace(frame, frame_id=frame.frame_id - 1)

@@ -30,6 +30,7 @@ from fake_camera.genicam.status import CommandError, Status
 from fake_camera.gige.bootstrap import CONTROL_PRIVILEGE, GIGE_VISION, bootstrap_registers
 from fake_camera.gige.control_channel import ControlChannel
 from fake_camera.gige.gvcp import Action, Command
+from fake_camera.gige.message_channel import MessageChannel
 from fake_camera.gige.stream_channel import StreamChannel
 from fake_camera.ptp.clock import Clock
 from fake_camera.ptp.master import Master
@@ -70,7 +71,7 @@ class StillDevice:
         elif name == "DeviceReset":
             self.features.reset()
 
-    def connect(self, sink: object) -> None:
+    def connect(self, sink: object, exposure_ended: object) -> None:
         pass
 
     def on_power_on(self, callback: object) -> None:
@@ -91,7 +92,10 @@ class GigeCamera:
         self._features = device.features
         self._stream = StreamChannel("127.0.0.1", device.faults)
         privilege = ControlPrivilege()
-        bootstrap = bootstrap_registers(device, "127.0.0.1", privilege, self._stream, _gige_description())
+        messages = MessageChannel("127.0.0.1")
+        bootstrap = bootstrap_registers(
+            device, "127.0.0.1", privilege, self._stream, messages, description=_gige_description()
+        )
         registers = RegisterMap((*bootstrap, *feature_registers(device, "big")))
         self.channel = ControlChannel(registers, privilege, self._stream.resend, self._stream.stop, self._act)
 
@@ -323,4 +327,5 @@ def description_seeds() -> Iterator[bytes]:
     for number in range(len(COMBINATIONS)):
         writes = [struct.pack(">II", 0x20000 + 16 * place, 1) for place in range(24)]
         yield framed(xml_camera(number), *writes)
-    yield framed(genicam_xml(StillDevice().features, GIGE_VISION))
+    indented = genicam_xml(StillDevice().features, GIGE_VISION)
+    yield framed(b"".join(line.strip() for line in indented.splitlines()))  # what a frame has room for

@@ -84,7 +84,7 @@ def discovery(data: bytes) -> None:
     camera = gvcp._read_identity(data, LO)
     if camera is not None:
         str(camera.reachable)
-    gvcp._parse(data)
+    gvcp._parse(data, 1)
     action_commands.refusal(data)
 
 

@@ -35,6 +35,7 @@ from fake_camera.genicam.registers import (
 from fake_camera.genicam.status import CommandError, Status
 from fake_camera.gige.actions import ActionChannel
 from fake_camera.gige.bootstrap import GIGE_VISION, bootstrap_registers, mac_address
+from fake_camera.gige.message_channel import MessageChannel
 from fake_camera.gige.stream_channel import StreamChannel
 from tests.fake_camera.gige.gige_client import device
 
@@ -54,15 +55,16 @@ def camera() -> Iterator[Device]:
 
 @pytest.fixture
 def registers(camera: Device) -> Iterator[list[Register]]:
-    stream = StreamChannel("127.0.0.1", Faults())
+    stream, messages = StreamChannel("127.0.0.1", Faults()), MessageChannel("127.0.0.1")
     packed = zipped("FakeGV287M", DESCRIPTION)
     privilege = ControlPrivilege()
     actions = ActionChannel(camera, privilege)
     yield [
-        *bootstrap_registers(camera, "127.0.0.9", privilege, stream, packed, actions=actions),
+        *bootstrap_registers(camera, "127.0.0.9", privilege, stream, messages, description=packed, actions=actions),
         *feature_registers(camera, "big"),
     ]
     stream.close()
+    messages.close()
 
 
 @pytest.fixture

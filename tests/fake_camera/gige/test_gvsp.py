@@ -141,7 +141,18 @@ def test_a_smaller_packet_size_is_kept_to(client: Client) -> None:
     assert {len(packet) for packet in client.received()[1:-2]} == {1400 - 28}
 
 
-@pytest.mark.parametrize("packet_bytes", [0, 219, 9001, 0xFFFF])
+@pytest.mark.parametrize("packet_bytes", [9001, 0xFFFF])
+def test_of_a_packet_size_too_large_the_largest_is_taken_and_no_test_packet_sent(
+    client: Client, packet_bytes: int
+) -> None:
+    client.channel.packet_size_register = 1400
+    client.channel.packet_size_register = FIRE_TEST_PACKET | packet_bytes
+    assert client.channel.packet_size_register == 9000
+    client.channel.packet_size_register = FIRE_TEST_PACKET | 4000
+    assert len(client.socket.recv(10_000)) == 4000 - 28
+
+
+@pytest.mark.parametrize("packet_bytes", [0, 219])
 def test_a_packet_size_that_cannot_be_is_refused(client: Client, packet_bytes: int) -> None:
     with pytest.raises(CommandError):
         client.channel.packet_size_register = packet_bytes
