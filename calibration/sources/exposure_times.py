@@ -1,32 +1,27 @@
-"""Exposure times of image files: from EXIF, from their names, or from a list.
+"""Exposure times of image files: from EXIF, from their names, or from a list (`exposure_lists`).
 
 In a name, the time is a number right before `us`, `ms` or `s`, followed by no letter or digit, once in the
 name: `img_0.0333s.png`, `img_5000us.png`, `wall-2.5ms-b.tif`.
-
-A list is a text file. Each line holds an image's name (relative to the list) and its exposure time in seconds, or only
-a time; times without names belong to the images next to the list, in the order of their names. A time may be a fraction
-(`1/30`). Empty lines, and everything after `#`, are ignored.
 """
 
 from __future__ import annotations
 
 import math
-import os
 import re
 from dataclasses import dataclass
 from pathlib import Path
 
 from PIL import Image
 
-from drivers.config.files import open_regular, read_regular
-from drivers.config.readable import quoted
+from calibration.sources.exposure_lists import read_list
+from drivers.config.files import open_regular
 from drivers.errors import ConfigurationError
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".pgm", ".ppm")
 
 _EXIF_IFD, _EXPOSURE_TIME, _F_NUMBER, _SENSITIVITY = 0x8769, 0x829A, 0x829D, 0x8827
 _TIME_IN_NAME = re.compile(r"(?<![\d.])(\d+(?:\.\d+)?)(us|ms|s)(?![0-9A-Za-z])")
-_MOST_LIST_BYTES = 1 << 20
+_TUM_LIST = "times.txt"
 _SECONDS_PER_UNIT = {"us": 1e-6, "ms": 1e-3, "s": 1.0}
 
 
@@ -41,14 +36,18 @@ class TimedFile:
 def timed_files(source: Path) -> list[TimedFile]:
     """The images of a folder (in the order of their names, timed by EXIF or else by name), or of a list.
 
+    A folder that holds a `times.txt`, as those of the TUM mono data set, is timed by that list.
+
     Raises
     ------
     ConfigurationError
         Naming the file and the line at fault.
     """
-    if source.is_dir():
-        return _in_folder(source)
-    return _in_list(source)
+    if not source.is_dir():
+        return [TimedFile(*entry) for entry in read_list(source, image_paths)]
+    if (source / _TUM_LIST).is_file():
+        return timed_files(source / _TUM_LIST)
+    return _in_folder(source)
 
 
 def _in_folder(folder: Path) -> list[TimedFile]:
@@ -93,58 +92,6 @@ def seconds_in_name(path: Path) -> float | None:
     value = float(found[0][0]) * _SECONDS_PER_UNIT[found[0][1]]
     if value <= 0:
         raise ConfigurationError(f"{path}: its name has an exposure time of 0: give the real one")
-    return value
-
-
-def _in_list(path: Path) -> list[TimedFile]:
-    try:
-        lines = read_regular(path, _MOST_LIST_BYTES).decode("utf-8-sig").splitlines()
-    except OSError as error:
-        raise ConfigurationError(f"{path}: cannot be read ({error.strerror}): check its name and access") from error
-    except UnicodeDecodeError as error:
-        raise ConfigurationError(f"{path}: is not text: name a folder of images, or a list of them") from error
-    entries = [(number, line.partition("#")[0].split()) for number, line in enumerate(lines, 1)]
-    entries = [(number, words) for number, words in entries if words]
-    if not entries:
-        raise ConfigurationError(f"{path}: is empty: write one image and its time in seconds per line")
-    seconds = [_seconds(words[-1], f"{path}: line {number}") for number, words in entries]
-    named = [(number, " ".join(words[:-1])) for number, words in entries if len(words) > 1]
-    if not named:
-        return _by_order(path, seconds)
-    for number, words in entries:
-        if len(words) == 1:
-            raise ConfigurationError(f"{path}: line {number}: names no image, but other lines do: add its name")
-    files: list[TimedFile] = []
-    for (number, name), value in zip(named, seconds, strict=True):
-        image = path.parent / name
-        if not os.path.isfile(image):  # noqa: PTH113 - Path.is_file raises for names that are too long
-            raise ConfigurationError(f"{path}: line {number}: there is no image {image}: correct its name")
-        if image in (file.path for file in files):
-            raise ConfigurationError(f"{path}: line {number}: names {name} again: leave one line for each image")
-        files.append(TimedFile(image, value))
-    return files
-
-
-def _by_order(path: Path, seconds: list[float]) -> list[TimedFile]:
-    images = image_paths(path.parent)
-    if len(images) != len(seconds):
-        raise ConfigurationError(
-            f"{path}: has {len(seconds)} times, but {len(images)} images lie next to it: "
-            "write one time for each, or name the images"
-        )
-    return [TimedFile(image, value) for image, value in zip(images, seconds, strict=True)]
-
-
-def _seconds(word: str, where: str) -> float:
-    parts = word.split("/")
-    try:
-        value = float(parts[0]) / float(parts[1]) if len(parts) == 2 else float(word)
-    except (ValueError, ZeroDivisionError):
-        value = math.nan
-    if not 0 < value < math.inf:
-        raise ConfigurationError(
-            f"{where}: {quoted(word)} is not an exposure time: give seconds above 0, such as 0.0333 or 1/30"
-        )
     return value
 
 

@@ -169,3 +169,42 @@ def test_a_damaged_image_in_a_list_is_named(tmp_path: Path) -> None:
     (tmp_path / "list.txt").write_text("a.png 1")
     with pytest.raises(ConfigurationError, match=r"a.png: is not a readable image of 8 or 16 bits"):
         read_images(tmp_path / "list.txt")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "a.png,0.01\nb.png,0.02\n",
+        "a.png; 10ms\nb.png; 20 ms\n",
+        "b.png\t1/50\na.png\t1/100 s\n",
+        "filename,exposure_time_ms\na.png,10\nb.png,20\n",
+        "timestamp,exposure (us),image file,gain\n17.5,10000,a.png,0\n18.5,20000,b.png,0\n",
+        '"Name";"Shutter speed"\n"a.png";"1/100"\n"b.png";"1/50"\n',
+        "exposure_us,\n10000,\n20000,\n",
+        "time_s\n0.01\n0.02\n",
+    ],
+)
+def test_tables_as_people_write_them(tmp_path: Path, text: str) -> None:
+    for name in ("a.png", "b.png"):
+        write(tmp_path / name)
+    (tmp_path / "list.csv").write_text(text, encoding="utf-8-sig", newline="\r\n")
+    assert sorted(times_us(tmp_path / "list.csv")) == pytest.approx([1e4, 2e4])
+
+
+@pytest.mark.parametrize("source", [".", "times.txt"])
+def test_a_sweep_of_the_tum_mono_data_set(tmp_path: Path, source: str) -> None:
+    (tmp_path / "images").mkdir()
+    for number in ("00000", "00001"):
+        write(tmp_path / "images" / f"{number}.jpg")
+    (tmp_path / "times.txt").write_text("00000 1460394400.5 0.05\n00001 1460394400.6 19.5\n")
+    assert times_us(tmp_path / source) == pytest.approx([50, 19_500])
+    (tmp_path / "images" / "00001.jpg").unlink()
+    with pytest.raises(ConfigurationError, match=r"times.txt: line 2: there is no image .*images/00001.jpg: unpack"):
+        read_images(tmp_path / source)
+
+
+def test_a_short_line_of_a_table_is_named(tmp_path: Path) -> None:
+    write(tmp_path / "a.png")
+    (tmp_path / "list.csv").write_text("file,exposure_ms\na.png\n")
+    with pytest.raises(ConfigurationError, match=r"list.csv: line 2: has 1 columns"):
+        read_images(tmp_path / "list.csv")
