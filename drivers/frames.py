@@ -15,6 +15,15 @@ from drivers.pixels.layout import Layout, Pixels, grey_plane, sparse
 Side = Literal["left", "right"]
 SIDES: Final[tuple[Side, ...]] = get_args(Side)
 SettingSource = Literal["chunk", "ledger"]
+DoubtKind = Literal["counter", "stamps", "wrap", "reading", "jump"]
+
+
+@dataclass(frozen=True, slots=True)
+class Doubt:
+    """What of a camera's numbers and time stamps is not believed, by kind, and a sentence that begins with "its"."""
+
+    kind: DoubtKind
+    sentence: str
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -29,11 +38,13 @@ class Frame:
     bit_depth
         Significant bits of a sample, as in `PixelFormat`.
     frame_id
-        The camera's frame counter, unwrapped: it never restarts while the camera stays open.
+        The camera's frame counter, unwrapped: it never restarts while the camera stays open. As counted by the host
+        where the camera's is not believed.
     device_time_ns
-        The camera's own time stamp of this frame, on its own clock.
+        The camera's own time stamp of this frame, on its own clock; where it is not believed, the one before it
+        continued.
     host_time_ns
-        `device_time_ns` mapped to the host's CLOCK_MONOTONIC.
+        When its exposure began, CLOCK_MONOTONIC: `device_time_ns` mapped, or by its arrival.
     arrival_time_ns
         When the frame was complete in the host's memory, CLOCK_MONOTONIC.
     setting
@@ -42,6 +53,10 @@ class Frame:
         How that is known: "chunk", the frame itself says so; "ledger", inferred from when settings were written.
     layout
         What the samples are, as in `PixelFormat`.
+    by_arrival
+        Whether `host_time_ns` is late by the time of readout and transfer, as the camera's clock is not known.
+    doubt
+        What of it is not believed, told with one frame.
     """
 
     pixels: Pixels
@@ -53,6 +68,8 @@ class Frame:
     setting: ExposureSetting
     setting_source: SettingSource = "chunk"
     layout: Layout = "grey"
+    by_arrival: bool = False
+    doubt: Doubt | None = None
 
     def grey8(self, saturation: int = 255) -> NDArray[np.uint8]:
         """What control sees of the pixels: 8-bit grey levels (see `grey_plane`), at half size for a colour mosaic.

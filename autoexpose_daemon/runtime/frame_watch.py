@@ -8,8 +8,7 @@ from collections import Counter
 from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.runtime.complaints import Complaints
 from autoexpose_daemon.status.telemetry import Telemetry
-from drivers.frames import Frame, Side
-from drivers.genicam.clock import JumpWatch
+from drivers.frames import Doubt, Frame, Side
 from drivers.triggers.effect import EffectWatch
 from drivers.triggers.rate import HOST_RATE_TOLERANCE, RATE_TOLERANCE, RateWatch
 from drivers.triggers.record import RigRecord
@@ -33,7 +32,6 @@ class FrameWatch:
         tolerance = HOST_RATE_TOLERANCE if config.trigger.by_host else RATE_TOLERANCE
         self._rates = RateWatch(config.trigger.rate_hz, config.trigger_sources, tolerance)
         self._effects = {side: EffectWatch() for side in config.sides}
-        self._jumps = JumpWatch()
         self._with_metadata: set[Side] = set()
         self._incomplete: Counter[Side] = Counter()
 
@@ -45,10 +43,6 @@ class FrameWatch:
         """The next complete frame of a camera."""
         self._incomplete[side] = 0
         self._complaints.end(side, "incomplete")
-        jump_s = self._jumps.frame(side, frame)
-        if jump_s:
-            self._telemetry.counts.clock_jumps += 1
-            log.warning("%s camera: its clock jumped by %+.1f s; its frames keep their place", side, jump_s)
         self._complaints.judge(side, "rate", self._rates.frame(side, frame))
         self._complaints.judge(side, "effect", self._effects[side].frame(frame, self._record.history(side)))
         self._telemetry.counts.frames_off_setting = sum(watch.frames_off_setting for watch in self._effects.values())
@@ -58,6 +52,11 @@ class FrameWatch:
         elif side in self._with_metadata:
             self._telemetry.counts.frames_without_exposure_metadata += 1
             self._complaints.begin(side, "metadata", _NO_METADATA)
+
+    def doubt(self, side: Side, doubt: Doubt) -> None:
+        """A camera's numbers or time stamps are not believed: told with any complete frame, and once."""
+        self._telemetry.counts.clock_jumps += doubt.kind == "jump"
+        log.warning("%s camera: %s", side, doubt.sentence)
 
     def incomplete(self, side: Side) -> None:
         """A frame of a camera arrived with holes."""
@@ -74,8 +73,7 @@ class FrameWatch:
 
     def gone(self, side: Side) -> None:
         """The camera is lost: everything is judged afresh when it returns."""
-        for watch in (self._rates, self._jumps):
-            watch.gone(side)
+        self._rates.gone(side)
         self._effects[side].gone()
         self._incomplete[side] = 0
         self._with_metadata.discard(side)

@@ -28,6 +28,7 @@ from drivers.exposure import ExposureSetting
 from drivers.frames import Side, StereoPair
 from drivers.rig.events import CameraReady, RigEvent, WriteFailed, Written
 from drivers.rig.pace import Slots
+from drivers.triggers.arrivals import ReadoutTimes
 from drivers.triggers.host import HostTriggers, PtpTriggers, SoftwareTriggers
 from drivers.triggers.record import RigRecord
 
@@ -112,6 +113,7 @@ class RigControl:
         self._cameras = cameras
         self._now_ns = now_ns
         self._triggers = _host_triggers(config, now_ns())
+        self._readout_times = ReadoutTimes()
         self._health = RigHealth(config, self.telemetry, self.record, self._triggers)
         self._asked: ExposureSetting | None = start or config.start  # None: write the next one, even if it is the same
         self._last_trigger = -1
@@ -171,7 +173,7 @@ class RigControl:
     def _enter(self, event: RigEvent) -> list[StereoPair]:
         """Enter an event; returns the pairs it completed."""
         pairs: list[StereoPair] = []
-        event = self._triggers.placed(event)
+        event = self._triggers.placed(self._readout_times.placed(event))
         for side, slots in self._triggers.see(event, self._now_ns()).items():
             self._cameras.pace(side, slots)
             self.record.paced(side, self._now_ns())

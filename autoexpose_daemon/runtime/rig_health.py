@@ -65,6 +65,8 @@ class RigHealth:
             self._stuck.arrived(event.side, now_ns)
             self._silent.discard(event.side)
             self._complaints.end(event.side, "strangers")
+            if isinstance(event.frame, Frame) and event.frame.doubt is not None:
+                self._frame_watch.doubt(event.side, event.frame.doubt)
         match event:
             case FrameArrived(side, IncompleteFrame()):
                 self._frame_watch.incomplete(side)

@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from drivers.config.files import read_regular
+from drivers.config.readable import quoted
 from drivers.errors import ConfigurationError
 
 _MOST_BYTES = 1 << 20
@@ -160,6 +161,6 @@ def _seconds(word: str, where: str, unit: str) -> float:
     value = None if split is None else _number(split[1])
     if split is None or value is None or not 0 < value < math.inf:
         raise ConfigurationError(
-            f"{where}: {word!r} is not an exposure time: give seconds above 0, such as 0.0333 or 1/30"
+            f"{where}: {quoted(word)} is not an exposure time: give seconds above 0, such as 0.0333 or 1/30"
         )
     return value * _SECONDS_PER_UNIT[split[2].lower() or unit]

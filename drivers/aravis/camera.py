@@ -25,7 +25,7 @@ from drivers.errors import (
 )
 from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import Frame, SettingSource
-from drivers.genicam.clock import LatchedClock, find_clock
+from drivers.genicam.clock import find_clock
 from drivers.genicam.dialect import find_dialect, switch_auto_off
 from drivers.genicam.features import apply_features
 from drivers.genicam.gamma import switch_gamma_off
@@ -37,7 +37,8 @@ from drivers.genicam.image_format import (
     set_binning,
     switch_white_balance_off,
 )
-from drivers.genicam.metadata import FrameIdUnwrapper, SettingLedger, enable_chunks
+from drivers.genicam.metadata import SettingLedger, enable_chunks
+from drivers.genicam.timeline import FrameTimeline
 from drivers.genicam.timing import timing_limitations
 from drivers.genicam.trigger import SOFTWARE_TRIGGER, action_queue, arm_trigger
 from drivers.host.action_commands import ActionSender
@@ -51,6 +52,10 @@ _HOLES = (
     Aravis.BufferStatus.MISSING_PACKETS,
     Aravis.BufferStatus.WRONG_PACKET_ID,
     Aravis.BufferStatus.SIZE_MISMATCH,
+)
+_HOST_STAMPS = (
+    "its time stamps have no tick frequency (GevTimestampTickFrequency reads 0): frames are stamped as they reach the "
+    "host, and host times are late by readout and transfer"
 )
 _log = logging.getLogger(__name__)
 
@@ -85,15 +90,17 @@ class AravisCamera:
         gain_node = None if self._dialect.gain is None else self._dialect.gain.node
         self._chunk_nodes, of_chunks = enable_chunks(nodes, gain_node)
         self._clock, of_clock = find_clock(nodes)
-        if self._ptp is not None and not isinstance(self._clock, LatchedClock):
+        # Without a tick frequency Aravis stamps a frame with the host's time when its first packet arrives.
+        self._host_stamps = camera.is_gv_device() and not camera.get_device().get_timestamp_tick_frequency()
+        if self._ptp is not None and (self._clock is None or self._host_stamps):
             raise UnsupportedCameraError(
                 f"camera {found.serial}: it has no TimestampLatch, and so its PTP time cannot be read: choose another "
                 "trigger.mode"
             )
         of_timing = timing_limitations(nodes, setup.trigger)
-        limitations = (
-            *self._dialect.limitations, *of_trigger, *of_ptp, *of_timing, *of_gamma, *of_colours, *of_chunks, *of_clock
-        )  # fmt: skip
+        of_stamps = (_HOST_STAMPS,) if self._host_stamps else ()
+        of_camera = (*of_trigger, *of_ptp, *of_timing, *of_gamma, *of_colours, *of_chunks, *of_clock, *of_stamps)
+        limitations = (*self._dialect.limitations, *of_camera)
         self._description = CameraDescription(
             found.vendor,
             found.model,
@@ -107,8 +114,11 @@ class AravisCamera:
         self._limits = self._dialect.limits(nodes)
         self._setting: ExposureSetting | None = self._dialect.settle(nodes, self._limits)
         self._ledger = SettingLedger(self._setting)
-        self._frame_ids = FrameIdUnwrapper()
-        self._last_frame_id = -1
+        self._timeline = FrameTimeline(
+            None if setup.trigger.rate_hz is None else 1e9 / setup.trigger.rate_hz,
+            None if self._clock is None or self._host_stamps else self._clock.read(),
+            1.0 if self._clock is None else self._clock.tick_ns,
+        )
         self._unreadable = False
         self._stream, self._guard = create_stream(camera, nodes, setup)
         self._chunks = camera.create_chunk_parser()
@@ -195,8 +205,12 @@ class AravisCamera:
         """Measure again how the camera's clock maps to the host's, and whether PTP synchronises it."""
         self._check_present()
         state = None if self._ptp is None else self._ptp.read()
-        offset_ns = self._clock.latch()
-        return None if state is None or offset_ns is None else ClockReading(offset_ns, state)
+        if self._clock is None:
+            return None
+        offset_ns = self._clock.read()
+        if not self._host_stamps:
+            self._timeline.read(offset_ns)
+        return None if state is None else ClockReading(offset_ns, state)
 
     def refused_packets(self) -> RefusedPackets | None:
         """What was sent to its stream since the last call and looked foreign; None: nothing."""
@@ -246,14 +260,16 @@ class AravisCamera:
         status = buffer.get_status()
         if status != Aravis.BufferStatus.SUCCESS and status not in _HOLES:
             return None  # cleared by a stop
-        device_time_ns = buffer.get_timestamp()
-        if status in _HOLES and not device_time_ns:
+        stamp_ns = buffer.get_timestamp()
+        if status in _HOLES and not stamp_ns:
             return None  # its leader was lost, and with it its id: the gap in the ids will show it
-        frame_id = self._frame_ids.unwrap(buffer.get_frame_id())
-        in_order, self._last_frame_id = frame_id > self._last_frame_id, frame_id
-        host_time_ns = self._clock.host_time_ns(device_time_ns, arrival_time_ns, in_order)
-        if status in _HOLES or host_time_ns is None:
-            return IncompleteFrame(frame_id, host_time_ns)
+        said = None if status in _HOLES else self._read_chunks(buffer)
+        exposure_ns = round(1e3 * (said or self._ledger.setting_at(arrival_time_ns)).exposure_time_us)
+        if self._host_stamps:
+            stamp_ns -= exposure_ns
+        placed = self._timeline.place(buffer.get_frame_id(), stamp_ns, arrival_time_ns, exposure_ns)
+        if status in _HOLES or placed.host_time_ns is None:
+            return placed.incomplete
         try:
             width, height = buffer.get_image_width(), buffer.get_image_height()
             pixels = decode_pixels(
@@ -265,30 +281,36 @@ class AravisCamera:
                 has_chunks=buffer.has_chunks(),
                 row_padding_bytes=row_padding_bytes(buffer),
             )
-            setting, source = self._read_setting(buffer, pixels, host_time_ns)
         except ValueError as error:
             if not self._unreadable:
                 _log.warning(
-                    "camera %s: frames cannot be read, the first is %d: %s", self._description.serial, frame_id, error
+                    "camera %s: frames cannot be read, the first is %d: %s",
+                    self._description.serial,
+                    placed.frame_id,
+                    error,
                 )
             self._unreadable = True
-            return IncompleteFrame(frame_id, host_time_ns)
+            return placed.incomplete
+        setting, source = self._taken_with(said, pixels, placed.host_time_ns)
         return Frame(
             pixels,
             self._pixel_format.bit_depth,
-            frame_id,
-            device_time_ns,
-            host_time_ns,
+            placed.frame_id,
+            placed.device_time_ns,
+            placed.host_time_ns,
             arrival_time_ns,
             setting,
             source,
             self._pixel_format.layout,
+            placed.by_arrival,
+            placed.doubt,
         )
 
-    def _read_setting(self, buffer: Any, pixels: Pixels, host_time_ns: int) -> tuple[ExposureSetting, SettingSource]:
-        setting = self._read_chunks(buffer)
-        if setting is not None:
-            return setting, "chunk"
+    def _taken_with(
+        self, said: ExposureSetting | None, pixels: Pixels, host_time_ns: int
+    ) -> tuple[ExposureSetting, SettingSource]:
+        if said is not None:
+            return said, "chunk"
         samples = light_samples(pixels, self._pixel_format.layout)
         self._ledger.observe(host_time_ns, float(samples[::SPARSE, ::SPARSE].mean()))
         return self._ledger.setting_at(host_time_ns), "ledger"

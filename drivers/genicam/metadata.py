@@ -1,4 +1,4 @@
-"""A frame's number, and the setting that it was taken with."""
+"""The setting that a frame was taken with."""
 
 from __future__ import annotations
 
@@ -13,32 +13,10 @@ from drivers.genicam.nodes import NodeMap
 from drivers.genicam.quantity import us_per_unit
 from drivers.genicam.write_latency import WriteLatency
 
-FRAME_ID_CYCLE = 0xFFFF
-"""GigE Vision 1 counts frames 1 ... 65535 and skips 0, so ids repeat after 65535 frames and not 65536."""
 LEDGER_LENGTH = 64
 """Writes remembered: at one per frame, a second at 60 Hz, longer than any frame takes to arrive."""
 
 _INFERRED = "a frame's setting is inferred from when it was written"
-
-
-class FrameIdUnwrapper:
-    """Turns the wire's frame ids into a counter that never restarts.
-
-    Ids beyond 16 bits (USB3 Vision, GigE Vision 2) are such counters already and pass through.
-    """
-
-    def __init__(self) -> None:
-        self._newest: int | None = None
-
-    def unwrap(self, frame_id: int) -> int:
-        """The unwrapped id nearest to the newest one seen: right while gaps stay below half a cycle (32767 frames)."""
-        if self._newest is None or frame_id > FRAME_ID_CYCLE:
-            unwrapped = frame_id
-        else:
-            ahead = (frame_id - self._newest) % FRAME_ID_CYCLE
-            unwrapped = self._newest + (ahead if ahead <= FRAME_ID_CYCLE // 2 else ahead - FRAME_ID_CYCLE)
-        self._newest = unwrapped if self._newest is None else max(self._newest, unwrapped)
-        return unwrapped
 
 
 class SettingLedger:

@@ -12,8 +12,9 @@ import numpy as np
 from drivers.camera import CameraDescription, ClockReading, IncompleteFrame, PtpState
 from drivers.errors import CameraLostError, CameraNotFoundError, NodeError
 from drivers.exposure import ExposureLimits, ExposureSetting
-from drivers.frames import Frame, SettingSource, Side
+from drivers.frames import Frame, Side
 from drivers.genicam.clock import LatchedClock
+from drivers.genicam.timeline import FrameTimeline
 from drivers.rig.pace import Slots
 from tests.soak.clock import MS, Clock
 
@@ -69,9 +70,12 @@ class Device:
         What became of pulses that make no frame, until somebody takes note.
     slots
         Of the host, if that triggers it.
+    period_ns
+        Of the triggers, as configured.
     """
 
     slots: Slots | None = None
+    period_ns: float | None = None
 
     def __init__(self, side: Side, clock: Clock, seed: int) -> None:
         self.side = side
@@ -206,6 +210,7 @@ class VirtualCamera:
         self._lost = False
         self._latched_ns = 0
         self._clock = LatchedClock(self, "Latch", "Value", 1_000_000_000, device.clock)  # type: ignore[arg-type]
+        self._timeline = FrameTimeline(device.period_ns, self._clock.read())
 
     def start(self) -> None:
         self._reach()
@@ -219,11 +224,22 @@ class VirtualCamera:
         if not in_flight or in_flight[0].arrival_ns > now_ns:
             return None
         pulse, _, frame_id, device_ns, setting, whole, told = in_flight.popleft()
-        host_ns = self._clock.host_time_ns(device_ns, now_ns)
-        if not whole or host_ns is None:
-            return IncompleteFrame(frame_id, host_ns)
-        source: SettingSource = "chunk" if told else "ledger"
-        return VirtualFrame(PIXELS, 8, frame_id, device_ns, host_ns, now_ns, setting, source, pulse=pulse)
+        placed = self._timeline.place(frame_id, device_ns, now_ns, round(1e3 * setting.exposure_time_us))
+        if not whole or placed.host_time_ns is None:
+            return placed.incomplete
+        return VirtualFrame(
+            PIXELS,
+            8,
+            placed.frame_id,
+            placed.device_time_ns,
+            placed.host_time_ns,
+            now_ns,
+            setting,
+            "chunk" if told else "ledger",
+            by_arrival=placed.by_arrival,
+            doubt=placed.doubt,
+            pulse=pulse,
+        )
 
     def write(self, setting: ExposureSetting) -> ExposureSetting:
         self._reach()
@@ -242,7 +258,8 @@ class VirtualCamera:
         self._device.schedule(device_time_ns)
 
     def latch_clock(self) -> ClockReading | None:
-        state, offset_ns = self._device.ptp_state(), self._clock.latch()
+        state, offset_ns = self._device.ptp_state(), self._clock.read()
+        self._timeline.read(offset_ns)
         return None if state is None else ClockReading(offset_ns, state)
 
     def refused_packets(self) -> None:

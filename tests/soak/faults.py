@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
 
-from drivers.genicam.clock import SURE_FRAMES
+from drivers.genicam.timeline import SURE_FRAMES
 from drivers.triggers.rate import JUDGED_FRAMES
 from tests.soak.camera import BUFFERS, LIMITS, Device
 from tests.soak.clock import MS, SECOND, Actor

@@ -172,6 +172,8 @@ class VirtualRig:
         tuning = tuning or ScriptedTuning(CONFIG, self.clock)
         config = tuning.config
         self.devices = [new_device(side, self.clock, seed) for side in SIDES]
+        for device in self.devices:
+            device.period_ns = SECOND / config.trigger.rate_hz
         self.units = {device.side: Unit(device, self._events, self.clock, config) for device in self.devices}
         self.control = RigControl(tuning.config, self, now_ns=self.clock)
         self.control.outlets.append(outlet)

@@ -17,9 +17,8 @@ from drivers.aravis.introspection import Aravis
 from drivers.camera import IncompleteFrame
 from drivers.errors import CameraBusyError, NodeError
 from drivers.exposure import ExposureSetting
-from drivers.genicam.clock import ArrivalClock
 from drivers.genicam.dialect import find_dialect
-from drivers.genicam.metadata import FrameIdUnwrapper, SettingLedger
+from drivers.genicam.metadata import SettingLedger
 from tests.drivers.genicam.node_map import FloatNode, MemoryNodes
 
 AT_FIRST = ExposureSetting(1000.0, 0.0)
@@ -42,27 +41,6 @@ def test_only_a_setting_that_can_be_is_taken_from_chunks() -> None:
         assert read_chunks(impossible, 0.0) is None
     for impossible in (7000.0, -7000.0, math.inf, math.nan):
         assert read_chunks(1000.0, impossible) is None
-
-
-def test_frame_numbers_tell_a_jump_of_the_clock_from_a_frame_that_arrives_late() -> None:
-    device = AravisCamera.__new__(AravisCamera)
-    device._frame_ids, device._last_frame_id, device._clock = FrameIdUnwrapper(), -1, ArrivalClock()
-
-    def host_time_ns(frame_id: int, stamp_ns: int, arrival_ns: int) -> int | None:
-        status = Aravis.BufferStatus.MISSING_PACKETS
-        buffer = SimpleNamespace(
-            get_status=lambda: status, get_timestamp=lambda: stamp_ns, get_frame_id=lambda: frame_id
-        )
-        frame = device._read(buffer, arrival_ns)
-        assert isinstance(frame, IncompleteFrame)
-        return frame.host_time_ns
-
-    ms = 1_000_000
-    assert host_time_ns(7, 1000 * ms, 5009 * ms) == 5009 * ms
-    assert host_time_ns(9, 1033 * ms, 5042 * ms) == 5042 * ms
-    assert host_time_ns(8, 1017 * ms, 5060 * ms) == 5026 * ms
-    assert host_time_ns(10, 1050 * ms, 5059 * ms) == 5059 * ms
-    assert host_time_ns(11, 1017 * ms, 5076 * ms) == 5076 * ms  # 50 ms back
 
 
 def without_chunks(time_node: FloatNode, gain_node: FloatNode) -> AravisCamera:

@@ -1,48 +1,11 @@
 from __future__ import annotations
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from drivers.errors import NodeError
 from drivers.exposure import ExposureSetting
-from drivers.genicam.metadata import ChunkNodes, FrameIdUnwrapper, SettingLedger, enable_chunks
+from drivers.genicam.metadata import ChunkNodes, SettingLedger, enable_chunks
 from tests.drivers.genicam.node_map import BooleanNode, EnumerationNode, FloatNode, IntegerNode, MemoryNodes
-
-
-def on_the_wire(frame: int) -> int:
-    """The 16-bit id of the frame-th frame, counted from 1: 65535 is followed by 1."""
-    return (frame - 1) % 65535 + 1
-
-
-@given(st.integers(1, 65535), st.lists(st.integers(1, 32767), max_size=40))
-def test_gaps_up_to_half_a_cycle_are_counted_across_the_wrap(start: int, gaps: list[int]) -> None:
-    unwrapper = FrameIdUnwrapper()
-    frame = start
-    assert unwrapper.unwrap(on_the_wire(frame)) == start
-    for gap in gaps:
-        frame += gap
-        assert unwrapper.unwrap(on_the_wire(frame)) == frame
-
-
-@given(st.integers(65500, 65600), st.randoms(use_true_random=False))
-def test_frames_out_of_order_keep_their_numbers(start: int, order: object) -> None:
-    frames = list(range(start, start + 16))
-    order.shuffle(frames)  # type: ignore[attr-defined]
-    unwrapper = FrameIdUnwrapper()
-    first = unwrapper.unwrap(on_the_wire(frames[0]))
-    assert [unwrapper.unwrap(on_the_wire(frame)) - first for frame in frames[1:]] == [
-        frame - frames[0] for frame in frames[1:]
-    ]
-
-
-@given(st.lists(st.integers(0, 1 << 40), min_size=1))
-def test_counters_beyond_16_bits_pass_through(steps: list[int]) -> None:
-    unwrapper = FrameIdUnwrapper()
-    frame = 1 << 16
-    for step in steps:
-        frame += step
-        assert unwrapper.unwrap(frame) == frame
 
 
 def test_the_ledger_gives_the_setting_last_written_before_the_frame() -> None:
