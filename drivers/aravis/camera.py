@@ -54,8 +54,8 @@ _HOLES = (
     Aravis.BufferStatus.SIZE_MISMATCH,
 )
 _HOST_STAMPS = (
-    "its time stamps have no tick frequency (GevTimestampTickFrequency reads 0): frames are stamped as they reach the "
-    "host, and host times are late by readout and transfer"
+    "its time stamps have no unit, as GevTimestampTickFrequency reads 0: its frames are placed by their arrival, late "
+    "by readout and transfer"
 )
 _log = logging.getLogger(__name__)
 
@@ -90,7 +90,7 @@ class AravisCamera:
         gain_node = None if self._dialect.gain is None else self._dialect.gain.node
         self._chunk_nodes, of_chunks = enable_chunks(nodes, gain_node)
         self._clock, of_clock = find_clock(nodes)
-        # Without a tick frequency Aravis stamps a frame with the host's time when its first packet arrives.
+        # Without a tick frequency Aravis stamps frames with the host's time, when their first packet arrives.
         self._host_stamps = camera.is_gv_device() and not camera.get_device().get_timestamp_tick_frequency()
         if self._ptp is not None and (self._clock is None or self._host_stamps):
             raise UnsupportedCameraError(
@@ -118,6 +118,7 @@ class AravisCamera:
             None if setup.trigger.rate_hz is None else 1e9 / setup.trigger.rate_hz,
             None if self._clock is None or self._host_stamps else self._clock.read(),
             1.0 if self._clock is None else self._clock.tick_ns,
+            stamped=not self._host_stamps,
         )
         self._unreadable = False
         self._stream, self._guard = create_stream(camera, nodes, setup)
@@ -265,8 +266,6 @@ class AravisCamera:
             return None  # its leader was lost, and with it its id: the gap in the ids will show it
         said = None if status in _HOLES else self._read_chunks(buffer)
         exposure_ns = round(1e3 * (said or self._ledger.setting_at(arrival_time_ns)).exposure_time_us)
-        if self._host_stamps:
-            stamp_ns -= exposure_ns
         placed = self._timeline.place(buffer.get_frame_id(), stamp_ns, arrival_time_ns, exposure_ns)
         if status in _HOLES or placed.host_time_ns is None:
             return placed.incomplete

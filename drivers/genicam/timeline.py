@@ -28,9 +28,11 @@ ARRIVAL_WINDOW = 600
 LONG_PAUSE_NS = 10_000_000_000
 """Between two frames: after it, the delays before it are not compared, as the crystals have drifted meanwhile."""
 JUDGED_STEPS = 16
-"""Time stamps are not asked any more while `SURE_FRAMES` of this many steps were wrong."""
+"""From frame to frame. While `SURE_FRAMES` of them were wrong, time stamps are not believed."""
 SHORT_PERIODS = 0.75
 """Several frames take longer than this part of their periods."""
+NEAR = 0.1
+"""A median of arrivals within this part of the configured period is no other rate."""
 FOLLOWED = 0.2
 """Of the lateness of frames that are placed by their arrival."""
 
@@ -81,7 +83,8 @@ class FrameTimeline:
 
     A frame whose time stamp is contradicted by counter and arrival keeps the place that follows from the frame before
     it. If the arrival does not confirm that place, because the frame is late or a trigger was ignored, the frame's time
-    is unknown. While most time stamps are wrong, frames follow one another by counter and arrival alone.
+    is unknown. While many time stamps are wrong, frames follow one another as counted, at the pace of the quickest
+    arrivals.
 
     Parameters
     ----------
@@ -92,9 +95,13 @@ class FrameTimeline:
         is assumed to have arrived at the end of its exposure, and times are late by the shortest readout and transfer.
     tick_ns
         Of the camera's clock.
+    stamped
+        Whether its frames have time stamps at all.
     """
 
-    def __init__(self, period_ns: float | None, offset_ns: int | None, tick_ns: float = 1.0) -> None:
+    def __init__(
+        self, period_ns: float | None, offset_ns: int | None, tick_ns: float = 1.0, *, stamped: bool = True
+    ) -> None:
         self._period_ns = period_ns
         self._wrap_ns = round(tick_ns * 2**32)
         self._read_ns = offset_ns  # at the latest reading of the clock, until it is used
@@ -102,11 +109,12 @@ class FrameTimeline:
         self._offsets_ns: deque[int] | None = deque(maxlen=ARRIVAL_WINDOW)  # None: the offset is read, not inferred
         self._last: _Last | None = None
         self._unsure = False  # whether the newest place still has to be confirmed by an arrival
+        self._stamped = stamped
         self._wrong: deque[bool] = deque(maxlen=JUDGED_STEPS)  # of the latest time stamps
         self._jump_ns = 0  # of the latest time stamps that were wrong, until it is known whether the clock goes on
-        self._paces_ns: deque[float] = deque(maxlen=2 * SURE_FRAMES - 1)
+        self._paces_ns: deque[float] = deque(maxlen=JUDGED_STEPS)
         self._usual_ns: deque[int] = deque(maxlen=COMPARED_DELAYS)  # from the end of exposure to arrival
-        self._delays_ns: deque[int] = deque(maxlen=SURE_FRAMES)  # the same, of all the latest frames
+        self._delays_ns: deque[int] = deque(maxlen=JUDGED_STEPS)  # the same, of all the latest frames
         self._misread = 0  # readings of the clock in a row that contradict time stamps and arrivals
         self._said: set[str] = set()
         self._doubts: deque[Doubt] = deque()
@@ -153,7 +161,7 @@ class FrameTimeline:
 
     @property
     def _distrusts_stamps(self) -> bool:
-        return self._wrong.count(True) >= SURE_FRAMES
+        return not self._stamped or self._wrong.count(True) >= SURE_FRAMES
 
     @property
     def _usual_delay_ns(self) -> int:
@@ -161,8 +169,12 @@ class FrameTimeline:
 
     @property
     def _pace_ns(self) -> float | None:
-        """How long a frame takes at present."""
-        return statistics.median(self._paces_ns) if len(self._paces_ns) >= SURE_FRAMES else self._period_ns
+        """How long a frame takes at present: as configured, if the median is near that."""
+        if len(self._paces_ns) < SURE_FRAMES:
+            return self._period_ns
+        pace_ns = statistics.median(self._paces_ns)
+        near = self._period_ns is not None and abs(pace_ns / self._period_ns - 1) < NEAR
+        return self._period_ns if near else pace_ns
 
     @property
     def _shortest_ns(self) -> float:
@@ -256,12 +268,15 @@ class FrameTimeline:
         delays_ns, pace_ns, usual_ns = self._delays_ns, self._pace_ns, self._usual_delay_ns
         late_ns = min(delays_ns) - usual_ns
         if pace_ns is not None and late_ns >= -pace_ns / 2:
-            steady = len(delays_ns) == SURE_FRAMES and max(delays_ns) - min(delays_ns) < pace_ns / 2
-            if late_ns <= pace_ns / 2 or not steady:
-                if ended_ns - host_ns - usual_ns > pace_ns / 2:
-                    return None
+            newest_ns = list(delays_ns)[-SURE_FRAMES:]
+            steady = len(newest_ns) == SURE_FRAMES and max(newest_ns) - min(newest_ns) < pace_ns / 2
+            if steady and min(newest_ns) - usual_ns > pace_ns / 2:  # as many triggers were ignored
+                late_ns = min(newest_ns) - usual_ns
+            elif newest_ns[-1] - usual_ns > pace_ns / 2 and not self._distrusts_stamps:
+                return None
+            else:
                 late_ns = min(late_ns, round(FOLLOWED * late_ns))  # but no frame arrives early
-        self._delays_ns = deque((delay_ns - late_ns for delay_ns in delays_ns), maxlen=SURE_FRAMES)
+        self._delays_ns = deque((delay_ns - late_ns for delay_ns in delays_ns), maxlen=JUDGED_STEPS)
         self._unsure = False
         return host_ns + late_ns
 
@@ -281,6 +296,8 @@ class FrameTimeline:
         if not self._distrusts_stamps:
             return
         self._jump_ns = 0
+        if not self._stamped:
+            return
         passed_ns, arrived_ns = seen.stamp_ns - last.seen.stamp_ns, seen.arrival_ns - last.seen.arrival_ns
         went = f"went on by {passed_ns * 1e-6:.3g} ms while {arrived_ns * 1e-6:.3g} ms passed"
         how = went if passed_ns else "stand still"

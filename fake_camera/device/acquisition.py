@@ -153,7 +153,7 @@ class Acquisition:
         self._exposure_end_ns = start_ns + round(settings.exposure_time_us * 1e3)
         self._readout_start_ns = max(self._exposure_end_ns, self._readout_end_ns)
         self._readout_end_ns = self._readout_start_ns + readout_ns(settings, int(self._features.get("SensorHeight")))
-        self._frame_id += 1
+        self._frame_id = _next_frame_id(self._frame_id, self._faults)
         self.counters.exposures += 1
         exposure = Exposure(
             self.run, self._frame_id, trigger, self._pulse, start_ns, self._readout_end_ns, settings, self._faults
@@ -165,3 +165,11 @@ class Acquisition:
     def _end(self) -> None:
         self._acquiring = False
         self._features.update("TLParamsLocked", 0)
+
+
+def _next_frame_id(frame_id: int, faults: frozenset[Fault]) -> int:
+    if Fault.RESTART_COUNTER in faults:
+        return 1
+    if Fault.SKIP_COUNTER in faults and frame_id % 10 == 0:
+        return frame_id + 4
+    return frame_id + (2 if Fault.DOUBLE_COUNTER in faults else 1)

@@ -66,6 +66,7 @@ class Device:
         self._niceness = niceness
         self._identity = f"{seed} {serial}"
         self._wired = line0 is not None
+        self._still_ns = 0  # the last time stamp that was the clock's
         self._echo_ns: int | None = None  # when a pulse rises between two of the wire's
         self._line0 = line0 or Line0(time.monotonic_ns(), _UNWIRED_RATE_HZ)
         self._truth = truth
@@ -234,7 +235,17 @@ class Device:
         device_time_ns = max(self._clock.time_ns(exposure.start_ns), 0)
         if self._truth is not None and exposure.trigger is None:
             self._truth.record_exposure(exposure, device_time_ns)
-        self._exposures.put((exposure, device_time_ns))
+        self._exposures.put((exposure, self._stamp_ns(device_time_ns, exposure.faults)))
+
+    def _stamp_ns(self, device_time_ns: int, faults: frozenset[Fault]) -> int:
+        """What a frame says of its time."""
+        if Fault.STILL_STAMPS not in faults:
+            self._still_ns = device_time_ns
+        if Fault.ZERO_STAMPS in faults:
+            return 0
+        if Fault.MICROSECONDS in faults:
+            return device_time_ns // 1000
+        return self._still_ns & 0xFFFFFFFF if Fault.WRAP_STAMPS in faults else self._still_ns
 
     def _latch(self) -> None:
         """Follow wire, free run and actions by their nominal times, so that delays of this thread do not show."""
@@ -348,7 +359,8 @@ class Device:
         start_s = (exposure.start_ns - self._line0.epoch_ns) * 1e-9
         pixels = self._source.take(start_s, exposure.settings, noise_seed)
         pixels = _spoilt(pixels, exposure)
-        return ExposedFrame(exposure.frame_id, exposure.trigger, device_time_ns, pixels, exposure.settings)
+        frame_id = 0 if Fault.ZERO_COUNTER in exposure.faults else exposure.frame_id
+        return ExposedFrame(frame_id, exposure.trigger, device_time_ns, pixels, exposure.settings)
 
 
 def _spoilt(pixels: Pixels, exposure: Exposure) -> Pixels:

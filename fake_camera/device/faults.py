@@ -28,12 +28,20 @@ class Fault(str, Enum):
     ``freeze_exposure``   `count` triggers are exposed like the one before them, whatever was written
     ``black``, ``white``  the images of `count` triggers are uniform: 0 or full scale
     ``clock_ahead``, ``clock_back``  at each of `count` triggers the device's clock jumps by 10 s (never below 0)
+    ``zero_stamps``, ``still_stamps``  the time stamps of `count` triggers' frames are 0, or that of the one before
+    ``microseconds``      the time stamps of `count` triggers' frames are in us, not in ns
+    ``wrap_stamps``       the time stamps of `count` triggers' frames have their lower 32 bits only
+    ``zero_counter``      the frame ids of `count` triggers are 0
+    ``restart_counter``   at each of `count` triggers frame ids begin at 1 again
+    ``skip_counter``      during `count` triggers every tenth frame id is followed by that 4 higher
+    ``double_counter``    during `count` triggers frame ids go on by 2
     ``truncate``          `count` frames end halfway through their payload
     ``no_chunks``         `count` frames come without chunk data
     ``nan_chunks``        the chunk data of `count` frames give NaN as exposure time and gain
 
     GigE Vision only:
 
+    ``no_ticks``          during `count` triggers the tick frequency reads 0
     ``late_actions``      `count` scheduled action commands come too late, and act 50 ms after their time
     ``lose_actions``      `count` action commands do not arrive
     ``lose_packets``      `count` stream packets are not sent, from the next trigger's frame on
@@ -67,6 +75,15 @@ class Fault(str, Enum):
     WHITE = "white"
     CLOCK_AHEAD = "clock_ahead"
     CLOCK_BACK = "clock_back"
+    ZERO_STAMPS = "zero_stamps"
+    STILL_STAMPS = "still_stamps"
+    MICROSECONDS = "microseconds"
+    WRAP_STAMPS = "wrap_stamps"
+    ZERO_COUNTER = "zero_counter"
+    RESTART_COUNTER = "restart_counter"
+    SKIP_COUNTER = "skip_counter"
+    DOUBLE_COUNTER = "double_counter"
+    NO_TICKS = "no_ticks"
     TRUNCATE = "truncate"
     NO_CHUNKS = "no_chunks"
     NAN_CHUNKS = "nan_chunks"
@@ -86,7 +103,9 @@ PER_TRIGGER = frozenset(
     {
         *(Fault.FREEZE, Fault.DELAY, Fault.VANISH, Fault.FREEZE_EXPOSURE, Fault.BLACK, Fault.WHITE),
         *(Fault.STOP_TRIGGERS, Fault.IGNORE_TRIGGERS, Fault.HALVE_TRIGGERS, Fault.DOUBLE_TRIGGERS),
-        *(Fault.CLOCK_AHEAD, Fault.CLOCK_BACK),
+        *(Fault.CLOCK_AHEAD, Fault.CLOCK_BACK, Fault.NO_TICKS),
+        *(Fault.ZERO_STAMPS, Fault.STILL_STAMPS, Fault.MICROSECONDS, Fault.WRAP_STAMPS),
+        *(Fault.ZERO_COUNTER, Fault.RESTART_COUNTER, Fault.SKIP_COUNTER, Fault.DOUBLE_COUNTER),
     }
 )
 """Faults whose count is of triggers."""
@@ -98,7 +117,7 @@ GIGE = _ALL - {Fault.NAK, Fault.PENDING_ACKNOWLEDGE, Fault.STALL, Fault.SHORT_TR
 
 USB3 = _ALL - {
     *(Fault.LOSE_PACKETS, Fault.LOSE_HALF, Fault.OTHER_ADDRESS, Fault.FRAGMENT),
-    *(Fault.LATE_ACTIONS, Fault.LOSE_ACTIONS),
+    *(Fault.LATE_ACTIONS, Fault.LOSE_ACTIONS, Fault.NO_TICKS),
 }
 """Faults of a USB3 Vision camera."""
 
@@ -262,6 +281,11 @@ class Faults:
         """Whether the camera is off the wire: answer nothing and send nothing."""
         with self._lock:
             return self._vanished()
+
+    def in_force(self, fault: Fault) -> bool:
+        """Whether a fault in `PER_TRIGGER` meets the triggers of the present."""
+        with self._lock:
+            return any(order.fault is fault and order.begun(self._trigger) for order in self._orders)
 
     def lose_packet(self) -> bool:
         """Whether the stream packet about to be sent is to be lost; asked once for each packet."""

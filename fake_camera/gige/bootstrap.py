@@ -8,6 +8,7 @@ import struct
 from collections.abc import Iterator
 
 from fake_camera.device.device import Device
+from fake_camera.device.faults import Fault
 from fake_camera.device.feature_table import ACTION_QUEUE_SIZE
 from fake_camera.device.features import FeatureError
 from fake_camera.genicam.privilege import ControlPrivilege
@@ -188,7 +189,10 @@ def _clock(device: Device) -> Iterator[Register]:
         if value:
             device.execute("TimestampLatch")
 
-    yield constant(0x093C, struct.pack(">Q", 1_000_000_000))  # ticks per second
+    def ticks_per_second() -> bytes:
+        return struct.pack(">Q", 0 if device.faults.in_force(Fault.NO_TICKS) else 1_000_000_000)
+
+    yield Register(0x093C, 8, ticks_per_second)
     yield unsigned(0x0944, lambda: 0, control)
     yield Register(0x0948, 8, lambda: struct.pack(">Q", device.features.get("TimestampLatchValue")))
 

@@ -18,8 +18,8 @@ _EXTENDED_CHUNKS = 0x4000
 
 
 def block_id(frame_id: int) -> int:
-    """The 16-bit block id of frame 1, 2, 3 ...: it wraps from 65535 to 1, since 0 marks a test packet."""
-    return (frame_id - 1) % 0xFFFF + 1
+    """The 16-bit block id of frame 1, 2, 3 ...: it wraps from 65535 to 1, since 0 is no frame's (but of a fault)."""
+    return (frame_id - 1) % 0xFFFF + 1 if frame_id else 0
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -17,8 +17,8 @@ from autoexpose_daemon.status.telemetry import Telemetry
 from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import Side, StereoPair
 from drivers.triggers.tally import LossReason
-from tests.soak.camera import VirtualFrame
-from tests.soak.clock import MS, SECOND
+from tests.soak.camera import Device, VirtualFrame
+from tests.soak.clock import MS, SECOND, Clock
 from tests.soak.rig import CONFIG, PERIOD_NS, VirtualRig
 from tests.soak.wire import Wire
 
@@ -58,10 +58,10 @@ def tuning(exposure_time_us: float, **sections: Any) -> SteadyTuning:
 class VirtualRun:
     """A rig that has just begun to expose, with the books of what it counts and says."""
 
-    def __init__(self, **sections: Any) -> None:
+    def __init__(self, new_device: Callable[[Side, Clock, int], Device] = Device, **sections: Any) -> None:
         self.pairs: list[StereoPair] = []
         self.said: list[str] = []
-        self.rig = VirtualRig(7, self._see_pair, self._see_health, tuning(START_US, **sections))
+        self.rig = VirtualRig(7, self._see_pair, self._see_health, tuning(START_US, **sections), new_device)
         self.left, self.right = self.rig.devices
         self.wire = Wire(self.rig, self.rig.clock.now_ns + 3 * SECOND)
         self.wait_until(lambda: len(self.pairs) >= 30, "pairs")

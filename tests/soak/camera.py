@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import random
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -66,6 +67,8 @@ class Device:
     refuses, clips_us, write_ns, frozen
         Why writes are refused (empty: they are not), the longest exposure time that is taken, how long a write takes
         (0: as usual), and whether exposures stay as they are whatever the nodes read.
+    counter, stamp, latch
+        What the camera makes of the number of a frame, of its time stamp, and of the time that it latches.
     fates
         What became of pulses that make no frame, until somebody takes note.
     slots
@@ -91,6 +94,9 @@ class Device:
         self.write_ns = 0
         self.frozen = False
         self.clock_offset_ns = 123_456_789_000
+        self.counter: Callable[[int], int] = int
+        self.stamp: Callable[[int], int] = int
+        self.latch: Callable[[int], int] = int
         self.fates: list[tuple[int, str]] = []
         self._streams_from_ns: int | None = None
         self._frame_id = 0
@@ -153,8 +159,8 @@ class Device:
             self.fates.append((number, "incomplete"))
         told = not self.untell
         self.untell = max(self.untell - 1, 0)
-        device_ns = self.device_ns(now_ns) + jitter_ns // 100
-        self.in_flight.append(Exposed(number, arrival_ns, self._frame_id, device_ns, self._setting, whole, told))
+        stamp_ns, counter = self.stamp(self.device_ns(now_ns) + jitter_ns // 100), self.counter(self._frame_id)
+        self.in_flight.append(Exposed(number, arrival_ns, counter, stamp_ns, self._setting, whole, told))
 
     def device_ns(self, now_ns: int) -> int:
         """What its own clock shows."""
@@ -275,7 +281,7 @@ class VirtualCamera:
         """Latch the clock, somewhere within the round trip."""
         self._reach()
         self._device.clock.now_ns += MS // 20
-        self._latched_ns = self._device.device_ns(self._device.clock.now_ns)
+        self._latched_ns = self._device.latch(self._device.device_ns(self._device.clock.now_ns))
         self._device.clock.now_ns += MS // 25
 
     def read_integer(self, _node: str) -> int:
