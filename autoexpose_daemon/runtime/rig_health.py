@@ -62,11 +62,7 @@ class RigHealth:
     def see(self, event: RigEvent, now_ns: int) -> None:
         """Look at an event; raises the error of a camera that cannot be driven: at the start, or if none is left."""
         if isinstance(event, FrameArrived):
-            self._stuck.arrived(event.side, now_ns)
-            self._silent.discard(event.side)
-            self._complaints.end(event.side, "strangers")
-            if isinstance(event.frame, Frame) and event.frame.doubt is not None:
-                self._frame_watch.doubt(event.side, event.frame.doubt)
+            self._arrived(event.side, event.frame, now_ns)
         match event:
             case FrameArrived(side, IncompleteFrame()):
                 self._frame_watch.incomplete(side)
@@ -94,6 +90,14 @@ class RigHealth:
                 self._telemetry.counts.refused_writes += 1
                 self._frame_watch.refused(side)
                 self._complaints.begin(side, "refused", f"{asked} was refused: {error}")
+
+    def _arrived(self, side: Side, frame: Frame | IncompleteFrame, now_ns: int) -> None:
+        """Look at any frame, whole or not, late or not."""
+        self._stuck.arrived(side, now_ns)
+        self._silent.discard(side)
+        self._complaints.end(side, "strangers")
+        if isinstance(frame, Frame) and frame.doubt is not None:
+            self._frame_watch.doubt(side, frame.doubt)
 
     def pair(self, pair: StereoPair) -> None:
         """Look at a pair: do the cameras still respond as calibrated?"""

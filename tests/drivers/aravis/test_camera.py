@@ -13,8 +13,6 @@ import pytest
 from drivers.aravis import camera
 from drivers.aravis.camera import AravisCamera
 from drivers.aravis.discovery import FoundCamera
-from drivers.aravis.introspection import Aravis
-from drivers.camera import IncompleteFrame
 from drivers.errors import CameraBusyError, NodeError
 from drivers.exposure import ExposureSetting
 from drivers.genicam.dialect import find_dialect
