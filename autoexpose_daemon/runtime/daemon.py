@@ -31,6 +31,7 @@ from drivers.errors import ConfigurationError
 from drivers.exposure import ExposureSetting
 from drivers.frames import Frame, Side, StereoPair
 from drivers.host.frame_memory import share_one_heap
+from drivers.host.priority import come_first
 from drivers.rig.events import RigEvent
 from drivers.rig.rig import Rig
 from drivers.triggers.tally import Tally
@@ -129,6 +130,7 @@ class Daemon:
                 if isinstance(outlet, AbstractContextManager):
                     outlets.enter_context(outlet)
             outlets.enter_context(self._imu)
+            come_first()  # and so do the threads of the rig, of streams, too, but not those of outlets
             self._rig.start()
             try:
                 self._warm_up()

@@ -117,6 +117,7 @@ class RigControl:
         self._health = RigHealth(config, self.telemetry, self.record, self._triggers)
         self._asked: ExposureSetting | None = start or config.start  # None: write the next one, even if it is the same
         self._last_trigger = -1
+        self._joins = False  # a camera is open, and no pair with it has been decided on yet
 
     def begin(self) -> None:
         """Count triggers from now on; until then another daemon may take them."""
@@ -154,6 +155,7 @@ class RigControl:
                     self._pass_over(pair)
             if decides:
                 self._last_trigger = newest.trigger
+                self._joins = self._joins and not self._complete(newest)
                 self._step(newest)
         self.requests.look(self._now_ns())
         if events:
@@ -162,8 +164,12 @@ class RigControl:
             self._cameras.reopen(side, why)
 
     def _pass_over(self, pair: StereoPair) -> None:
-        """A complete pair without a decision; consumers get it, unless they have had one of its frames alone."""
-        self.telemetry.counts.pairs_without_decision += 1
+        """A complete pair without a decision; consumers get it, unless they have had one of its frames alone.
+
+        Nothing went wrong if the first frames of a camera complete pairs whose other frame has been decided on.
+        """
+        if not (self._joins and pair.trigger <= self._last_trigger):
+            self.telemetry.counts.pairs_without_decision += 1
         self.requests.passed_over(pair)
         if pair.trigger > self._last_trigger:
             if self.tracking is not None:
@@ -185,6 +191,7 @@ class RigControl:
         self.requests.see(event)
         if isinstance(event, CameraReady):
             self.active.ready(event)
+            self._joins = True
         elif isinstance(event, WriteFailed):
             self._asked = None
         return pairs

@@ -10,6 +10,7 @@ import pytest
 
 from autoexpose_daemon.config.load import load_config
 from autoexpose_daemon.config.publish import PublishConfig
+from drivers.host.priority import NICENESS
 from tests import REPOSITORY
 
 FOLDER = REPOSITORY / "systemd"
@@ -70,6 +71,18 @@ def test_the_user_may_open_cameras() -> None:
     user, group = unit["Service"]["User"], unit["Service"]["SupplementaryGroups"]
     assert f"m {user} {group}" in (FOLDER / "sysusers.conf").read_text()
     assert f'GROUP="{group}"' in (FOLDER / "60-usb3-vision.rules").read_text()
+
+
+def test_the_daemon_comes_before_the_page_and_may_keep_its_priority() -> None:
+    """Niceness alone counts only within a group of processes, which is why the daemon's group has a weight."""
+    services = []
+    for path in (UNIT, PAGE):
+        unit = configparser.ConfigParser(strict=False, interpolation=None)
+        unit.read(path)
+        services.append(unit["Service"])
+    daemon, page = services
+    assert int(daemon["Nice"]) == int(daemon["LimitNICE"]) == NICENESS < 0 < int(page["Nice"])
+    assert int(daemon["CPUWeight"]) > 100 > int(page["CPUWeight"])
 
 
 def test_the_configuration_it_comes_with_is_valid() -> None:

@@ -55,7 +55,7 @@ def test_both_cameras_gone_and_back_is_counted_by_the_clock(run: VirtualRun) -> 
         device.present = True
     counted = run.counted()
     assert counted.pop("camera_gone") > 300
-    assert counted == {"reconnects": 2, **FIRST_PAIR}
+    assert counted == {"reconnects": 2}
 
 
 def test_a_camera_that_stays_away_is_named_and_the_other_one_continues(run: VirtualRun) -> None:

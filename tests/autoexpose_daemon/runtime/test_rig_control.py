@@ -73,6 +73,20 @@ def test_a_pair_of_which_one_frame_was_decided_on_alone_is_counted_and_goes_out_
     assert control.record.tally.pairs == 2
 
 
+def test_pairs_of_which_one_frame_was_decided_on_before_the_other_camera_was_there_are_no_anomaly() -> None:
+    control = rig_of_two()
+    control.take([arrived(side, 1) for side in SIDES])
+    control.take([CameraGone("right", CameraLostError("unplugged"), final=False), arrived("left", 2)])
+    control.take([arrived("left", 3), READY["right"]])
+    control.take([arrived("right", 3)])  # its first frame comes when the other one's has been used
+    assert control.record.tally.pairs == 2
+    assert control.telemetry.counts.pairs_without_decision == 0
+    control.take([arrived(side, 4) for side in SIDES])
+    control.take([arrived("left", 5), CameraSilent("right")])
+    control.take([arrived("right", 5)])
+    assert control.telemetry.counts.pairs_without_decision == 1
+
+
 def test_the_exposure_that_is_shown_is_not_that_of_a_camera_which_is_gone() -> None:
     control = rig_of_two()
     control.take([arrived(side, 1) for side in SIDES])

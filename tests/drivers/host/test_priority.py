@@ -1,0 +1,73 @@
+"""Who comes first, in processes of their own: a session's priority is that of all that is in it."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from drivers.host.priority import NICENESS, come_first
+
+RAISED = """
+import os, threading
+from pathlib import Path
+from drivers.host.priority import come_first
+found = []
+def on_a_thread(run):
+    thread = threading.Thread(target=run)
+    thread.start()
+    thread.join()
+def look():
+    found.append(os.getpriority(os.PRIO_PROCESS, threading.get_native_id()))
+def first():
+    come_first()
+    look()
+    on_a_thread(look)
+on_a_thread(first)
+look()
+print(*found, Path("/proc/self/autogroup").read_text().split()[-1])
+"""
+
+as_root = pytest.mark.skipif(os.geteuid() != 0, reason="only root may raise a priority")
+with_sessions = pytest.mark.skipif(
+    not Path("/proc/self/autogroup").exists(), reason="this kernel does not group processes by session"
+)
+
+
+def said(own_session: bool, *before: str) -> list[int]:
+    """Niceness of the thread that comes first, of one that it starts, of the main thread, and of the session."""
+    command = [*before, sys.executable, "-c", RAISED]
+    process = subprocess.run(command, start_new_session=own_session, capture_output=True, text=True, check=False)
+    assert process.returncode == 0, process.stderr
+    return [int(niceness) for niceness in process.stdout.split()]
+
+
+@as_root
+@with_sessions
+def test_a_service_comes_first_with_its_session() -> None:
+    assert said(True) == [NICENESS, NICENESS, 0, NICENESS]
+
+
+@as_root
+@with_sessions
+def test_a_command_of_a_shell_leaves_the_others_of_its_session_alone() -> None:
+    session = int(Path("/proc/self/autogroup").read_text().split()[-1])
+    assert said(False) == [NICENESS, NICENESS, 0, session]
+    assert said(False, "nice", "-n", "-15")[:3] == [-15, -15, -15]
+
+
+@as_root
+@with_sessions
+def test_who_may_not_stays_where_it_is() -> None:
+    assert said(True, "setpriv", "--reuid=65534", "--clear-groups", "--inh-caps=-all") == [0, 0, 0, 0]
+
+
+def test_a_refusal_is_no_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object) -> None:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(os, "setpriority", refuse)
+    come_first()
