@@ -33,7 +33,7 @@ pytestmark = [
     pytest.mark.skipif(os.geteuid() != 0, reason="only root may raise a priority"),
 ]
 
-ROUNDS = 3
+ROUNDS = 2
 SECONDS = 8.0
 RATE_HZ = 30.0  # at which two rendered cameras leave something of two processors
 FEWEST = 20
@@ -61,6 +61,7 @@ def undisturbed(arguments: Sequence[str]) -> Iterator[CameraProcess]:
             Path(f"/proc/{process.pid}/autogroup").write_text("-20")
         yield CameraProcess(process.stdout.readline(), process.kill)
         process.terminate()
+        process.communicate()
 
 
 def counted(log: Path, words: str) -> int:
