@@ -11,10 +11,18 @@ from drivers.aravis.discovery import OPENING, FoundCamera, find_camera
 from drivers.aravis.introspection import Aravis, GLib
 from drivers.aravis.nodes import AravisNodes, is_silence
 from drivers.config.setup import CameraSetup
-from drivers.errors import AutoexposeError, CameraBusyError, CameraLostError, CameraNotFoundError
+from drivers.errors import (
+    AutoexposeError,
+    CameraBusyError,
+    CameraLostError,
+    CameraNotFoundError,
+    UnsupportedCameraError,
+)
 
 _CLAIM_REFUSED = "Failed to claim USB interface"
 """Aravis' message when another program holds a USB3 Vision camera; the error has no code of its own."""
+_NO_DESCRIPTION = "Invalid Genicam data"
+"""Its message when the description arrived, but is none; it has the code of one that did not arrive."""
 
 
 def open_camera(serial: str, setup: CameraSetup) -> AravisCamera:
@@ -70,6 +78,8 @@ def _controlled(found: FoundCamera) -> Any:
     except GLib.Error as error:
         if _CLAIM_REFUSED in error.message:
             raise _busy(found.serial) from None
+        if _NO_DESCRIPTION in error.message:
+            raise UnsupportedCameraError(f"camera {found.serial}: its GenICam description cannot be read") from None
         raise CameraNotFoundError(f"camera {found.serial} was seen but could not be opened: {error.message}") from None
     _take_control(camera, found.serial)
     return camera

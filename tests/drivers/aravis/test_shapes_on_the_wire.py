@@ -161,6 +161,18 @@ def test_it_is_refused_for_what_it_lacks(name: str, setup: CameraSetup, words: s
 
 
 @pytest.mark.gige_only
+@pytest.mark.filterwarnings("ignore:.*ARV_IS_GC")  # Aravis 0.8.26 when it has none
+def test_what_is_no_description_is_not_tried_again() -> None:
+    sound = Description.from_bytes(xml_shape("base"), "")
+    device = Device(GreyCard(), unique("SHP")[:15], 0, Line0(time.monotonic_ns(), RATE_HZ))
+    with contextlib.closing(device), served(device, XmlCamera(replace(sound, data=b"<?xml?><Other/>"), device)):
+        serial = str(device.features.get("DeviceSerialNumber"))
+        with pytest.raises(AutoexposeError, match=f"{serial}: its GenICam description cannot be read") as refused:
+            open_camera(serial, BY_LINE)
+        assert stays(refused.value)
+
+
+@pytest.mark.gige_only
 def test_a_rate_between_whole_numbers_is_refused_where_the_camera_takes_only_those(cameras: dict[str, Shaped]) -> None:
     setup = CameraSetup(TriggerSetup("free_run", rate_hz=49.6), PixelFormat.MONO8)
     with pytest.raises(ConfigurationError, match=r"whole numbers of Hz, such as 50, but not at 49\.6 Hz"):
