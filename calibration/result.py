@@ -43,7 +43,7 @@ class Result:
     solution, agreement
         The response, and how well it predicts the sweep's own images from each other; None when the sweep gives none.
     witness
-        What the noise of the images says about the response; None when it says nothing.
+        What the noise of the images says about the response, if it is that of photons; None: there is too little.
     noise, latency
         What was measured of this camera earlier, as its response file has it.
     """
@@ -120,8 +120,10 @@ def _calibrate(name: str, origin: Origin, sweep: Sweep, notes: tuple[str, ...]) 
         return result
     solved = replace(solve_tones(by_exposure), covered=covered_greys(at_first_gain))
     witness = hear_noise(sweep, solved.response)
-    solution = with_doubts(solved, witness)
-    doubts = [None if witness is None else witness.finding, uniform_scene(solved, witness)]
+    heard = witness if witness is not None and witness.photons else None
+    one_brightness = solved.uniform or bool(sweep.brighter)
+    solution = with_doubts(solved, heard, one_brightness=one_brightness)
+    doubts = [None if heard is None else heard.finding, uniform_scene(one_brightness, heard)]
     return replace(
         result,
         solution=solution,

@@ -21,6 +21,17 @@ MOVED_GREY = 1.0
 TEXTURED_GREY = 2.0
 """Standard deviation within a block: with less, nothing shows that it moved."""
 
+SEEN_AGAIN = 0.9
+"""Correlation of a block with the same one in the next shot: with less, it is noise as much as texture."""
+
+SHIFTED = 0.3
+"""Share of a change that a shift explains, which compression and denoising do not make."""
+
+REPLACED = 0.25
+"""Size of a change, relative to the texture, from which no shift is asked for: noise in what is seen again is less."""
+
+Blocks = NDArray[np.float32]
+
 EXPOSURES = 4
 """Blocks examined, those with the most contrast: motion shows in each of them."""
 
@@ -30,8 +41,10 @@ def moved_share(sweep: Sweep) -> float:
     _, index = exposure_index(sweep)
     shares = [0.0]
     for first, last in _pairs(sweep, index):
-        one, other = (grey8(sweep.shots[k]).astype(np.float32) for k in (first, last))
-        shares.append(_moved(_blocks(one), _blocks(other)))
+        one, other, after = (
+            _blocks(grey8(sweep.shots[k]).astype(np.float32)) for k in (first, last, min(first + 1, last))
+        )
+        shares.append(_moved(one, other, _correlation(one, after) > SEEN_AGAIN))
     return max(shares)
 
 
@@ -43,7 +56,8 @@ def moved_share_between_exposures(sweep: Sweep, response: ResponseFunction) -> f
         dark, bright = (sweep.shots[int(np.flatnonzero(index == i)[0])] for i in (darker, darker + 1))
         table = prediction_table(response, float(levels[darker] - levels[darker + 1])).astype(np.float32)
         table[response.saturation - 1 :] = GREY_LEVELS - 1  # clipped, and left out as such
-        shares.append(_moved(_blocks(table[grey8(bright)]), _blocks(grey8(dark).astype(np.float32))))
+        one, other = _blocks(table[grey8(bright)]), _blocks(grey8(dark).astype(np.float32))
+        shares.append(_moved(one, other, np.ones(len(one), bool)))
     return max(shares)
 
 
@@ -57,30 +71,52 @@ def _pairs(sweep: Sweep, index: NDArray[np.intp]) -> list[tuple[int, int]]:
     return [(first, last) for _, first, last in sorted(pairs, reverse=True)[:EXPOSURES]]
 
 
-def _blocks(image: NDArray[np.float32]) -> NDArray[np.float32]:
+def _blocks(image: NDArray[np.float32]) -> Blocks:
     """The image cut into square blocks, shape (blocks, BLOCK_PX, BLOCK_PX)."""
     rows, columns = (size // BLOCK_PX for size in image.shape)
     cut = image[: rows * BLOCK_PX, : columns * BLOCK_PX].reshape(rows, BLOCK_PX, columns, BLOCK_PX)
     return cut.swapaxes(1, 2).reshape(-1, BLOCK_PX, BLOCK_PX)
 
 
-def _moved(one: NDArray[np.float32], other: NDArray[np.float32]) -> float:
+def _moved(one: Blocks, other: Blocks, textured: NDArray[np.bool_]) -> float:
     """Share of the textured, unclipped blocks whose change, apart from their light, is more than noise."""
     if not one.size:  # images smaller than a block
         return 0.0
     low, high = min(one.min(), other.min()), max(one.max(), other.max())
-    inside = np.ones(len(one), bool)
+    inside = textured.copy()
     for blocks in (one, other):
         inside &= (blocks.min(axis=(1, 2)) > low + 2) & (blocks.max(axis=(1, 2)) < high - 2)
     inside &= (one.std(axis=(1, 2)) > TEXTURED_GREY) | (other.std(axis=(1, 2)) > TEXTURED_GREY)
     if inside.sum() < 4:
         return 0.0
-    one, other = (blocks[inside] - blocks[inside].mean(axis=(1, 2), keepdims=True) for blocks in (one, other))
+    one, other = (_centred(blocks[inside]) for blocks in (one, other))
     gain = (one * other).sum(axis=(1, 2), keepdims=True) / np.maximum((one**2).sum(axis=(1, 2), keepdims=True), 1e-3)
     changed = other - gain * one
     variance = np.mean(changed**2, axis=(1, 2))
     across = np.mean(changed[:, :, 1:] * changed[:, :, :-1], axis=(1, 2))
     down = np.mean(changed[:, 1:] * changed[:, :-1], axis=(1, 2))
     covariance = (across + down) / 2
-    moved = (covariance > MOVED_CORRELATION * variance) & (covariance > MOVED_GREY**2)
-    return float(moved.mean())
+    spread = (covariance > MOVED_CORRELATION * variance) & (covariance > MOVED_GREY**2)
+    replaced = variance > REPLACED * np.maximum(other.var(axis=(1, 2)), one.var(axis=(1, 2)))
+    return float((spread & (replaced | (_shifted_share(changed, one + other) > SHIFTED))).mean())
+
+
+def _shifted_share(changed: Blocks, texture: Blocks) -> NDArray[np.float32]:
+    """Share of the change in each block that a small shift of its texture explains: a sum of its two gradients."""
+    down, across = (gradient.reshape(len(texture), -1) for gradient in np.gradient(texture, axis=(1, 2)))
+    flat = changed.reshape(len(changed), -1)
+    gradients = np.stack([down, across], axis=1)
+    normal = gradients @ gradients.swapaxes(1, 2) + 1e-3 * np.eye(2, dtype=np.float32)
+    right = gradients @ flat[:, :, None]
+    explained = (right * np.linalg.solve(normal, right)).sum(axis=(1, 2))
+    return np.asarray(explained / np.maximum((flat**2).sum(axis=1), 1e-3))
+
+
+def _correlation(one: Blocks, other: Blocks) -> NDArray[np.float32]:
+    one, other = _centred(one), _centred(other)
+    product = (one**2).sum(axis=(1, 2)) * (other**2).sum(axis=(1, 2))
+    return np.asarray((one * other).sum(axis=(1, 2)) / np.sqrt(np.maximum(product, 1e-3)))
+
+
+def _centred(blocks: Blocks) -> Blocks:
+    return np.asarray(blocks - blocks.mean(axis=(1, 2), keepdims=True))

@@ -7,7 +7,7 @@ light times a constant (EMVA 1288). If wrong exposure times make the response fi
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from itertools import pairwise
 
 import numpy as np
@@ -18,6 +18,10 @@ from calibration.noise.variance_curve import grey_step, pairs_of
 from calibration.response import GREY_LEVELS, ResponseFunction
 from calibration.sources.sweep import Shot, Sweep
 
+MOST_CORRELATION = 0.03
+"""Between neighbouring pixels: photons arrive at each by itself; smoothing and compression spread their noise."""
+PARTS = 5
+"""Of the range of light, each of which must be free of it: compression spares large noise."""
 GROUPS = 100
 """Groups of pixels alike in brightness."""
 MOST_PIXELS = 60_000
@@ -45,7 +49,8 @@ DOUBTFUL, SURE = 9.0, 25.0
 """By how much chi squared falls where a power is preferred to 1, and surely so: three and five standard errors."""
 SAME_POWER = 0.03
 """A power this near to 1 is as good."""
-REFUSED_POWER = 0.06
+REFUSED_POWER = 0.08
+"""Real sensors come near: pixels that share out their charge when nearly full show up to a tenth less variance."""
 REFUSED_MISFIT = 8.0
 """Chi squared for each variance, from which no power saves the response."""
 
@@ -69,6 +74,9 @@ class NoiseWitness:
         standard errors more than is found): exposures that are longer than stated can hide at most this much.
     sure
         Whether the power is surely not 1.
+    correlation
+        That of the noise of neighbouring pixels, where it is largest: if it is not 0, something has changed the noise
+        since the photons arrived, so that it is no evidence of light.
     """
 
     power: float
@@ -76,6 +84,12 @@ class NoiseWitness:
     misfit: float
     dark_light: float
     sure: bool = False
+    correlation: float = 0.0
+
+    @property
+    def photons(self) -> bool:
+        """Whether the noise can be that of photons."""
+        return self.correlation < MOST_CORRELATION
 
     @property
     def finding(self) -> Finding | None:
@@ -110,7 +124,16 @@ def hear_noise(sweep: Sweep, response: ResponseFunction) -> NoiseWitness | None:
     _, dark, slope = fits[straight]
     most_dark = dark + 2.0 * _dark_error(points, expected)
     misfit, dark_light = float(sizes[straight]) / len(expected), most_dark / max(slope, 1e-12)
-    return NoiseWitness(power, fall > DOUBTFUL, misfit, dark_light, fall > SURE)
+    return NoiseWitness(power, fall > DOUBTFUL, misfit, dark_light, fall > SURE, _correlation(points))
+
+
+def _correlation(points: _Points) -> float:
+    """The largest correlation of neighbouring pixels over parts of the range of light."""
+    light = np.log2(points.lights.mean(axis=0))
+    part = np.minimum((light - light.min()) / np.ptp(light) * PARTS, PARTS - 1).astype(np.intp)
+    weights = np.bincount(part, points.degrees)
+    means = np.bincount(part, points.correlation * points.degrees) / np.maximum(weights, 1.0)
+    return float(np.max(np.abs(means) - 3.0 / np.sqrt(np.maximum(weights, 1.0))))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -126,6 +149,8 @@ class _Points:
         Shape (n,), that of rounding taken out.
     degrees
         Its degrees of freedom.
+    correlation
+        Of the differences of neighbouring pixels, shape (n,).
     """
 
     lights: Array
@@ -133,6 +158,7 @@ class _Points:
     steps: Array
     variance: Array
     degrees: Array
+    correlation: Array
 
     def of_power(self, power: float, dark: float, slope: float) -> Array:
         """The variances under a power, with these amounts of read noise and of photons."""
@@ -145,9 +171,7 @@ class _Points:
 
     def part(self, kept: NDArray[np.bool_]) -> _Points:
         """Some of them."""
-        return _Points(
-            self.lights[:, kept], self.exposures[:, kept], self.steps[:, kept], self.variance[kept], self.degrees[kept]
-        )
+        return _Points(*(getattr(self, field.name)[..., kept] for field in fields(self)))
 
 
 def _large(points: _Points) -> _Points:
@@ -200,7 +224,7 @@ def _points(sweep: Sweep, response: ResponseFunction) -> _Points:
     Pixels are grouped by their mean over the sweep, in which the noise of a single shot hardly shows.
     """
     stride = -(-sweep.shots[0].pixels.size // MOST_PIXELS)
-    pixels = [shot.pixels.ravel()[::stride] for shot in sweep.shots]
+    pixels = [shot.pixels[::stride].ravel() for shot in sweep.shots]  # whole rows, whose neighbours stay neighbours
     longest = max(shot.setting.level for shot in sweep.shots)
     group = _groups(np.mean(pixels, axis=0, dtype=np.float32))
     count = np.maximum(np.bincount(group, minlength=GROUPS), 1)
@@ -218,7 +242,10 @@ def _points(sweep: Sweep, response: ResponseFunction) -> _Points:
         greys = [mean(pixels[k]) for k in pair]
         steps = np.array([scale.step * scale.slope(grey) for grey in greys])
         difference = lights[0] / exposures[0] - lights[1] / exposures[1]
-        variance = mean((difference - mean(difference)[group]) ** 2) * count / np.maximum(count - 1, 1)
+        noise = difference - mean(difference)[group]
+        variance = mean(noise**2) * count / np.maximum(count - 1, 1)
+        scaled = noise / np.sqrt(np.maximum(variance, 1e-30))[group]
+        correlation = mean(scaled * np.roll(scaled, 1))
         columns = np.repeat(np.array(exposures)[:, None], GROUPS, axis=1)
         variance -= ((steps / columns) ** 2).sum(axis=0) / 12.0
         clear = count >= LEAST_PIXELS
@@ -226,12 +253,11 @@ def _points(sweep: Sweep, response: ResponseFunction) -> _Points:
             spread = CLEAR_SIGMAS * np.sqrt(mean((pixels[k] - grey[group]) ** 2))
             clear &= (grey - spread > scale.black) & (grey + spread < scale.saturation)
         parts.append(
-            _Points(np.stack([mean(light) for light in lights]), columns, steps, variance, count - 1.0).part(clear)
+            _Points(
+                np.stack([mean(light) for light in lights]), columns, steps, variance, count - 1.0, correlation
+            ).part(clear)
         )
-    return _Points(
-        *(np.concatenate([getattr(part, name) for part in parts], axis=1) for name in ("lights", "exposures", "steps")),
-        *(np.concatenate([getattr(part, name) for part in parts]) for name in ("variance", "degrees")),
-    )
+    return _Points(*(np.concatenate([getattr(p, each.name) for p in parts], axis=-1) for each in fields(_Points)))
 
 
 def _groups(means: NDArray[np.float32]) -> NDArray[np.intp]:

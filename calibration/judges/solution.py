@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calibration.findings import Finding
 from calibration.judges.motion import moved_share_between_exposures
-from calibration.response import ResponseFunction
+from calibration.response import GREY_LEVELS, ResponseFunction
 from calibration.response.solution import ResponseSolution
 from calibration.solver.inverse_curve import Ends, usable
-from calibration.solver.tones import Tones, tones_by_exposure
+from calibration.solver.tones import Curve, Tones, tones_by_exposure
 from calibration.sources.sweep import Sweep
 
 UNSEEN_GREY = 32
@@ -27,6 +28,9 @@ ODD_EXPOSURE_STOPS = 0.06
 REFUSED_ODD_STOPS = 0.25
 """As much as a fine step of exposure: the others can hardly be trusted either."""
 
+ODD_SIGMAS = 3.0
+"""Standard errors of the response that an odd exposure is off by, too: in the dark the response may be hardly known."""
+
 MOVED_SHARE = 0.1
 """Share of the textured parts; more than in `judge_sweep`, since one image is predicted from another."""
 
@@ -40,7 +44,7 @@ def judge_solution(sweep: Sweep, solution: ResponseSolution) -> list[Finding]:
     repeated = len(tones.levels) < len(sweep.shots)
     cause = (
         (None if repeated else _moving(sweep, solution.response))
-        or _odd_exposure(tones, solution.response)
+        or _odd_exposure(tones, solution)
         or _poor_fit(solution)
     )
     return [finding for finding in (_few_levels(tones, solution), cause) if finding]
@@ -71,9 +75,10 @@ def _poor_fit(solution: ResponseSolution) -> Finding | None:
     return Finding("refused" if solution.residual_grey > REFUSED_FIT_GREY else "warned", "poor_fit", text)
 
 
-def _odd_exposure(tones: Tones, response: ResponseFunction) -> Finding | None:
+def _odd_exposure(tones: Tones, solution: ResponseSolution) -> Finding | None:
     """One exposure that all the others contradict."""
-    greys = np.arange(response.black_level + 8, response.saturation - 3)
+    response, (first, last) = solution.response, solution.covered
+    greys = np.arange(max(response.black_level + 8, first), min(response.saturation - 3, last + 1))
     inside = (tones.greys > greys[0] + tones.middle) & (tones.greys < greys[-1] + tones.middle)
     stops = np.interp(tones.greys - tones.middle, greys, response.log2_exposure[greys]) - tones.levels[:, None]
     stops = np.where(inside & (inside.sum(axis=0) >= 2), stops, np.nan)
@@ -87,7 +92,9 @@ def _odd_exposure(tones: Tones, response: ResponseFunction) -> Finding | None:
     known = np.isfinite(stops).sum(axis=1) >= 3
     if not known.any():
         return None
-    errors = np.array([np.nanmedian(row - radiance) if seen else 0.0 for row, seen in zip(stops, known, strict=True)])
+    unsure = np.interp(tones.greys - tones.middle, np.arange(GREY_LEVELS), solution.uncertainty_stops)
+    errors, doubts = (_medians(values, known) for values in (stops - radiance, np.where(inside, unsure, np.nan)))
+    errors[np.abs(errors) < ODD_SIGMAS * doubts] = 0.0
     worst = int(np.argmax(np.abs(errors)))
     if abs(errors[worst]) <= ODD_EXPOSURE_STOPS:
         return None
@@ -96,6 +103,11 @@ def _odd_exposure(tones: Tones, response: ResponseFunction) -> Finding | None:
         "check that exposure time, or shut out flicker"
     )
     return Finding("refused" if abs(errors[worst]) > REFUSED_ODD_STOPS else "warned", "odd_exposure", text)
+
+
+def _medians(values: Curve, known: NDArray[np.bool_]) -> Curve:
+    """Of what is finite in each row, 0 where nothing is known."""
+    return np.array([np.nanmedian(row) if seen else 0.0 for row, seen in zip(values, known, strict=True)])
 
 
 def _moving(sweep: Sweep, response: ResponseFunction) -> Finding | None:

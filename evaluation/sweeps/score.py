@@ -21,7 +21,7 @@ class Stated:
 
     Attributes
     ----------
-    seed, kind, curve, scene, repeated, good
+    seed, kind, processing, curve, scene, repeated, good
         Of the sweep, see `SimulatedSweep`.
     verdict, reasons
         Of the calibration.
@@ -33,6 +33,7 @@ class Stated:
 
     seed: int
     kind: str
+    processing: str
     curve: str
     scene: str
     repeated: bool
@@ -60,6 +61,7 @@ def scored(seed: int, case: SimulatedSweep) -> Stated:
     return Stated(
         seed,
         case.kind,
+        case.processing,
         case.curve,
         case.scene,
         case.repeated,

@@ -14,6 +14,7 @@ from calibration.sources.sweep import Shot, Sweep
 from calibration.sources.sweep_plan import SweepPlan
 from drivers.exposure import ExposureLimits, ExposureSetting, linear_gain
 from drivers.pixels.layout import Pixels
+from evaluation.sweeps.processing import GREEN, Processing, process_of
 from fake_camera.world.lighting import Change, Flicker, LightScript
 
 HEIGHT, WIDTH = 150, 200
@@ -32,7 +33,10 @@ KINDS: tuple[Kind, ...] = (
 )  # fmt: skip
 """Every seed takes the next: four of 15 are sound."""
 
-Scene = Literal["textured", "uniform"]
+MIX = np.array([[1.6, -0.2, 0.0], [-0.5, 1.4, -0.4], [-0.1, -0.2, 1.4]])
+"""What makes colours of three channels: each row one channel's part in all."""
+
+Scene = Literal["textured", "uniform", "natural"]
 Values = NDArray[np.float64]
 
 
@@ -44,12 +48,15 @@ class SimulatedSweep:
     ----------
     kind
         How it was spoilt; "sound": not at all. "few", "clipped" and "noisy" are sound but poor.
+    processing
+        What the camera does to its images.
     curve
         Name of the camera's curve.
     scene
         Whether the scene had more than one brightness.
     repeated
-        Whether exposures were repeated: three frames each, up and down again. Otherwise once each, as files.
+        Whether exposures were repeated: three frames each (one if processed), up and down again. Otherwise once each,
+        as files.
     sweep
         The images.
     brighter
@@ -59,6 +66,7 @@ class SimulatedSweep:
     """
 
     kind: Kind
+    processing: Processing
     curve: str
     scene: Scene
     repeated: bool
@@ -83,8 +91,10 @@ class _Camera:
     bit_depth: int
 
     def expose(self, electrons: Values, gain: float, rng: np.random.Generator) -> Pixels:
+        """One channel, shape (height, width), or three that mix."""
         noise = rng.standard_normal(electrons.shape) * np.sqrt(electrons + self.read_noise_e**2)
-        share = np.minimum(gain * (electrons + noise) / self.full_well_e, 1.0) + self.black
+        share = np.minimum(gain * (electrons + noise) / self.full_well_e, 1.0)
+        share = (share if share.ndim == 2 else np.minimum(share @ MIX, 1.0)) + self.black
         table = np.rint(self.curve * (2**self.bit_depth - 1)).astype(np.uint8 if self.bit_depth == 8 else np.uint16)
         return np.asarray(table[np.clip(share * (STEPS - 1) + 0.5, 0, STEPS - 1).astype(np.intp)])
 
@@ -100,9 +110,9 @@ class _Camera:
         return ResponseFunction(np.log2(light / light[-1]), int(black) if deep else round(black), 255)
 
 
-def simulated(seed: int, kind: Kind | None = None) -> SimulatedSweep:
+def simulated(seed: int, kind: Kind | None = None, processing: Processing = "raw") -> SimulatedSweep:
     """The sweep of a seed; of the kind that is its turn unless one is given."""
-    rng = np.random.default_rng([seed, 19])
+    rng, of_processing = np.random.default_rng([seed, 19]), np.random.default_rng([seed, 46])
     kind = kind or KINDS[seed % len(KINDS)]
     curve = tuple(CURVES)[int(rng.integers(len(CURVES)))]
     camera = _Camera(
@@ -110,29 +120,37 @@ def simulated(seed: int, kind: Kind | None = None) -> SimulatedSweep:
         full_well_e=float(rng.uniform(800.0, 3000.0) if kind == "noisy" else rng.uniform(8000.0, 25000.0)),
         read_noise_e=float(rng.uniform(2.0, 12.0)),
         black=float(rng.choice([0.0, rng.uniform(0.0, 0.03)])),
-        bit_depth=12 if rng.random() < 0.3 else 8,
+        bit_depth=12 if rng.random() < 0.3 and processing == "raw" else 8,
     )
     scene: Scene = "uniform" if rng.random() < 0.4 else "textured"
+    if processing != "raw" and scene == "textured" and of_processing.random() < 0.5:
+        scene = "natural"
     repeated = bool(rng.random() < 0.75)
     radiance = _radiance(scene, rng)
     full_us = float(rng.uniform(3e3, 3e4))
     times_us = np.round(full_us * np.exp2(_levels(kind, camera, radiance, rng)), 1)
     really_us = _REALLY.get(kind, _as_stated)(times_us, rng)
     once = np.arange(len(times_us))
-    order = np.repeat([*once, *reversed(once)], 3) if repeated else once
+    frames = 3 if processing == "raw" else 1
+    order = np.repeat([*once, *reversed(once)], frames) if repeated else once
     gains_db = (0.0, _higher_gain_db(times_us)) if repeated and scene == "uniform" else (0.0,)
     starts_s = np.cumsum([0.0, *(max(CYCLE_S, times_us[i] * 1e-6 + 0.002) for i in np.tile(order, len(gains_db)))])
     light = _light(kind, float(starts_s[-1]), rng)
+    process = process_of(processing, of_processing)
+    channels = _channels(of_processing) if processing == "colour" else None
     shots = []
     for place, start_s in enumerate(map(float, starts_s[:-1])):
         index, gain_db = order[place % len(order)], gains_db[place // len(order)]
         factor = light.mean_lux(start_s, float(really_us[index]) * 1e-6)
         electrons = radiance * (camera.full_well_e * factor * really_us[index] / full_us)
+        if channels is not None:
+            electrons = electrons[..., None] * channels
         setting = ExposureSetting(float(times_us[index]), gain_db)
-        image = camera.expose(electrons, linear_gain(gain_db), rng)
+        image = process(camera.expose(electrons, linear_gain(gain_db), rng))
+        image = image if image.ndim == 2 else image[..., GREEN]
         shots.append(Shot(image, camera.bit_depth, setting, start_s if repeated else None))
     sweep, brighter = Sweep(tuple(shots[: len(order)])), tuple(shots[len(order) :])
-    return SimulatedSweep(kind, curve, scene, repeated, sweep, brighter, camera.response())
+    return SimulatedSweep(kind, processing, curve, scene, repeated, sweep, brighter, camera.response())
 
 
 def _higher_gain_db(times_us: Values) -> float:
@@ -174,6 +192,8 @@ CURVES: dict[str, Callable[[Values, np.random.Generator], Values]] = {
 def _radiance(scene: Scene, rng: np.random.Generator) -> Values:
     """1 at the brightest: a wall that the lens darkens towards the corners by a tenth, or texture over seven stops."""
     y, x = np.mgrid[-1 : 1 : HEIGHT * 1j, -1 : 1 : WIDTH * 1j]
+    if scene == "natural":
+        return _natural(rng)
     if scene == "uniform":
         return np.asarray(1.0 - rng.uniform(0.02, 0.05) * (x**2 + y**2))
     texture = np.zeros((HEIGHT, WIDTH))
@@ -182,6 +202,22 @@ def _radiance(scene: Scene, rng: np.random.Generator) -> Values:
         texture += np.kron(coarse, np.ones((period, period)))[:HEIGHT, :WIDTH]
     stops = rng.uniform(1.0, 3.0) * y + 0.4 * texture
     return np.asarray(np.exp2(stops - np.percentile(stops, 99)))
+
+
+def _natural(rng: np.random.Generator) -> Values:
+    """Contrast at all scales, as photographs have it, over some seven stops: amplitudes fall with spatial frequency."""
+    frequency = np.hypot(np.fft.fftfreq(HEIGHT)[:, None], np.fft.rfftfreq(WIDTH)) + 1.0 / WIDTH
+    waves = np.fft.rfft2(rng.standard_normal((HEIGHT, WIDTH))) / frequency ** rng.uniform(1.0, 1.5)
+    stops = np.fft.irfft2(waves, (HEIGHT, WIDTH))
+    stops *= rng.uniform(1.0, 2.0) / stops.std()
+    return np.asarray(np.exp2(stops - np.percentile(stops, 99)))
+
+
+def _channels(rng: np.random.Generator) -> Values:
+    """The light of each channel relative to green, shape (height, width, 3): patches of colour."""
+    coarse = np.exp2(0.4 * rng.standard_normal((HEIGHT // 15, WIDTH // 20, 3)))
+    coarse[..., GREEN] = 1.0
+    return np.asarray(np.kron(coarse, np.ones((15, 20, 1))))
 
 
 # Exposures as stated, and as they are
