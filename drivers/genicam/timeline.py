@@ -104,6 +104,7 @@ class FrameTimeline:
     ) -> None:
         self._period_ns = period_ns
         self._wrap_ns = round(tick_ns * 2**32)
+        self._wrapped_ns = 0  # so often that
         self._read_ns = offset_ns  # at the latest reading of the clock, until it is used
         self._offset_ns = 0  # host time minus time stamp
         self._offsets_ns: deque[int] | None = deque(maxlen=ARRIVAL_WINDOW)  # None: the offset is read, not inferred
@@ -130,10 +131,12 @@ class FrameTimeline:
 
     def place(self, counter: int, stamp_ns: int, arrival_ns: int, exposure_ns: int = 0) -> Placed:
         """Place the next frame, which arrived at `arrival_ns`; its exposure took `exposure_ns`."""
-        seen, last = _Seen(counter, stamp_ns, arrival_ns, arrival_ns - exposure_ns), self._last
+        last = self._last
+        counted = 1 if last is None else _counted(counter, last.seen.counter)
+        stamp_ns = self._unwrapped(stamp_ns, max(counted, 1))
+        seen = _Seen(counter, stamp_ns, arrival_ns, arrival_ns - exposure_ns)
         if last is None:
             return self._begin(seen)
-        counted = _counted(counter, last.seen.counter)
         if counted < 0 and -OUT_OF_ORDER_NS <= stamp_ns - last.seen.stamp_ns < 0:  # it arrives after a newer one
             return Placed(last.frame_id + counted, stamp_ns + self._offset_ns, stamp_ns, self.by_arrival)
         host_ns = self._by_stamp(last, seen, max(counted, 1))
@@ -194,6 +197,20 @@ class FrameTimeline:
         self._last = _Last(seen, seen.counter, seen.stamp_ns, host_ns)
         return Placed(seen.counter, host_ns, seen.stamp_ns, self.by_arrival)
 
+    def _unwrapped(self, stamp_ns: int, counted: int) -> int:
+        """A time stamp of 32 bits, continued when it starts again."""
+        stamp_ns += self._wrapped_ns
+        last, pace_ns = self._last, self._pace_ns
+        if last is None or pace_ns is None or stamp_ns >= last.seen.stamp_ns:
+            return stamp_ns
+        passed_ns = stamp_ns + self._wrap_ns - last.seen.stamp_ns
+        if abs(passed_ns / counted - pace_ns) > pace_ns / 4:
+            return stamp_ns
+        self._wrapped_ns += self._wrap_ns
+        again = f"start again every {self._wrap_ns * 1e-9:.1f} s"
+        self._doubt("wrap", f"its time stamps have 32 bits and {again}; they are continued")
+        return stamp_ns + self._wrap_ns
+
     def _map(self, seen: _Seen, host_ns: int) -> None:
         """Have time stamps go on from this frame's."""
         if host_ns - seen.stamp_ns != self._offset_ns:
@@ -221,8 +238,10 @@ class FrameTimeline:
     def _take_reading(self, last: _Last, seen: _Seen, offset_ns: int) -> None:
         """Map by a reading of the clock, unless that would place the frame after its arrival, or long ago."""
         host_ns = seen.stamp_ns + offset_ns
+        if self._wrapped_ns:  # the reading may have as few bits
+            host_ns += round((seen.stamp_ns + self._offset_ns - host_ns) / self._wrap_ns) * self._wrap_ns
         if last.host_ns - SLACK_NS <= host_ns <= seen.arrival_ns + LATCH_ERROR_NS:
-            self._offset_ns, self._offsets_ns = offset_ns, None
+            self._offset_ns, self._offsets_ns = host_ns - seen.stamp_ns, None
             self._unsure, self._misread = False, 0
             return
         self._misread += 1
@@ -283,12 +302,7 @@ class FrameTimeline:
     def _tell_jump(self) -> None:
         """The clock goes on after time stamps that were wrong."""
         jump_ns, self._jump_ns = self._jump_ns, 0
-        if abs(jump_ns) < JUMP_NS:
-            return
-        if abs(jump_ns + self._wrap_ns) < self._shortest_ns:
-            again = f"start again every {self._wrap_ns * 1e-9:.1f} s"
-            self._doubt("wrap", f"its time stamps have 32 bits and {again}; they are continued")
-        else:
+        if abs(jump_ns) >= JUMP_NS:
             jumped = f"jumped by {jump_ns * 1e-9:+.1f} s"
             self._doubts.append(Doubt("jump", f"its clock {jumped}; its frames keep their place"))
 

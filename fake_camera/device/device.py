@@ -134,7 +134,8 @@ class Device:
                 with self._lock:
                     self._start(self._acquisition.software_trigger(time.monotonic_ns()))
             case "TimestampLatch":
-                self.features.update("TimestampLatchValue", self.now_ns())
+                bits = 0xFFFFFFFF if self.faults.in_force(Fault.WRAP_STAMPS) else -1
+                self.features.update("TimestampLatchValue", self.now_ns() & bits)
             case "DeviceReset":
                 self._power_on()
             case "UserSetLoad":

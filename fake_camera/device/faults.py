@@ -30,7 +30,7 @@ class Fault(str, Enum):
     ``clock_ahead``, ``clock_back``  at each of `count` triggers the device's clock jumps by 10 s (never below 0)
     ``zero_stamps``, ``still_stamps``  the time stamps of `count` triggers' frames are 0, or that of the one before
     ``microseconds``      the time stamps of `count` triggers' frames are in us, not in ns
-    ``wrap_stamps``       the time stamps of `count` triggers' frames have their lower 32 bits only
+    ``wrap_stamps``       during `count` triggers time stamps, and the clock as latched, have their lower 32 bits only
     ``zero_counter``      the frame ids of `count` triggers are 0
     ``restart_counter``   at each of `count` triggers frame ids begin at 1 again
     ``skip_counter``      during `count` triggers every tenth frame id is followed by that 4 higher
