@@ -34,6 +34,7 @@ from drivers.genicam.image_format import (
     choose_pixel_format,
     decode_pixels,
     frame_size,
+    send_low_byte_first,
     set_binning,
     switch_white_balance_off,
 )
@@ -77,6 +78,7 @@ class AravisCamera:
         # First: a camera that cannot expose fails for that.
         self._dialect = find_dialect(nodes, setup.gain_scale, setup.exposure_count_us)
         self._pixel_format = choose_pixel_format(nodes, setup.pixel_format)
+        send_low_byte_first(nodes, self._pixel_format)
         of_colours = switch_white_balance_off(nodes, self._pixel_format)
         set_binning(nodes, setup.binning)
         if setup.trigger.mode == "ptp" and found.transport != "gige":

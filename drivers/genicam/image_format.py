@@ -4,14 +4,23 @@ from __future__ import annotations
 
 import logging
 
+import numpy as np
+
 from drivers.errors import ConfigurationError, NodeError, UnsupportedCameraError
-from drivers.genicam.hold import hold, offered
+from drivers.genicam.hold import hold, offered, switch
 from drivers.genicam.nodes import NodeMap
 from drivers.pixels.formats import PIXEL_FORMATS, PixelFormat
 from drivers.pixels.layout import Pixels
 
 MOST_PADDING_BYTES = 1 << 16
 """Some cameras fill the payload up to whole packets or transfers; anything longer is not filling."""
+
+_BIG_ENDIAN = ("GevSCPSBigEndian", "PixelBigEndian", "pgrPixelBigEndian")
+"""Switches for the order of the bytes of a sample: of GigE Vision, and FLIR's and Point Grey's own."""
+_CHECKED_ROWS = 8
+"""One row in this many shows the order of bytes."""
+_NOISY_GREY = 40.0
+"""Neighbouring pixels differ by more than this on average only in a byte of noise; 85 is all there can be."""
 
 _log = logging.getLogger(__name__)
 
@@ -59,6 +68,29 @@ def choose_pixel_format(nodes: NodeMap, wanted: PixelFormat | None) -> PixelForm
 def present_format(nodes: NodeMap) -> PixelFormat | None:
     """The camera's current pixel format; None if it is not supported, or the camera does not say."""
     return _BY_NAME.get(nodes.read_entry("PixelFormat")) if nodes.entries("PixelFormat") else None
+
+
+def send_low_byte_first(nodes: NodeMap, pixel_format: PixelFormat) -> None:
+    """Have the camera send samples of two bytes as the host reads them.
+
+    Raises
+    ------
+    UnsupportedCameraError
+        When it sends the high byte first and cannot be told otherwise.
+    """
+    if not _of_words(pixel_format):
+        return
+    for name in _BIG_ENDIAN:
+        if not (nodes.available(name) and nodes.read_boolean(name)):
+            continue
+        try:
+            switch(nodes, name, False)
+        except NodeError as error:
+            raise UnsupportedCameraError(
+                f"camera {nodes.serial}: it sends the high byte of {pixel_format} first, as {name} is on and cannot be "
+                f"switched off ({error}): choose a pixel_format of 8 bits, or a packed one"
+            ) from error
+        _log.info("camera %s: %s was on, now off: samples come with their low byte first", nodes.serial, name)
 
 
 def switch_white_balance_off(nodes: NodeMap, pixel_format: PixelFormat | None) -> tuple[str, ...]:
@@ -138,8 +170,8 @@ def decode_pixels(
     Raises
     ------
     ValueError
-        When the frame says that it is in another format, it has no pixels, its rows are padded, or the number of bytes
-        is not theirs.
+        When the frame says that it is in another format, it has no pixels, its rows are padded, the number of bytes
+        is not theirs, or samples of two bytes come with the high one first.
     """
     if pfnc_code != expected.pfnc_code:
         says = _BY_PFNC_CODE.get(pfnc_code, f"the unknown pixel format {pfnc_code:#010x}")
@@ -151,4 +183,27 @@ def decode_pixels(
     needed = expected.image_bytes(width, height)
     if len(data) < needed or (len(data) > needed + MOST_PADDING_BYTES and not has_chunks):
         raise ValueError(f"{len(data)} bytes for an image of {needed}")
-    return expected.decode(memoryview(data)[:needed], width, height)
+    pixels = expected.decode(memoryview(data)[:needed], width, height)
+    if _of_words(expected) and not _low_byte_first(pixels[::_CHECKED_ROWS], expected.bit_depth):
+        raise ValueError(
+            f"the samples make sense only with their high byte first, or go beyond the {expected.bit_depth} bits of "
+            f"{expected}: choose a pixel_format of 8 bits, or a packed one"
+        )
+    return pixels
+
+
+def _of_words(pixel_format: PixelFormat) -> bool:
+    """Whether a sample takes two bytes."""
+    return pixel_format.bit_depth > 8 and pixel_format.bits_per_pixel == 16
+
+
+def _low_byte_first(samples: Pixels, bit_depth: int) -> bool:
+    """Whether two-byte samples, rows of them, can be what they seem: within their bits, and not a noise of high bytes.
+
+    The low byte of a picture is as good as noise, the high byte is smooth; it is too if all is black or white.
+    """
+    if bit_depth < 16:
+        return int(samples.max()) < 1 << bit_depth
+    high, low = ((samples >> shift & 0xFF).astype(np.int16) for shift in (8, 0))
+    roughness = [float(np.abs(np.diff(half, axis=1)).mean()) if half.shape[1] > 1 else 0.0 for half in (high, low)]
+    return roughness[0] < max(_NOISY_GREY, 4 * roughness[1])

@@ -373,4 +373,4 @@ def _spoilt(pixels: Pixels, exposure: Exposure) -> Pixels:
             if pixel_format.colours == "YUYV":
                 pixels[..., 1] = 128  # chroma of grey
             break
-    return pixels
+    return pixels.byteswap() if Fault.BIG_ENDIAN in exposure.faults and not pixel_format.packing else pixels

@@ -36,6 +36,7 @@ class Fault(str, Enum):
     ``skip_counter``      during `count` triggers every tenth frame id is followed by that 4 higher
     ``double_counter``    during `count` triggers frame ids go on by 2
     ``truncate``          `count` frames end halfway through their payload
+    ``big_endian``        the samples of two bytes of `count` triggers' images are sent with the high byte first
     ``no_chunks``         `count` frames come without chunk data
     ``nan_chunks``        the chunk data of `count` frames give NaN as exposure time and gain
 
@@ -84,6 +85,7 @@ class Fault(str, Enum):
     SKIP_COUNTER = "skip_counter"
     DOUBLE_COUNTER = "double_counter"
     NO_TICKS = "no_ticks"
+    BIG_ENDIAN = "big_endian"
     TRUNCATE = "truncate"
     NO_CHUNKS = "no_chunks"
     NAN_CHUNKS = "nan_chunks"
@@ -102,6 +104,7 @@ class Fault(str, Enum):
 PER_TRIGGER = frozenset(
     {
         *(Fault.FREEZE, Fault.DELAY, Fault.VANISH, Fault.FREEZE_EXPOSURE, Fault.BLACK, Fault.WHITE),
+        Fault.BIG_ENDIAN,
         *(Fault.STOP_TRIGGERS, Fault.IGNORE_TRIGGERS, Fault.HALVE_TRIGGERS, Fault.DOUBLE_TRIGGERS),
         *(Fault.CLOCK_AHEAD, Fault.CLOCK_BACK, Fault.NO_TICKS),
         *(Fault.ZERO_STAMPS, Fault.STILL_STAMPS, Fault.MICROSECONDS, Fault.WRAP_STAMPS),

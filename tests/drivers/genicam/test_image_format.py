@@ -7,17 +7,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.errors import ConfigurationError, UnsupportedCameraError
+from drivers.errors import ConfigurationError, NodeError, UnsupportedCameraError
 from drivers.genicam.image_format import (
     MOST_PADDING_BYTES,
     choose_pixel_format,
     decode_pixels,
     frame_size,
+    send_low_byte_first,
     set_binning,
     switch_white_balance_off,
 )
 from drivers.pixels.formats import PixelFormat
-from tests.drivers.genicam.node_map import EnumerationNode, IntegerNode, MemoryNodes
+from tests.drivers.genicam.node_map import BooleanNode, EnumerationNode, IntegerNode, MemoryNodes
 
 
 def colour_camera(present: str) -> MemoryNodes:
@@ -108,12 +109,20 @@ def test_binning_resets_the_region_to_the_whole_sensor() -> None:
         set_binning(MemoryNodes({}), 2)
 
 
+def any_image(pixel_format: PixelFormat, width: int, height: int, seed: int = 1) -> bytes:
+    """Random bytes, within the bits of a sample of two."""
+    data = np.frombuffer(np.random.default_rng(seed).bytes(pixel_format.image_bytes(width, height)), np.uint8).copy()
+    if pixel_format.bits_per_pixel == 16 and pixel_format.bit_depth > 8:
+        data[1::2] &= (1 << pixel_format.bit_depth - 8) - 1
+    return data.tobytes()
+
+
 @given(st.sampled_from(PixelFormat), st.integers(1, 8), st.integers(1, 8), st.binary(max_size=40), st.integers(0, 99))
 def test_decoding_leaves_chunks_alone(
     expected: PixelFormat, half_width: int, height: int, chunks: bytes, seed: int
 ) -> None:
     width = 2 * half_width
-    image = np.random.default_rng(seed).bytes(expected.image_bytes(width, height))
+    image = any_image(expected, width, height, seed)
     alone = decode_pixels(image, expected.pfnc_code, width, height, expected)
     followed = decode_pixels(image + chunks, expected.pfnc_code, width, height, expected, has_chunks=True)
     assert alone.shape[:2] == (height, width)
@@ -153,7 +162,7 @@ def test_rows_with_padding_are_refused() -> None:
 
 @given(st.sampled_from(PixelFormat), st.integers(1, 8), st.integers(1, 8), st.integers(1, 4096))
 def test_padding_after_the_image_is_left_out(expected: PixelFormat, half: int, height: int, padding: int) -> None:
-    image = np.random.default_rng(1).bytes(expected.image_bytes(2 * half, height))
+    image = any_image(expected, 2 * half, height)
     alone, padded = (
         decode_pixels(data, expected.pfnc_code, 2 * half, height, expected) for data in (image, image + bytes(padding))
     )
@@ -164,3 +173,65 @@ def test_padding_after_the_image_is_left_out(expected: PixelFormat, half: int, h
 def test_a_frame_in_another_format_than_asked_for_is_refused_by_name(code: int, name: str) -> None:
     with pytest.raises(ValueError, match=f"says that it is .*{name}, but the camera was set to BayerRG8"):
         decode_pixels(bytes(6), code, 3, 2, PixelFormat.BAYER_RG8)
+
+
+@pytest.mark.parametrize("name", ["GevSCPSBigEndian", "PixelBigEndian", "pgrPixelBigEndian"])
+def test_samples_of_two_bytes_are_asked_for_with_the_low_one_first(name: str) -> None:
+    nodes = MemoryNodes({name: BooleanNode(True)})
+    for pixel_format in (PixelFormat.MONO8, PixelFormat.MONO12P, PixelFormat.MONO12_PACKED, PixelFormat.RGB8):
+        send_low_byte_first(nodes, pixel_format)
+    assert nodes.writes == []
+    for _ in range(2):  # it is not written where it holds already
+        send_low_byte_first(nodes, PixelFormat.MONO16)
+    assert nodes.writes == [(name, False)]
+
+
+def test_a_camera_that_keeps_sending_the_high_byte_first_is_refused() -> None:
+    class Stubborn(MemoryNodes):
+        def write_boolean(self, name: str, value: bool) -> None:
+            pass
+
+    class Refusing(MemoryNodes):
+        def write_boolean(self, name: str, value: bool) -> None:
+            raise NodeError("it is read-only")
+
+    for kind, why in ((Stubborn, "stays on"), (Refusing, "is on and cannot be switched off: it is read-only")):
+        with pytest.raises(UnsupportedCameraError, match=f"high byte of Mono12 first, as GevSCPSBigEndian {why}"):
+            send_low_byte_first(kind({"GevSCPSBigEndian": BooleanNode(True)}), PixelFormat.MONO12)
+
+
+def picture(bit_depth: int, level: float, noise: float) -> np.ndarray:  # type: ignore[type-arg]
+    """A gradient with a step, full scale being 1."""
+    numbers = np.random.default_rng(3)
+    ramp = np.linspace(0.6, 1.4, 160) * np.where(np.arange(120) < 60, 1.0, 0.4)[:, None]
+    full = (1 << bit_depth) - 1
+    return np.clip(full * (level * ramp + noise * numbers.standard_normal((120, 160))), 0, full).astype(np.uint16)
+
+
+@pytest.mark.parametrize("pixel_format", [PixelFormat.MONO10, PixelFormat.MONO12, PixelFormat.MONO16])
+@pytest.mark.parametrize("level", [0.05, 0.3, 0.9])
+def test_pictures_with_the_high_byte_first_are_refused_by_name(pixel_format: PixelFormat, level: float) -> None:
+    pixels = picture(pixel_format.bit_depth, level, 0.01)
+    sent, code = pixels.astype("<u2").tobytes(), pixel_format.pfnc_code
+    assert np.array_equal(decode_pixels(sent, code, 160, 120, pixel_format), pixels)
+    with pytest.raises(ValueError, match="only with their high byte first, or go beyond"):
+        decode_pixels(pixels.astype(">u2").tobytes(), code, 160, 120, pixel_format)
+
+
+@pytest.mark.parametrize("level", [0.0, 0.3, 5.0], ids=["black", "grey", "white"])
+@pytest.mark.parametrize("low_bits", [0, 4, 8])
+@pytest.mark.parametrize("noise", [0.0, 0.001, 0.05])
+def test_sound_pictures_of_16_bits_are_read(level: float, low_bits: int, noise: float) -> None:
+    """Of fewer bits, shifted to the left, too."""
+    pixels = picture(16, level, noise) >> low_bits << low_bits
+    sent = pixels.astype("<u2").tobytes()
+    assert np.array_equal(decode_pixels(sent, PixelFormat.MONO16.pfnc_code, 160, 120, PixelFormat.MONO16), pixels)
+
+
+@given(st.integers(0, 1 << 32), st.integers(1, 40), st.integers(1, 40))
+def test_noise_is_no_order_of_bytes(seed: int, width: int, height: int) -> None:
+    pixels = np.random.default_rng(seed).integers(0, 1 << 16, (height, 4 * width), np.uint16)
+    code = PixelFormat.MONO16.pfnc_code
+    assert np.array_equal(
+        decode_pixels(pixels.astype("<u2").tobytes(), code, 4 * width, height, PixelFormat.MONO16), pixels
+    )
