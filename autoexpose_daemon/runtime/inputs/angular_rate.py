@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 import time
 from collections.abc import Callable
 
@@ -14,6 +15,12 @@ log = logging.getLogger(__name__)
 
 _SETTLED_NS = 1_000_000_000
 """The IMU counts as back after a second without a gap, so one that comes and goes is logged once."""
+_FULL_TURN_RAD_S = math.tau
+_TURNING_NS = 1_000_000_000
+"""No robot with cameras keeps turning so fast for so long, which is once right round; one in degrees seems to do so as
+soon as it turns by 6.3 degrees a second."""
+_DISTRUST_NS = 60_000_000_000
+"""After that, so that the slower turns between are not believed either."""
 
 
 class AngularRate:
@@ -45,10 +52,19 @@ class AngularRate:
         self._newest: tuple[float, int] | None = None
         self._refused_last = False
         self._there_since_ns: int | None = None
+        self._spins_since_ns: int | None = None
+        self._distrusted_until_ns = 0
 
     def take(self, rate_rad_s: float) -> None:
         """A sample has arrived."""
-        self._newest, self._refused_last = (rate_rad_s, self._now_ns()), False
+        now_ns = self._now_ns()
+        if rate_rad_s < _FULL_TURN_RAD_S:
+            self._spins_since_ns = None
+        elif self._spins_since_ns is None:
+            self._spins_since_ns = now_ns
+        elif now_ns - self._spins_since_ns >= _TURNING_NS:
+            self._distrusted_until_ns = now_ns + _DISTRUST_NS
+        self._newest, self._refused_last = (rate_rad_s, now_ns), False
         self.tally.samples += 1
 
     def refuse(self) -> None:
@@ -60,21 +76,22 @@ class AngularRate:
         """The rate to decide by, rad/s; None: use optical flow. Called once per decision."""
         now_ns, newest = self._now_ns(), self._newest
         rate_rad_s = None
-        if newest is not None and now_ns - newest[1] <= self._config.max_age_s * 1e9:
+        fresh = newest is not None and now_ns - newest[1] <= self._config.max_age_s * 1e9
+        if newest is not None and fresh and now_ns >= self._distrusted_until_ns:
             rate_rad_s = newest[0]
         # Before the trouble: nobody reads a rate beside the reason why none is used.
         self.tally.angular_rate_rad_s = rate_rad_s
         if rate_rad_s is None:
-            self._is_missing()
+            self._is_missing(fresh)
         else:
             self._is_there(now_ns)
         return rate_rad_s
 
-    def _is_missing(self) -> None:
+    def _is_missing(self, fresh: bool) -> None:
         self._counts.decisions_without_imu += 1
         self._there_since_ns = None
         begins = not self.tally.trouble
-        self.tally.trouble = self._trouble()
+        self.tally.trouble = self._trouble(fresh)
         if begins:
             log.warning("image speed comes from optical flow: %s", self.tally.trouble)
 
@@ -87,12 +104,16 @@ class AngularRate:
             self.tally.trouble = ""
             log.info("image speed comes from the IMU")
 
-    def _trouble(self) -> str:
+    def _trouble(self, fresh: bool) -> str:
         """Always the same words for the same trouble: each change of the state is logged."""
         if self.no_source:
             return self.no_source
         if self._refused_last:
             return f"{self._config.key} does not carry an angular velocity in rad/s"
+        if fresh:
+            return (
+                f"by {self._config.key} the camera turned right round within a second: is that in degrees, not rad/s?"
+            )
         if self._newest is None:
             return f"no IMU sample as {self._config.key} yet"
         return f"no IMU sample as {self._config.key} for more than {self._config.max_age_s:g} s"

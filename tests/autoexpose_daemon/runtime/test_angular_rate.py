@@ -98,3 +98,38 @@ def test_no_rate_is_shown_beside_the_reason_why_none_is_used(imu: Imu, monkeypat
     imu.ask(1, 1.0)
     imu.ask(10)
     assert seen == [(True, None)]
+
+
+DEGREES = "by imu/data the camera turned right round within a second: is that in degrees, not rad/s?"
+
+
+@pytest.mark.parametrize("degrees_s", [7.0, 30.0, 90.0])
+def test_an_imu_in_degrees_is_not_believed_once_it_turns(
+    imu: Imu, caplog: pytest.LogCaptureFixture, degrees_s: float
+) -> None:
+    """Nor in between: a robot that goes straight on turns a little, too."""
+    rates = imu.ask(100, degrees_s)
+    assert rates.count(None) >= 35
+    assert imu.ask(600, 2.0) == [None] * 600
+    assert imu.ask(100, degrees_s)[-1] is None
+    assert caplog.messages == [BEGINS + DEGREES]
+    assert imu.rate.tally.trouble == DEGREES
+
+
+def test_an_imu_in_degrees_that_goes_silent_is_missing(imu: Imu) -> None:
+    imu.ask(100, 30.0)
+    imu.ask(10)
+    assert imu.rate.tally.trouble == "no IMU sample as imu/data for more than 0.1 s"
+
+
+def test_a_robot_that_spins_for_a_moment_is_believed(imu: Imu) -> None:
+    for _ in range(20):
+        assert imu.ask(50, 20.0) == [20.0] * 50
+        assert imu.ask(5, 3.0) == [3.0] * 5
+
+
+def test_an_imu_is_believed_again_a_minute_after_the_last_impossible_turn(imu: Imu) -> None:
+    imu.ask(100, 30.0)
+    assert imu.ask(61 * 60, 0.5)[-1] == 0.5
+    imu.ask(61, 0.5)
+    assert imu.rate.tally.trouble == ""
