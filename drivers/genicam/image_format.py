@@ -85,6 +85,8 @@ def send_low_byte_first(nodes: NodeMap, pixel_format: PixelFormat) -> None:
             continue
         try:
             switch(nodes, name, False)
+            if nodes.read_boolean(name):
+                raise NodeError(f"camera {nodes.serial}: its {name} stays on")
         except NodeError as error:
             raise UnsupportedCameraError(
                 f"camera {nodes.serial}: it sends the high byte of {pixel_format} first, as {name} is on and cannot be "
