@@ -18,6 +18,7 @@ from rich.console import Console
 
 from autoexpose_daemon.page.access import Key, is_loopback, read_token
 from autoexpose_daemon.page.app import page_app
+from autoexpose_daemon.page.connection import Connection
 from autoexpose_daemon.service.logs import set_up_logging
 from drivers.errors import AutoexposeError, ConfigurationError
 
@@ -72,6 +73,8 @@ def serve(rig: str, connect: Sequence[str], host: str, port: int, token_file: Pa
         server = uvicorn.Server(
             uvicorn.Config(
                 app,
+                http=Connection,
+                backlog=128,  # so many are accepted before the first of them can be cut
                 ws="websockets-sansio",
                 ws_max_size=1024,
                 ws_per_message_deflate=False,  # JPEGs do not compress
