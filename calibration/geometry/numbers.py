@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from drivers.config.readable import quoted
 from drivers.errors import ConfigurationError
 
+LARGEST = 1e9
 LARGEST_PIXELS = 65_536
 _ROUNDED = 1e-3
 """Files may be written with few digits."""
@@ -48,6 +49,8 @@ def numbers(value: Any, key: str, *counts: int) -> tuple[float, ...]:
             number = math.nan
         if not math.isfinite(number):
             raise ConfigurationError(f"{key} holds {quoted(each)}: give finite numbers only")
+        if abs(number) > LARGEST:
+            raise ConfigurationError(f"{key} holds {quoted(each)}, which nothing in a calibration is: calibrate again")
         found.append(number)
     if counts and len(found) not in counts:
         raise ConfigurationError(

@@ -19,6 +19,7 @@ of its detail, and what is beyond the rectified picture is given up."""
 _WIDEST = np.radians(87.0)
 """From the axis; a rectified picture shows nothing beyond 90 degrees, and next to nothing near them."""
 _STEPS, _ROUNDS = 4097, 3
+_LEAST_BASELINE_M = 1e-6
 _BORDER = 33
 
 
@@ -48,8 +49,8 @@ def rectified(
         When the right camera is not to the right of the left one.
     """
     halfway = np.asarray(cv2.Rodrigues(-cv2.Rodrigues(np.ascontiguousarray(rotation))[0] / 2)[0]) @ translation_m
-    if not -halfway[0] > np.abs(halfway[1:]).max():
-        x, y, z = (round(1e3 * float(part)) for part in -rotation.T @ translation_m)
+    if not -halfway[0] > max(np.abs(halfway[1:]).max(), _LEAST_BASELINE_M):
+        x, y, z = (f"{1e3 * part:.3g}" for part in -rotation.T @ translation_m + 0.0)
         raise ConfigurationError(
             f"the right camera is {x} mm to the right of the left one, {y} mm below and {z} mm ahead of it: it must be "
             "mostly to its right: check which camera is which"

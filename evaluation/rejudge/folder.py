@@ -28,7 +28,7 @@ from calibration.geometry.file import check_pair, load_geometry
 from calibration.geometry.model import CameraGeometry
 from calibration.response import ResponseFunction
 from calibration.response.file import ResponseFile
-from drivers.config.files import read_regular
+from drivers.config.files import read_text
 from drivers.errors import AutoexposeError, ConfigurationError
 from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import SIDES, Frame, Side, StereoPair
@@ -141,10 +141,7 @@ def _instants(folder: Path) -> list[dict[Side, Entry]]:
 
 def _entries(folder: Path) -> list[Entry]:
     file = folder / LIST
-    try:
-        text = read_regular(file, _LONGEST_BYTES).decode("utf-8-sig", errors="replace")
-    except OSError as error:
-        raise AutoexposeError(f"{file}: cannot be read: {error.strerror}") from error
+    text = read_text(file, _LONGEST_BYTES)
     rows = csv.DictReader(io.StringIO(text))
     try:
         return _read(rows, folder)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
-from drivers.config.files import read_regular
+from drivers.config.files import read_text
 from drivers.errors import ConfigurationError
 from evaluation.odometry.errors import SUB_TRAJECTORY_M, relative_errors_mm
 
@@ -32,6 +32,8 @@ TOLERANCE = 0.4
 """By which share its length may be off."""
 
 _UNIT = 0.9, 1.1
+_LATEST_S = 1e11
+"""Times of day are about 1.8e9 s."""
 _LONGEST_BYTES = 1 << 28
 
 
@@ -124,18 +126,20 @@ def _apart_m(first: NDArray[np.float64], second: NDArray[np.float64]) -> float:
 
 
 def read_tum(path: Path) -> Trajectory:
-    """A file of ``time x y z qx qy qz qw`` in each line; raises ConfigurationError naming the line at fault.
+    """A file of ``time x y z qx qy qz qw`` in each line, with blanks or commas between them.
 
-    Of fewer than two poses it is a TooFewPosesError.
+    Comments, and a first line of names, are left out.
+
+    Raises
+    ------
+    ConfigurationError
+        Naming the line at fault; of fewer than two poses it is a TooFewPosesError.
     """
-    try:
-        text = read_regular(path, _LONGEST_BYTES).decode(errors="replace")
-    except OSError as error:
-        raise ConfigurationError(f"{path}: cannot be read: {error.strerror}") from error
+    text = read_text(path, _LONGEST_BYTES)
     rows: list[list[float]] = []
     for number, line in enumerate(text.splitlines(), 1):
-        words = line.partition("#")[0].split()
-        if not words:
+        words = line.partition("#")[0].replace(",", " ").split()
+        if not words or (not rows and all(word[0].isalpha() for word in words)):
             continue
         try:
             row = [float(word) for word in words]
@@ -143,6 +147,11 @@ def read_tum(path: Path) -> Trajectory:
             row = []
         if len(row) != 8 or not all(map(math.isfinite, row)):
             raise ConfigurationError(f"{path}: line {number} is not `time x y z qx qy qz qw`: give TUM's format")
+        if row[0] > _LATEST_S:
+            raise ConfigurationError(
+                f"{path}: line {number}: its time is {row[0]:.0f}, nanoseconds as in EuRoC's files, whose quaternions "
+                "begin with qw: convert it (evo_traj euroc FILE --save_as_tum)"
+            )
         if rows and row[0] <= rows[-1][0]:
             raise ConfigurationError(f"{path}: line {number}: its time is not after the one before: sort it")
         if not _UNIT[0] < math.hypot(*row[4:]) < _UNIT[1]:

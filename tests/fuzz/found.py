@@ -138,6 +138,13 @@ FOUND: dict[str, Iterable[bytes]] = {
         *(EXPOSING.to_json().replace("0.25", number).encode() for number in ("NaN", "Infinity", "1e308", "-1e308")),
         *(EXPOSING.to_json().replace("7200.0", number).encode() for number in ("NaN", "Infinity")),
     ),
+    "calibration-file": (
+        b"0.35 1e308 0.5 0.5 0.93\n1280 1024\n",
+        b"Camera.type: PinHole\nCamera.width: 720\nCamera.height: 540\nCamera.fx: []\n",
+        b"model_type: PINHOLE\nprojection_parameters: {fx: []}\nimage_width: 720\nimage_height: 540\n",
+        b"K: [860, 0, 360, 0, 860, 270, 0, 0, 1]\nD: [0]\nmodel: omni\nsize: [720, 540]\n",
+        b"K: [860, 0, 360, 0, 860, 270, 0, 0, 1]\nD: [0, 0, 0, 0]\nmodel: fov\nsize: [720, 540]\n",
+    ),
     "page-request": (b"host: evil.com@127.0.0.1", b"host: [", b"cookie: \xff", b"authorization: Bearer \xff"),
     "control-setup": (b'{"dtype": "uint8", "shape": [99999999999999999999], "base64": ""}', b"[" * 100_000),
     "control-state": (b'{"dtype": [], "shape": [1.5], "base64": "AA=="}',),

@@ -73,6 +73,7 @@ from tests.autoexpose_daemon.publish.test_pairs import messages
 from tests.autoexpose_daemon.recording.runs import LIMITS, VirtualRun, record
 from tests.autoexpose_daemon.statuses import EXPOSING
 from tests.calibration.geometry.pairs import LENSES, camchain, of_ros, ros
+from tests.calibration.geometry.written import WRITERS, made_rig
 from tests.fuzz.of_fake_camera import gvcp_answer
 from tests.fuzz.target import framed, in_file, unframed
 
@@ -182,6 +183,13 @@ def calibration_file(data: bytes) -> None:
 def calibration_seeds() -> Iterator[bytes]:
     for document in (ros("right"), *map(camchain, LENSES)):
         yield yaml.safe_dump(document, default_flow_style=None, width=9999).encode()
+    folder = in_file(b"", "calibration.yaml").parent
+    for name, write in WRITERS.items():
+        file = write(made_rig(), folder)
+        yield (file if name != "vins" else folder / "cam0_pinhole.yaml").read_bytes()
+    yield b"0.35 0.4375 0.5 0.5 0.93\n1280 1024\ncrop\n640 480\n"
+    lens = b"camera matrix\n860 0 360\n0 860 270\n0 0 1\ndistortion\n0 0 0 0\n"
+    yield b"[image]\nwidth\n720\nheight\n540\n[a/right]\n" + lens
 
 
 def config(data: bytes) -> None:

@@ -110,8 +110,8 @@ def camera_matrix(value: Any, key: str) -> tuple[float, ...]:
 def projection_matrix(value: Any, key: str) -> tuple[float, ...]:
     """P without what is rounding; raises ConfigurationError."""
     values = numbers(value, key, 12)
-    scale = _ZERO * max(abs(values[0]), 1.0)
-    return tuple(0.0 if abs(number) <= scale else number for number in values)
+    least = _ZERO * max(abs(values[0]), 1.0)
+    return tuple(0.0 if abs(number) <= least and place not in (2, 6) else number for place, number in enumerate(values))
 
 
 def _k(content: Mapping[Any, Any]) -> tuple[float, ...]:

@@ -102,4 +102,4 @@ def _rectified_by_orb_slam(content: Mapping[Any, Any], size: tuple[int, int] | N
 
 
 def _number(section: Mapping[Any, Any], key: str, named: str = "") -> float:
-    return numbers([required(section, key, named or key)], named or key)[0]
+    return numbers([required(section, key, named or key)], named or key, 1)[0]

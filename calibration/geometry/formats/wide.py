@@ -37,13 +37,19 @@ def as_equidistant(
     ConfigurationError
         When it does not, within `LARGEST_MISFIT_PX` anywhere in the picture.
     """
+    names = EXTRA_NUMBERS[model]
+    if len(extra) != len(names) or len(distortion) not in (0, 4) or not min(k[:2]) > 0:
+        raise ConfigurationError(
+            f"its model, {model}, has {' and '.join(names)}, focal lengths above 0 and no or four coefficients: here "
+            f"are {len(extra)}, {k[0]:g} and {k[1]:g}, and {len(distortion)}"
+        )
     x, y = (np.outer(np.sin(_ANGLES), part(_DIRECTIONS)) for part in (np.cos, np.sin))
     z = np.outer(np.cos(_ANGLES), np.ones(len(_DIRECTIONS)))
     with np.errstate(all="ignore"):
         shown = _bent(_MODELS[model](x, y, z, *extra), distortion)
-    pixels = shown * np.array(k[:2]) + np.array(k[2:])
-    out = np.linalg.norm(shown, axis=2)
-    onward = np.isfinite(out) & (np.diff(out, axis=0, prepend=0.0) > 0)
+        pixels = shown * np.array(k[:2]) + np.array(k[2:])
+        out = np.linalg.norm(shown, axis=2)
+        onward = np.isfinite(out) & (np.diff(out, axis=0, prepend=0.0) > 0)
     inside = ((pixels >= 0) & (pixels <= np.array(size) - 1)).all(axis=2)
     seen = np.logical_and.accumulate(onward & inside, axis=0)
     if seen.sum() < 100:

@@ -119,6 +119,7 @@ UP = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
         ("camera_name", "narrow_stereo/right", "camera_name is 'narrow_stereo/right', but this is the left camera"),
         ("distortion_model", "scaramuzza", r"distortion_model is 'scaramuzza': only radtan \(plumb_bob\), rational_"),
         ("distortion_model", ["x"], "distortion_model is"),
+        ("distortion_model", "omni", "its model, omni, has xi, .* here are 0, "),
         ("distortion_coefficients", [0.1] * 6, "distortion_coefficients has 6 numbers: the model has 4, 5, 8, 12, 14"),
         ("distortion_coefficients", [0.1] * 12, "has a thin prism or a tilted sensor"),
         ("distortion_coefficients", [1e9, 0, 0, 0, 0], "distortion_coefficients is beyond any lens"),
@@ -157,6 +158,7 @@ def test_a_ros_file_that_cannot_be_is_refused_by_key(tmp_path: Path, key: str, v
     [
         ("cam0", "camera_model", "scaramuzza", "cam0.camera_model is 'scaramuzza': only radtan"),
         ("cam0", "camera_model", "omni", r"cam0.intrinsics is .*: give a list of 5 numbers, not 4"),
+        ("cam1", "camera_model", "fov", "cam1: its model, fov, has w, .* here are 4, "),
         ("cam1", "distortion_model", "spline", "cam1.distortion_model is 'spline': only radtan"),
         ("cam0", "intrinsics", [1, 2, 3], "cam0.intrinsics is .*: give a list of 4 numbers"),
         ("cam0", "intrinsics", [860, 860, 1e9, 270], "cam0: camera_matrix has its principal point"),

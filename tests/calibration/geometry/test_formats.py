@@ -462,6 +462,8 @@ def spoil(rig: MadeRig, folder: Path, **changes: Any) -> Path:
         ({"R": np.array([0.0, 0.0, 0.0, 1.0])}, "R is .*: give a list of 3 or 9 numbers, not 4"),
         ({"T": np.array([0.08, 0.0, 0.0])}, "the right camera is -80 mm to the right of the left one"),
         ({"T": np.array([0.0, -0.08, 0.0])}, "it must be mostly to its right: check which camera is which"),
+        ({"T": np.array([-0.08, 1e8, 0.0])}, "it must be mostly to its right"),
+        ({"T": np.array([-1e300, 0.0, 0.0])}, "T holds -1e.300, which nothing in a calibration is"),
         ({"T": np.zeros(3)}, "is 0 mm to the right of the left one"),
         ({"R": None, "T": None}, "says nothing of where left is"),
         ({"D1": None}, "has K1, but no distortion coefficients of the left camera"),

@@ -15,7 +15,7 @@ from typer.testing import CliRunner, Result
 
 from autoexpose_daemon.recording.replay_report import report_replay
 from calibration.geometry.formats.ros import ros_yaml
-from drivers.errors import AutoexposeError
+from drivers.errors import AutoexposeError, ConfigurationError
 from evaluation.odometry.lap import lap
 from evaluation.rejudge.contest import recommended
 from evaluation.rejudge.recorded import read_recording
@@ -244,6 +244,35 @@ def test_who_is_recommended() -> None:
     assert recommended([good, worse, lost]) == "good"
     assert recommended([good, alike, worse]) == "alike"
     assert recommended([figures("a", [None], 10.0), figures("b", [None], 11.0)]) == "b"
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16"])
+@pytest.mark.parametrize(
+    ("before", "between", "end"), [("", " ", "\n"), ("# t x\r\n", "\t", "\r\n"), ("t,x,q\n", ", ", "\n")]
+)
+def test_trajectories_of_other_programs_are_read(
+    tmp_path: Path, encoding: str, before: str, between: str, end: str
+) -> None:
+    truth = true_trajectory()
+    (tmp_path / "t.tum").write_text(tum(truth))
+    text = before + tum(truth).replace(" ", between).replace("\n", end)
+    (tmp_path / "other.tum").write_bytes(text.encode(encoding))
+    assert np.array_equal(read_tum(tmp_path / "other.tum").poses, read_tum(tmp_path / "t.tum").poses)
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"1403636579763555584,0,0,0,1,0,0,0\n", "nanoseconds as in EuRoC's files"),
+        (b"1 0 0 0 0 0 0 1\n2 x 0 0 0 0 0 1\n", "line 2 is not `time x y z qx qy qz qw`"),
+        (b"\xef\xbb\xbf\n# nothing\n", "fewer than two poses"),
+        (b"\x89PNG\r\n", "is not text"),
+    ],
+)
+def test_what_is_no_trajectory_is_refused_by_line(tmp_path: Path, content: bytes, words: str) -> None:
+    (tmp_path / "t.tum").write_bytes(content)
+    with pytest.raises(ConfigurationError, match=words):
+        read_tum(tmp_path / "t.tum")
 
 
 def test_trajectories_are_written_read_and_compared(tmp_path: Path) -> None:
