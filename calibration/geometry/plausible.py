@@ -18,6 +18,8 @@ RECTIFIED_WIDTHS = (0.01, 50.0)
 ASPECTS = (0.5, 2.0)
 """Vertical to horizontal focal length: pixels are nearly square."""
 LARGEST_COEFFICIENT = 1e4
+_ASIDE = 10.0
+"""How many pictures beside a rectified one its principal point may lie: cameras need not look straight ahead."""
 USUAL_BASELINE_M = (0.005, 0.5)
 """Others are named, since files may be in millimetres, or in squares of the board."""
 
@@ -36,8 +38,7 @@ def check_plausible(geometry: CameraGeometry) -> None:
         raise ConfigurationError("distortion_coefficients is beyond any lens: calibrate again")
     if not is_rotation(np.reshape(geometry.rectification, (3, 3))):
         raise ConfigurationError("rectification_matrix is no rotation: calibrate again, or give 1 0 0, 0 1 0, 0 0 1")
-    # A rectified picture's principal point may lie outside of it.
-    _check_lens("projection_matrix", p[:, :3], geometry, RECTIFIED_WIDTHS, room=1.0)
+    _check_lens("projection_matrix", p[:, :3], geometry, RECTIFIED_WIDTHS, room=_ASIDE)
     if p[1, 3] or p[2, 3]:
         raise ConfigurationError(
             "projection_matrix has a baseline that is not along the rows: only cameras side by side are supported"
