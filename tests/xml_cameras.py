@@ -72,13 +72,17 @@ class Writer:
             self.nodes.append(f'<Integer Name="{name}_At"><Value>{self._at}</Value></Integer>')
             where = f"<pAddress>{name}_At</pAddress>"
         self._at += 0x10
-        self.place(kind, name, f"{where}<pPort>Device</pPort><AccessMode>{access}</AccessMode>{extra}", length)
+        self.place(kind, name, where, access, length=length, bits=extra)
 
-    def place(self, kind: str, name: str, parts: str, length: int = 4) -> None:
-        """A register with these `parts` besides length and byte order."""
+    def place(
+        self, kind: str, name: str, where: str, access: str, *, port: str = "Device", length: int = 4, bits: str = ""
+    ) -> None:
+        """A register at an address, in the order that the schema of GenApi demands; with `bits` only some of it."""
+        below, attribute = ("", "Name") if kind != "StructReg" else (bits, "Comment")
         self.nodes.append(
-            f'<{kind} Name="{name}"><Length>{length}</Length><Endianess>{self._order}</Endianess>'
-            f"<Cachable>NoCache</Cachable>{parts}</{kind}>"
+            f'<{kind} {attribute}="{name}">{where}<Length>{length}</Length><AccessMode>{access}</AccessMode>'
+            f"<pPort>{port}</pPort><Cachable>NoCache</Cachable>{'' if below else bits}"
+            f"<Endianess>{self._order}</Endianess>{below}</{kind}>"
         )
 
     def conditions(self, name: str) -> str:
@@ -86,15 +90,15 @@ class Writer:
         if self._way == 0:
             return ""
         bits = {"Implemented": 0, "Available": 1, "Locked": 3}
-        where = f"<Address>0x{self._at:X}</Address><pPort>Device</pPort><AccessMode>RO</AccessMode>"
+        where = f"<Address>0x{self._at:X}</Address>"
         self._at += 0x10
         if self._way == 1:
             for what, bit in bits.items():
-                self.place("MaskedIntReg", f"{name}_{what}", f"{where}<Bit>{bit}</Bit>")
+                self.place("MaskedIntReg", f"{name}_{what}", where, "RO", bits=f"<Bit>{bit}</Bit>")
         else:
             entry = '<StructEntry Name="{}_{}"><Bit>{}</Bit></StructEntry>'
             entries = "".join(entry.format(name, what, bit) for what, bit in bits.items())
-            self.place("StructReg", f"{name}_Inquiry", where + entries)
+            self.place("StructReg", f"{name}_Inquiry", where, "RO", bits=entries)
         return "".join(f"<pIs{what}>{name}_{what}</pIs{what}>" for what in bits)
 
     def number(self, name: str, type_: str, unit: str) -> None:
@@ -144,8 +148,7 @@ class Writer:
         """A number in the chunk data."""
         floats = type_ == "Float" and self._way == 0
         value = f"{name}_Raw"
-        where = f"<Address>0x0</Address><pPort>{name}_Port</pPort><AccessMode>RO</AccessMode>"
-        self.place("FloatReg" if floats else "IntReg", value, where)
+        self.place("FloatReg" if floats else "IntReg", value, "<Address>0x0</Address>", "RO", port=f"{name}_Port")
         if type_ == "Float" and not floats:
             value = self._scaled(value, False)
         unit = f"<Unit>{unit}</Unit>" if unit else ""

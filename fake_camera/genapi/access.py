@@ -11,6 +11,9 @@ AccessMode = Literal["NI", "NA", "WO", "RO", "RW"]
 """Not implemented, not available, write only, read only, both."""
 
 _WITHOUT_REGISTER = {"SwissKnife": "RO", "IntSwissKnife": "RO", "Category": "RO", "EnumEntry": "RO"}
+_CONDITIONS: dict[str, AccessMode | None] = {"pIsImplemented": "NI", "pIsAvailable": "NA", "pIsLocked": None}
+"""What refers to a condition, and what a node is where it is false."""
+_ABSENT: frozenset[AccessMode] = frozenset(("NI", "NA"))
 _Letters = frozenset[str]
 
 
@@ -54,22 +57,21 @@ class AccessModes:
     def _missing(self, node: Node) -> set[AccessMode]:
         """Why a node is not there: the modes of what it lacks."""
         try:
-            modes = {self.of(other) for other in self._evaluator.referred(node)}
-            conditions = [node.text(tag) for tag in ("pIsImplemented", "pIsAvailable", "pIsLocked") if node.text(tag)]
-            modes |= {"NA" if self.of(condition) == "WO" else self.of(condition) for condition in conditions}
-            missing: set[AccessMode] = {mode for mode in modes if mode in ("NI", "NA")}
-            if missing:
-                return missing
-            if node.text("pIsImplemented") and not self._evaluator.value(node.text("pIsImplemented")):
-                return {"NI"}
-            if node.text("pIsAvailable") and not self._evaluator.value(node.text("pIsAvailable")):
-                return {"NA"}
-            if node.kind in REGISTERS and not self._evaluator.is_served(node.text("pPort")):
-                return {"NI"}
+            modes: set[AccessMode] = {self.of(other) for other in self._evaluator.referred(node)}
+            for tag, mode in _CONDITIONS.items():
+                condition = node.text(tag)
+                if condition:
+                    modes.add("NA" if self.of(condition) == "WO" else self.of(condition))
+                if condition and mode is not None and not self._evaluator.value(condition):
+                    modes.add(mode)
         except NodeError:
-            return {"NA"}
+            modes = {"NA"}
+        if node.kind in REGISTERS and not self._evaluator.is_served(node.text("pPort")):
+            modes.add("NI")
         entries = {self._of(entry) for entry in node.entries.values()} if node.kind == "Enumeration" else set()
-        return {"NI" if entries == {"NI"} else "NA"} if entries and entries <= {"NI", "NA"} else set()
+        if entries and entries <= _ABSENT:
+            modes.add("NI" if entries == {"NI"} else "NA")
+        return modes & _ABSENT
 
 
 def _letters(mode: str) -> _Letters:

@@ -115,7 +115,7 @@ class Description:
         If it names neither, its registers decide: mostly little-endian ones mean USB3 Vision; otherwise features
         called Gev... mean GigE Vision.
         """
-        if self.namespace == "U3V":
+        if self.namespace in ("USB", "U3V"):  # by the schema, and as some write it
             return "U3V"
         if self.namespace == "GEV":
             return "GEV"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import functools
 import struct
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from typing import Concatenate, ParamSpec, TypeVar
 
 from fake_camera.genapi.description import REGISTERS, Description, Node, NodeError, whole_number
@@ -68,6 +68,11 @@ class Evaluator:
             return self._nodes[name]
         except KeyError:
             raise NodeError(f"no node {name}") from None
+
+    @property
+    def nodes(self) -> Mapping[str, Node]:
+        """All nodes by name."""
+        return self._nodes
 
     def kind(self, name: str) -> str | None:
         """The kind of a node, None when there is none of that name."""

@@ -10,6 +10,7 @@ from typing import NamedTuple
 from fake_camera.genapi.description import Node, NodeError
 from fake_camera.genapi.dialect import NUMBERS
 from fake_camera.genapi.evaluator import Evaluator
+from fake_camera.genapi.formula import Number
 from fake_camera.genapi.solve import Wish, achieve, assign, fill
 
 
@@ -112,6 +113,12 @@ class Opener:
         evaluator = self.evaluator
         if evaluator.kind(name) not in NUMBERS or not self.open(name, writable):
             return
+        if not self.adjust(name, wished) and writable:
+            self.failed.append(name)
+
+    def adjust(self, name: str, wished: Wished) -> bool:
+        """Set the limits of a number where they are in registers, and its value; whether it has both then."""
+        evaluator = self.evaluator
         parts = [name, *(node.text(tag) for node in evaluator.chain(name) for tag in _LIMITS if node.text(tag))]
         empty: list[str] = []
         for attempt in _ATTEMPTS:
@@ -120,12 +127,11 @@ class Opener:
             empty += [register for register in fill(evaluator, parts, attempt.filling) if register not in empty]
             with contextlib.suppress(NodeError):
                 self._limit(name, wished, attempt)
-                if self._settle(name, wished, attempt.clipped):
-                    return
+                if self._place(name, wished, attempt.clipped):
+                    return True
         for register in empty:
             evaluator.set(register, 0)
-        if writable:
-            self.failed.append(name)
+        return False
 
     def _limit(self, name: str, wished: Wished, attempt: _Attempt) -> None:
         """Set the increment and the limits that are in registers."""
@@ -138,8 +144,7 @@ class Opener:
             step = max(round(step), 1)
         done: list[str] = []
 
-        def settle(tag: str, number: float) -> None:
-            limit = evaluator.node(holder).text(tag)
+        def settle(limit: str, number: float) -> None:
             registers = evaluator.fields(limit) if limit else {}
             free = [node for node in registers if node in ours or evaluator.value(node) in (0, attempt.filling)]
             if math.isfinite(number) and (free or (limit and attempt.shared)):
@@ -148,27 +153,32 @@ class Opener:
                 done.append(limit)
 
         ours: set[str] = set()
-        settle("pInc", step)
+        settle(next(filter(None, (node.text("pInc") for node in evaluator.chain(name))), ""), step)
         if evaluator.is_whole(holder):  # a value that is a multiple of the increment is then on it
             step = evaluator.bound(holder, "Inc") or 1
             ends = [math.ceil(min(ends) / step) * step, max(ends)]
-        settle("pMin", min(ends))
-        settle("pMax", max(ends))
+        settle(evaluator.node(holder).text("pMin"), min(ends))
+        settle(evaluator.node(holder).text("pMax"), max(ends))
 
-    def _settle(self, name: str, wished: Wished, clipped: bool) -> bool:
+    def _place(self, name: str, wished: Wished, clipped: bool) -> bool:
         """Set a number within its limits and on its increment; whether it took it, `clipped` by them or not."""
         evaluator = self.evaluator
         low, high = evaluator.limits(name)
         step = evaluator.bound(name, "Inc")
         if step is not None and step <= 0:
             return False
-        value = min(max(wished.value, low), high)
-        if step and math.isfinite(low):
-            value = low + math.floor((value - low) / step + _ALMOST) * step
+        value = self.on_increment(name, wished.value)
         assign(evaluator, name, value)
         near = abs(evaluator.value(name) - value) <= 0.01 * abs(value)
         sized = low < high or math.isinf(wished.high)
         return near and sized and (clipped or abs(value - wished.value) <= (step or 0))
+
+    def on_increment(self, name: str, value: Number) -> Number:
+        """The nearest value within the limits of a number that is on its increment, or below."""
+        low, high = self.evaluator.limits(name)
+        step = self.evaluator.bound(name, "Inc")
+        value = min(max(value, low), high)
+        return low + math.floor((value - low) / step + _ALMOST) * step if step and math.isfinite(low) else value
 
     def command(self, name: str) -> None:
         """Open a command, where there is one."""

@@ -21,6 +21,7 @@ from fake_camera.genapi.dialect import (
 )
 from fake_camera.genapi.evaluator import Evaluator
 from fake_camera.genapi.opener import Opener, Wished
+from fake_camera.genapi.settle import settle
 from fake_camera.genapi.solve import assign
 from fake_camera.imaging import PIXEL_FORMATS
 
@@ -55,6 +56,7 @@ def power_on(evaluator: Evaluator, sensor_width: int, sensor_height: int) -> tup
     opener.switch("PtpEnable", False)
     for name in ("PayloadSize", "TimestampLatchValue"):
         opener.open(name, writable=False)
+    settle(opener)
     return tuple(dict.fromkeys(opener.failed))
 
 

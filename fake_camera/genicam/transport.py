@@ -32,7 +32,7 @@ class Transport:
     `event_time_at` is where in an event its time is; its data follow.
     """
 
-    name_space: Literal["GEV", "U3V"]
+    name_space: Literal["GEV", "USB"]
     byte_order: ByteOrder
     event_time_at: int
     fields: tuple[RegisterField, ...]

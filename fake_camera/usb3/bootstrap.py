@@ -40,7 +40,7 @@ _GENAPI_SCHEMA_1_1 = 1 << 24 | 1 << 16
 _ALIGNMENT_LOG2 = 2
 
 USB3_VISION = Transport(
-    "U3V",
+    "USB",
     "little",
     4,
     (

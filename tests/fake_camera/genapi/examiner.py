@@ -7,6 +7,7 @@ process of its own, because the reference ends the process (SIGFPE) where a Floa
 from __future__ import annotations
 
 import contextlib
+import functools
 import json
 import math
 import sys
@@ -15,22 +16,31 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
+from xml.sax.saxutils import escape
 
 from genicam import genapi
 
 from fake_camera.device.device import Device
 from fake_camera.genapi.access import AccessModes
-from fake_camera.genapi.description import REGISTERS, Description, NodeError
+from fake_camera.genapi.description import Description, NodeError
 from fake_camera.genapi.evaluator import Evaluator
 from fake_camera.genapi.memory import Memory
 from fake_camera.genapi.xml_camera import XmlCamera
+from fake_camera.genicam.description import genicam_xml
+from fake_camera.genicam.privilege import ControlPrivilege
+from fake_camera.genicam.status import CommandError
+from fake_camera.gige.bootstrap import GIGE_VISION
+from fake_camera.gige.server import GigeServer
+from fake_camera.usb3.bootstrap import USB3_VISION
+from fake_camera.usb3.usb_device import UsbDevice
 from tests.fake_camera.gige.gige_client import Ramp
-from tests.xml_cameras import COMBINATIONS, xml_camera
+from tests.fakes import loopback_address
+from tests.xml_cameras import COMBINATIONS, document, xml_camera
 from tests.xml_shapes import DRIVEN, FREE_ONLY, xml_shape
 
 _MOST_BYTES = 0x10000  # of one read
+_ALIGNMENT = 4  # of what GigE Vision cameras read and write
 _CLOSE = 1e-9
-_NATURAL = {"min": {0, -math.inf}, "max": {math.inf}}
 
 
 @dataclass
@@ -43,16 +53,16 @@ class Findings:
         How often, of values, minima, maxima, increments, units, entries and access modes.
     differ
         Where not: (what, node, ours, theirs).
-    refused
-        Features that do not take their own value back: (node, why).
-    taken
-        How many do.
+    usable
+        How many features can be read and, where they can be written, take their own value back.
+    unusable
+        Those that cannot or do not: (feature, why).
     """
 
     agree: dict[str, int] = field(default_factory=dict)
     differ: list[tuple[str, str, str, str]] = field(default_factory=list)
-    refused: list[tuple[str, str]] = field(default_factory=list)
-    taken: int = 0
+    usable: int = 0
+    unusable: list[tuple[str, str]] = field(default_factory=list)
 
 
 class Port(genapi.AbstractPort):  # type: ignore[misc]
@@ -63,8 +73,6 @@ class Port(genapi.AbstractPort):  # type: ignore[misc]
         self._memory = memory
 
     def read(self, address: int, count: int) -> bytes:
-        if count > _MOST_BYTES:
-            raise ValueError(f"{count} bytes at once")
         return bytes(self._memory.read(address, count))
 
     def write(self, address: int, data: bytes) -> None:
@@ -74,11 +82,33 @@ class Port(genapi.AbstractPort):  # type: ignore[misc]
         return int(genapi.EAccessMode.RW)
 
 
+class Still:
+    """A memory in which no time passes between two reads, and of which any bytes may be read and written."""
+
+    def __init__(self, memory: Any) -> None:
+        self._memory = memory
+        self._words = functools.cache(memory.read)
+
+    def read(self, address: int, count: int) -> bytes:
+        if count > _MOST_BYTES:
+            raise ValueError(f"{count} bytes at once")
+        before = address % _ALIGNMENT
+        data = self._words(address - before, -(-(before + count) // _ALIGNMENT) * _ALIGNMENT)
+        return bytes(data[before : before + count])
+
+    def write(self, address: int, data: bytes) -> None:
+        before, after = address % _ALIGNMENT, -(address + len(data)) % _ALIGNMENT
+        whole = self.read(address - before, before) + data + self.read(address + len(data), after)
+        self._words.cache_clear()
+        self._memory.write(address - before, whole)
+
+
 class Examiner:
     """Both readers of one description over one memory (anything with `read` and `write`) and the ports of chunks."""
 
     def __init__(self, description: Description, memory: Any, chunks: dict[str, Memory]) -> None:
         self._description = description
+        memory = Still(memory)
         self._ours = Evaluator(description, memory, chunks)
         self._access = AccessModes(self._ours)
         self._theirs = genapi.NodeMap()
@@ -106,7 +136,7 @@ class Examiner:
                 self._note("numbers", f"{name} {entry.symbolic}", node.integer("Value", 0), int(entry.numeric_value))
         if access not in ("RO", "RW") or self._access.of(name) not in ("RO", "RW"):
             return
-        if isinstance(theirs, genapi.IInteger | genapi.IFloat | genapi.IEnumeration | genapi.IBoolean | genapi.IString):
+        if isinstance(theirs, _WITH_VALUE):
             self._note("values", name, self._value(name), _attempt(lambda: _value(theirs)))
         if isinstance(theirs, genapi.IInteger | genapi.IFloat):
             for what, which in (("minima", "Min"), ("maxima", "Max"), ("increments", "Inc")):
@@ -128,27 +158,31 @@ class Examiner:
         return _attempt(lambda: self._ours.value(name))
 
     def _note(self, what: str, name: str, ours: Any, theirs: Any) -> None:
-        if _same(ours, theirs):
+        if same(ours, theirs):
             self._agree[what] += 1
         else:
             self.findings.differ.append((what, name, str(ours), str(theirs)))
 
-    def write_back(self) -> None:
-        """Write each feature's own value to it."""
+    def use(self) -> None:
+        """Read each feature that there is, and write its own value to it."""
         parts = (node.parts.get("pFeature", []) for node in self._description.nodes.values())
-        features = dict.fromkeys((part.text or "").strip() for inside in parts for part in inside)
-        for name in features:
+        for name in dict.fromkeys((part.text or "").strip() for inside in parts for part in inside):
             theirs = self._theirs.get_node(name)
-            if _access(theirs) != "RW" or isinstance(theirs, genapi.ICommand | genapi.ICategory | genapi.IRegister):
+            access = _access(theirs)
+            if access not in ("RO", "RW") or not isinstance(theirs, _WITH_VALUE):
                 continue
             try:
-                if isinstance(theirs, genapi.IEnumeration):
-                    theirs.set_int_value(theirs.get_int_value())
-                else:
-                    theirs.value = theirs.value
-                self.findings.taken += 1
-            except (genapi.GenericException, ArithmeticError, ValueError) as error:
-                self.findings.refused.append((name, str(error)[:300]))
+                value = _value(theirs)
+                if access == "RW" and isinstance(theirs, genapi.IEnumeration):
+                    theirs.set_int_value(value)
+                elif access == "RW":
+                    theirs.value = value
+                self.findings.usable += 1
+            except (genapi.GenericException, CommandError, ArithmeticError, ValueError) as error:
+                self.findings.unusable.append((name, str(error)[:300]))
+
+
+_WITH_VALUE = (genapi.IInteger, genapi.IFloat, genapi.IEnumeration, genapi.IBoolean, genapi.IString)
 
 
 def _access(node: Any) -> str:
@@ -165,39 +199,61 @@ def _attempt(read: Any) -> Any:
     """What it reads; "error" in place of any error."""
     try:
         return read()
-    except (genapi.GenericException, NodeError, ArithmeticError, ValueError):
+    except (genapi.GenericException, CommandError, NodeError, ArithmeticError, ValueError):
         return "error"
 
 
-def _same(ours: Any, theirs: Any) -> bool:
+def same(ours: Any, theirs: Any) -> bool:
     if isinstance(ours, float | int) and isinstance(theirs, float | int):
-        return ours == theirs or math.isclose(ours, theirs, rel_tol=_CLOSE) or (math.isnan(ours) and math.isnan(theirs))
+        clamped = min(max(ours, -sys.float_info.max), sys.float_info.max)  # as far as their limits go
+        return (
+            theirs in (ours, clamped)
+            or math.isclose(ours, theirs, rel_tol=_CLOSE)
+            or (math.isnan(ours) and math.isnan(theirs))
+        )
     return bool(ours == theirs)
 
 
 @contextlib.contextmanager
-def worn(description: Description) -> Iterator[tuple[XmlCamera, dict[str, Memory]]]:
-    """A fake camera that wears a description, and the ports of its chunks."""
+def examined(description: Description | None, transport: str) -> Iterator[Examiner]:
+    """Both readers of a fake camera on a transport, with a description or its own."""
     device = Device(Ramp(), "X1")
-    try:
-        yield (camera := XmlCamera(description, device)), camera.chunk_ports
-    finally:
-        device.close()
+    camera = None if description is None else XmlCamera(description, device)
+    with contextlib.closing(device), contextlib.ExitStack() as served:
+        if transport == "gige":
+            server = served.enter_context(contextlib.closing(GigeServer(device, address := loopback_address(), camera)))
+            registers = server._registers(address, ControlPrivilege())
+        else:
+            registers = UsbDevice(device, camera)._registers()
+        if description is None:
+            text = genicam_xml(device.features, GIGE_VISION if transport == "gige" else USB3_VISION)
+            description = Description.from_bytes(text, transport)
+        chunks = {name: Memory() for name, node in description.nodes.items() if "ChunkID" in node.parts}
+        yield Examiner(description, registers, chunks if camera is None else camera.chunk_ports)
 
 
-def examine(description: Description) -> Findings:
-    """What the reference says of a camera that wears this description, at power-on."""
-    with worn(description) as (camera, chunks):
-        examiner = Examiner(description, camera, chunks)
+def examine(description: Description | None, transport: str) -> Findings:
+    """What the reference says of a fake camera at power-on."""
+    with examined(description, transport) as examiner:
         examiner.compare()
-        examiner.write_back()
+        examiner.use()
         return examiner.findings
 
 
-def own() -> dict[str, bytes]:
-    """Our own descriptions by name: each combination and each shape."""
+def value_of_formula(text: str, integer: bool) -> Any:
+    """What the reference makes of a formula without variables; "error" if it has no value."""
+    kind = "IntSwissKnife" if integer else "SwissKnife"
+    nodes = genapi.NodeMap()
+    nodes.load_xml_from_string(
+        document("M", "GEV", [f'<{kind} Name="K_"><Formula>{escape(text)}</Formula></{kind}>']).decode()
+    )
+    return _attempt(lambda: nodes.get_node("K_").value)
+
+
+def own() -> dict[str, bytes | None]:
+    """Our own descriptions by name: each combination and each shape, and None for those of the fakes themselves."""
     combinations = {f"combination {number}": xml_camera(number) for number in range(len(COMBINATIONS))}
-    return combinations | {name: xml_shape(name) for name in DRIVEN | FREE_ONLY}
+    return combinations | {name: xml_shape(name) for name in DRIVEN | FREE_ONLY} | {"gige": None, "usb3": None}
 
 
 def main(names: list[str]) -> None:
@@ -206,7 +262,9 @@ def main(names: list[str]) -> None:
     found = {}
     for name in names:
         data = ours[name] if name in ours else Path(name).read_bytes()
-        found[name] = asdict(examine(Description.from_bytes(data, name)))
+        description = None if data is None else Description.from_bytes(data, name)
+        usb3 = name == "usb3" or (description is not None and description.standard == "U3V")
+        found[name] = asdict(examine(description, "usb3" if usb3 else "gige"))
     json.dump(found, sys.stdout)
 
 

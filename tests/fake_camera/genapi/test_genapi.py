@@ -31,11 +31,15 @@ def formula(text: str, integer: bool = False, **variables: float) -> float:
     ("text", "value"),
     [
         ("1 + 2 * 3 - 4", 3), ("(1 + 2) * 3", 9), ("2 ** 3 ** 2", 64), ("-2 ** 2", 4), ("-(2) ** 2", -4), ("7 % 4", 3),
-        ("0x10 | 1", 17), ("6 & 3", 2), ("6 ^ 3", 5), ("1 << 4 >> 2", 4), ("~0 & 0xFF", 255), ("1 + 1 << 2", 5), ("6 & 3 << 1", 4),
-        ("1 = 1", 1), ("1 <> 1", 0), ("2 >= 2 && 1 < 2", 1), ("0 || 0", 0), ("1 ? 2 : (0 ? 3 : 4)", 2), ("0?2:0?3:4", 4),
+        ("0x10 | 1", 17), ("6 & 3", 2), ("6 ^ 3", 5), ("1 << 4 >> 2", 4), ("~0 & 0xFF", 255),
+        ("1 + 1 << 2", 5), ("6 & 3 << 1", 4),
+        ("1 = 1", 1), ("1 <> 1", 0), ("2 >= 2 && 1 < 2", 1), ("0 || 0", 0), ("0?2:0?3:4", 4),
+        ("1 ? 2 : (0 ? 3 : 4)", 2),
         ("1 ? 2 : 3 ? 4 : 5", 4), ("5 & 3 = 1", 1), ("1 > 0 || 0 > 1", 0),
         ("EXP(LN(5))", 5), ("LG(1000)", 3), ("SQRT(16) + ABS(-1)", 5), ("SGN(-3) + TRUNC(2.9) + CEIL(0.1)", 2),
-        ("1.5e1 + 0.5", 15.5), ("ROUND(2.5) + ROUND(-2.5)", 0), ("ROUND(2.345, 2)", 2.35), ("LN(0)", -math.inf), ("2.0e-3", 0.002), ("PI", math.pi), ("A.B * C_1", 6),
+        ("1.5e1 + 0.5", 15.5),
+        ("ROUND(2.5) + ROUND(-2.5)", 0), ("ROUND(2.345, 2)", 2.35),
+        ("LN(0)", -math.inf), ("2.0e-3", 0.002), ("PI", math.pi), ("A.B * C_1", 6),
     ],
 )  # fmt: skip
 def test_formulas(text: str, value: float) -> None:
@@ -186,6 +190,7 @@ def test_what_cannot_be_achieved_leaves_the_registers_alone() -> None:
     ("namespace", "order", "feature", "standard"),
     [
         ("GEV", "LittleEndian", "R", "GEV"),
+        ("USB", "BigEndian", "R", "U3V"),
         ("U3V", "BigEndian", "R", "U3V"),
         ("None", "LittleEndian", "GevSCPSPacketSize", "U3V"),  # as Allied Vision's USB3 cameras
         ("None", "BigEndian", "GevSCPSPacketSize", "GEV"),

@@ -148,7 +148,7 @@ def test_a_client_finds_the_description_by_the_manifest(camera: Device, host: Us
     with zipfile.ZipFile(io.BytesIO(archive)) as opened:
         description = opened.read(opened.namelist()[0])
     root = ElementTree.fromstring(description)
-    assert (root.get("StandardNameSpace"), root.get("ModelName")) == ("U3V", "FakeU3V287M")
+    assert (root.get("StandardNameSpace"), root.get("ModelName")) == ("USB", "FakeU3V287M")
     assert {node.text for node in root.iter(f"{GENICAM}Endianess")} == {"LittleEndian"}
     assert not [node.get("Name") for node in root if str(node.get("Name")).startswith("Gev")]
 
