@@ -29,7 +29,7 @@ from drivers.genicam.clock import find_clock
 from drivers.genicam.dialect import find_dialect, switch_auto_off
 from drivers.genicam.features import apply_features
 from drivers.genicam.gamma import switch_gamma_off
-from drivers.genicam.hold import fixed_selectors
+from drivers.genicam.hold import fixed_selectors, unlock
 from drivers.genicam.image_format import (
     choose_pixel_format,
     decode_pixels,
@@ -71,6 +71,7 @@ class AravisCamera:
         self._closed = threading.Event()
         if nodes.exists("AcquisitionStop"):
             nodes.call("stop acquisition", camera.stop_acquisition)
+        unlock(nodes)
         switch_auto_off(nodes)  # so that nothing locks, or overwrites, what is set
         switch_white_balance_off(nodes, setup.pixel_format)
         apply_features(nodes, setup)

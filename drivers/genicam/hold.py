@@ -82,6 +82,13 @@ def switch(nodes: NodeMap, name: str, on: bool) -> None:
             raise NodeError(f"camera {nodes.serial}: it has no {name} that can be switched at present")
 
 
+def unlock(nodes: NodeMap) -> None:
+    """Undo the lock on all that decides how frames are sent, which a client that was killed leaves on."""
+    if nodes.is_integer("TLParamsLocked"):
+        with suppress(NodeError):
+            hold(nodes, "TLParamsLocked", 0)
+
+
 def offered(nodes: NodeMap, name: str) -> tuple[str, ...]:
     """The entries that an enumeration can be had at: of a read-only or locked one, that at which it stands."""
     entries = nodes.entries(name)

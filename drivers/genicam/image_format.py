@@ -46,9 +46,12 @@ def choose_pixel_format(nodes: NodeMap, wanted: PixelFormat | None) -> PixelForm
     """
     formats = offered(nodes, "PixelFormat")
     if not formats:
-        raise UnsupportedCameraError(
-            f"camera {nodes.serial}: it has no PixelFormat, so its bytes cannot be read as pixels"
+        has = (
+            "its PixelFormat is no known entry and cannot be written"
+            if nodes.entries("PixelFormat")
+            else "it has no PixelFormat"
         )
+        raise UnsupportedCameraError(f"camera {nodes.serial}: {has}, so its bytes cannot be read as pixels")
     if wanted is None:
         present = nodes.read_entry("PixelFormat")
         if present not in _BY_NAME:

@@ -53,6 +53,7 @@ def shape(name: str, *others: object) -> object:
 class Shaped:
     serial: str
     device: Device
+    camera: XmlCamera
 
 
 @pytest.fixture(scope="module")
@@ -67,7 +68,7 @@ def cameras() -> Iterator[dict[str, Shaped]]:
             camera = XmlCamera(Description.from_bytes(xml_shape(name, NAME_SPACE), name), device)
             assert camera.not_available == () or name in UNABLE, name
             running.enter_context(served(device, camera))
-            shaped[name] = Shaped(str(device.features.get("DeviceSerialNumber")), device)
+            shaped[name] = Shaped(str(device.features.get("DeviceSerialNumber")), device, camera)
         find_cameras()
         yield shaped
 
@@ -158,6 +159,17 @@ def test_it_is_refused_for_what_it_lacks(name: str, setup: CameraSetup, words: s
         opened.callback(camera.close)
         camera.start()
     assert stays(refused.value)
+
+
+@pytest.mark.gige_only
+def test_what_a_killed_client_left_locked_is_unlocked(cameras: dict[str, Shaped]) -> None:
+    shaped = cameras["locked picture"]
+    for name, number in (("TLParamsLocked", 1), ("PixelFormat", 0x01100007)):
+        address = shaped.camera.address(name)
+        assert address is not None
+        shaped.camera.write(address, number.to_bytes(4, "big"))
+    with contextlib.closing(open_camera(shaped.serial, BY_LINE)) as camera:
+        assert camera.description.pixel_format == PixelFormat.MONO8
 
 
 @pytest.mark.gige_only

@@ -7,6 +7,8 @@ import pytest
 from drivers.aravis.nodes import AravisNodes
 from drivers.config.feature import FeatureValue
 from drivers.errors import NodeError
+from drivers.genicam.hold import read_feature
+from drivers.genicam.nodes import NodeMap
 
 SELECTORS = {
     *("TriggerSelector", "GainSelector", "ChunkSelector", "LineSelector", "ActionSelector"),
@@ -19,10 +21,12 @@ def names_written(monkeypatch: pytest.MonkeyPatch) -> set[str]:
     """Names of the nodes that are written from now on, as if none held its value already."""
     names: set[str] = set()
 
-    def hides_its_value(_nodes: object, name: str) -> FeatureValue:
-        raise NodeError(name)
+    def read_unless_writable(nodes: NodeMap, name: str) -> FeatureValue:
+        if nodes.writable(name):
+            raise NodeError(name)
+        return read_feature(nodes, name)
 
-    monkeypatch.setattr("drivers.genicam.hold.read_feature", hides_its_value)
+    monkeypatch.setattr("drivers.genicam.hold.read_feature", read_unless_writable)
 
     def noting(method: str) -> None:
         original = getattr(AravisNodes, method)
