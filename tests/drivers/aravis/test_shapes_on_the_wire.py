@@ -40,7 +40,7 @@ BY_LINE = CameraSetup(TriggerSetup("external", "Line1", RATE_HZ), PixelFormat.MO
 ON_BOTH = ("fixed selectors", "automatic by numbers", "unknown counts", "no payload size")
 """Over USB3 Vision only these; the others do not concern the transport."""
 SERVED = DRIVEN | COUNTED | FREE_ONLY | REFUSED if TRANSPORT == "gige" else ON_BOTH
-UNABLE = ("swapped bounds", "locked picture", "no bounds", "fixed rate")
+UNABLE = ("boundless gain", "locked picture", "no bounds", "fixed rate", "increments of zero")
 """Of these the fake itself cannot make all features available, as they contradict themselves."""
 
 
@@ -108,7 +108,7 @@ def test_what_a_read_only_selector_leaves_out_is_said_once(
 @pytest.mark.parametrize(
     ("name", "words"),
     [
-        ("swapped bounds", r"gain \(Gain\) has no bounds"),
+        ("boundless gain", r"gain \(Gain\) has no bounds"),
         ("locked picture", r"gain \(Gain\) cannot be written"),
         ("locked picture", "AcquisitionFrameRateEnable is True and cannot be False"),
         ("increments of zero", "calibrate gain --camera"),
