@@ -85,11 +85,8 @@ def _end_as_a_camera(arguments: list[str], outputs: list[Path], environment: dic
 
 
 @contextlib.contextmanager
-def foreign_camera(*options: str) -> Iterator[str]:
-    """Run Aravis' own fake camera until the block ends; yields its serial.
-
-    Waits while other tests run theirs: it listens at one address only.
-    """
+def first_address() -> Iterator[str]:
+    """The first loopback address, for a camera until the block ends; waits while other tests have one there."""
     with FOREIGN_LOCK.open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
@@ -97,6 +94,13 @@ def foreign_camera(*options: str) -> Iterator[str]:
                 probe.bind((FOREIGN_ADDRESS, 3956))
             except OSError as error:
                 raise AssertionError(f"another camera answers at {FOREIGN_ADDRESS}: stop it, then repeat") from error
+        yield FOREIGN_ADDRESS
+
+
+@contextlib.contextmanager
+def foreign_camera(*options: str) -> Iterator[str]:
+    """Run Aravis' own fake camera, which listens at one address only, until the block ends; yields its serial."""
+    with first_address():
         yield from _foreign_camera(options)
 
 
