@@ -13,6 +13,7 @@ import pytest
 
 from fake_camera.device.device import Device
 from fake_camera.genicam.status import Status
+from fake_camera.gige import gvcp
 from fake_camera.gige.gvcp import Request
 from fake_camera.ptp.messages import GROUP, Grandmaster, Message, MessageType, PortIdentity
 from tests.fake_camera.gige.gige_client import (
@@ -202,6 +203,20 @@ def test_ptp_messages_and_action_commands_are_decoded(tmp_path: Path) -> None:
         ",,,,,,0x0000cafe,0x17979cfe3d85cd15,,",
         ",,,,,,,,0x8016,",
     ]
+
+
+def test_events_are_decoded(tmp_path: Path) -> None:
+    item = gvcp.event(0x9001, 7, 1_700_000_000_123_456_789, (7).to_bytes(8, "big"))
+    told = gvcp.command(gvcp.Command.EVENTDATA, item, 3, ack_required=True)
+    acknowledged = struct.pack(">HHHH", 0, gvcp.Command.EVENTDATA + 1, 0, 3)
+    write_pcap(
+        tmp_path / "event.pcap",
+        [((ADDRESS, GVCP_PORT), (CLIENT, 40_000), told), ((CLIENT, 40_000), (ADDRESS, GVCP_PORT), acknowledged)],
+    )
+    fields = ["id", "devicespecificid", "blockid", "timestamp"]
+    fields = [f"gvcp.cmd.event.{name}" for name in fields] + ["gvcp.cmd.eventdata.data", "_ws.malformed"]
+    seen = tshark(tmp_path / "event.pcap", "-T", "fields", "-E", "separator=,", *(f"-e{field}" for field in fields))
+    assert seen == [",0x9001,0x0007,0x17979cfe3d85cd15,0000000000000007,", ",,,,,"]
 
 
 @pytest.mark.realtime

@@ -267,6 +267,25 @@ def test_a_test_event_is_sent_to_who_wants_it(camera: Device, host: UsbIpClient)
     assert struct.unpack_from("<Q", event, 16)[0] <= camera.now_ns()
 
 
+def test_the_end_of_an_exposure_is_told_to_who_wants_it(camera: Device, host: UsbIpClient) -> None:
+    """Time at 4 and frame id at 0xC, where the description of a FLIR Blackfly S has them."""
+    eirm = host.read_number(host.read_number(SBRM_ADDRESS, 8) + 0x2C, 8)
+    assert host.write_memory(eirm, struct.pack("<I", 1)) == SUCCESS
+    camera.features.set("ExposureAuto", "Off")
+    camera.features.set("ExposureTime", 2000.0)
+    assert host.write_memory(SLOTS["EventNotification"], struct.pack("<I", 1)) == SUCCESS
+    start(host)
+    status, event = host.read(EVENT, 1024)
+    leader = host.read(STREAM, 1024)[1]
+    assert (status, event[:4]) == (0, b"U3VE")
+    assert struct.unpack_from("<HHHH", event, 4) == (0, 0x0C00, 20, 1)
+    item = event[12:]
+    assert struct.unpack_from("<HH", item) == (0, 0x9001)
+    assert item[0xC:0x14] == leader[8:16]
+    began_ns, ended_ns = (int.from_bytes(data, "little") for data in (leader[20:28], item[4:0xC]))
+    assert ended_ns - began_ns == 2_000_000
+
+
 def test_a_transfer_is_taken_back_unless_it_has_been_answered(host: UsbIpClient) -> None:
     waiting = host.submit(STREAM, IN, 1024)
     assert host.unlink(waiting) == ECONNRESET
