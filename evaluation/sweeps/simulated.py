@@ -110,8 +110,13 @@ class _Camera:
         return ResponseFunction(np.log2(light / light[-1]), int(black) if deep else round(black), 255)
 
 
-def simulated(seed: int, kind: Kind | None = None, processing: Processing = "raw") -> SimulatedSweep:
-    """The sweep of a seed; of the kind that is its turn unless one is given."""
+def simulated(
+    seed: int, kind: Kind | None = None, processing: Processing = "raw", radiance: Values | None = None
+) -> SimulatedSweep:
+    """The sweep of a seed: of the kind that is its turn unless one is given, of a scene of its own likewise.
+
+    A given radiance has the shape (HEIGHT, WIDTH), and is 1 at the brightest.
+    """
     rng, of_processing = np.random.default_rng([seed, 19]), np.random.default_rng([seed, 46])
     kind = kind or KINDS[seed % len(KINDS)]
     curve = tuple(CURVES)[int(rng.integers(len(CURVES)))]
@@ -126,7 +131,10 @@ def simulated(seed: int, kind: Kind | None = None, processing: Processing = "raw
     if processing != "raw" and scene == "textured" and of_processing.random() < 0.5:
         scene = "natural"
     repeated = bool(rng.random() < 0.75)
-    radiance = _radiance(scene, rng)
+    if radiance is None:
+        radiance = _radiance(scene, rng)
+    else:
+        scene = "natural"
     full_us = float(rng.uniform(3e3, 3e4))
     times_us = np.round(full_us * np.exp2(_levels(kind, camera, radiance, rng)), 1)
     really_us = _REALLY.get(kind, _as_stated)(times_us, rng)

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import csv
 from dataclasses import replace
 from functools import cache
 
-import cv2
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -19,13 +17,11 @@ from calibration.response import ResponseFunction
 from calibration.response.prediction import prediction_tables
 from calibration.response.solution import ResponseSolution
 from calibration.solver.solve import solve_response
-from calibration.sources.images import read_images
 from calibration.sources.sweep import Shot, Sweep
 from drivers.errors import ConfigurationError
 from drivers.exposure import ExposureSetting
 from tests.calibration.sweeps import TIMES_US, Bench
 from tests.calibration.true_response import true_response
-from tests.data import data
 
 CHANGES_STOPS = [float(change) for change in np.linspace(-2, 2, 17)]
 
@@ -167,70 +163,6 @@ def test_the_order_of_shots_does_not_matter() -> None:
     other = Sweep(tuple(sweep.shots[i] for i in np.random.default_rng(1).permutation(len(sweep.shots))))
     one, two = (solve_response(each).response.log2_exposure for each in (sweep, other))
     assert np.allclose(one, two, atol=1e-6)
-
-
-# Real images
-
-
-def basler_flat_fields() -> Sweep:
-    folder = data("emva_basler_ccd12_ccbysa")
-    shots = []
-    with (folder / "index.csv").open() as table:
-        for row in csv.DictReader(table):
-            if row["kind"] == "b":
-                pixels = cv2.imread(str(folder / row["file"]), cv2.IMREAD_UNCHANGED).astype(np.uint16)
-                shots.append(Shot(pixels, 12, ExposureSetting(float(row["exposure"]) / 1000.0, 0.0)))
-    return Sweep(tuple(shots))
-
-
-@pytest.mark.data
-def test_a_real_sensor_is_recognised_as_linear_and_saturates_near_11_ms() -> None:
-    sweep = basler_flat_fields()
-    solution = solve_response(sweep)
-    response = solution.response
-    greys = np.array([int(np.median(shot.pixels)) >> 4 for shot in sweep.shots])
-    times_us = np.array([shot.setting.exposure_time_us for shot in sweep.shots])
-    full_us = (times_us / np.exp2(response.log2_exposure[greys]))[(greys > 20) & (greys < 250)]
-
-    assert solution.model == "linear"
-    assert np.median(full_us) == pytest.approx(11_000, rel=0.05)
-    assert solution.residual_grey < 0.5
-    assert judge_sweep(sweep) == []
-    assert judge_solution(sweep, solution) == []
-
-
-def registered(sweep: Sweep) -> Sweep:
-    """The photographer's tripod moved by up to 7 pixels between these images: shifted back by whole pixels."""
-    shots, offset = [sweep.shots[0]], np.zeros(2)
-    for before, shot in zip(sweep.shots, sweep.shots[1:], strict=False):
-        one, other = (np.log(cv2.GaussianBlur(s.pixels.astype(np.float32), (0, 0), 1.0) + 3.0) for s in (before, shot))
-        window = cv2.createHanningWindow(one.shape[::-1], cv2.CV_32F)
-        offset += cv2.phaseCorrelate(one, other, window)[0]
-        across, down = (-round(float(value)) for value in offset)
-        shots.append(replace(shot, pixels=np.roll(shot.pixels, (down, across), (0, 1))))
-    return Sweep(tuple(replace(shot, pixels=shot.pixels[40:-40, 40:-40]) for shot in shots))
-
-
-@pytest.mark.data
-def test_a_real_bracket_gives_a_monotone_curve_and_consistent_radiance() -> None:
-    folder = data("bracket_stlouis_ccbysa")
-    sweep = registered(read_images(folder))
-    solution = solve_response(sweep)
-    response = solution.response
-
-    assert [round(shot.setting.exposure_time_us) for shot in sweep.shots] == [33333, 250000, 2500000, 15000000]
-    assert (np.diff(response.log2_exposure[response.black_level : response.saturation]) > 0).all()
-    for dark, bright in zip(sweep.shots, sweep.shots[1:], strict=False):
-        clear = (dark.pixels >= 8) & (bright.pixels <= 247)
-        radiances = [response.inverse(shot.pixels[clear]) - shot.setting.level for shot in (dark, bright)]
-        assert abs(np.median(radiances[1] - radiances[0])) < 0.15
-
-
-@pytest.mark.data
-def test_images_that_do_not_cover_each_other_are_warned_of() -> None:
-    sweep = read_images(data("bracket_stlouis_ccbysa"))
-    solution = solve_response(sweep)
-    assert [(f.severity, f.reason) for f in judge_solution(sweep, solution)] == [("warned", "moving_scene")]
 
 
 def test_exposures_in_other_units_give_the_same_curve() -> None:
