@@ -12,7 +12,7 @@ from typing import Any
 from drivers.aravis.discovery import FoundCamera
 from drivers.aravis.introspection import Aravis, GLib, genicam_xml
 from drivers.aravis.nodes import AravisNodes
-from drivers.aravis.stream import create_stream, row_padding_bytes
+from drivers.aravis.stream import DroppedFrames, create_stream, row_padding_bytes
 from drivers.camera import CameraDescription, ClockReading, IncompleteFrame, RefusedPackets
 from drivers.config.setup import ACTION_KEYS, CameraSetup
 from drivers.errors import (
@@ -125,6 +125,7 @@ class AravisCamera:
         )
         self._unreadable = False
         self._stream, self._guard = create_stream(camera, nodes, setup)
+        self._dropped = DroppedFrames(found.serial)
         self._chunks = camera.create_chunk_parser()
         self._actions = None if self._ptp is None else _action_sender(found)
         # The handler runs on a thread of Aravis and must never hold the last reference to the camera, only the event.
@@ -159,7 +160,9 @@ class AravisCamera:
             self._check_present()
             buffer = self._stream.timeout_pop_buffer(int(timeout_s * 1e6))
             if buffer is None:
+                self._dropped.waited(self._stream)
                 return None
+            self._dropped.arrived(self._stream)
             arrival_time_ns = time.monotonic_ns()
             try:
                 return self._read(buffer, arrival_time_ns)

@@ -21,6 +21,8 @@ BUFFERS = 16
 PACKET_TIMEOUT_US = 2_000
 """A packet this late is requested again. With Aravis' default of 20 ms one lost packet delays its frame, and the next
 ones, by two periods at 60 Hz."""
+DROPPED_PACKETS = 50
+"""As many in a row, without a frame, are no remains of resending."""
 FRAME_RETENTION_US = 50_000
 """A GigE Vision frame incomplete this long after its last packet is given up; frames behind it wait until then."""
 
@@ -63,6 +65,38 @@ def create_stream(camera: Any, nodes: AravisNodes, setup: CameraSetup) -> tuple[
 def row_padding_bytes(buffer: Any) -> int:
     """By how many bytes a frame says its rows are padded; 0 with Aravis 0.8.20, which does not pass that on."""
     return int(buffer.get_image_padding()[0]) if hasattr(buffer, "get_image_padding") else 0
+
+
+class DroppedFrames:
+    """Notices that Aravis drops whole frames of a GigE Vision camera, whose numbers stand still or begin again.
+
+    It takes a number up to 100 below the last one for that of a frame which is late.
+    """
+
+    def __init__(self, serial: str) -> None:
+        self._serial = serial
+        self._ignored = 0
+        self._said = False
+
+    def arrived(self, stream: Any) -> None:
+        """A frame has come through."""
+        self._ignored = _ignored_packets(stream)
+
+    def waited(self, stream: Any) -> None:
+        """None did for a while."""
+        if not self._said and _ignored_packets(stream) - self._ignored > DROPPED_PACKETS:
+            self._said = True
+            log.warning(
+                "camera %s: its frames arrive, but Aravis drops them, since their numbers (block ids) do not go on "
+                "from the last frame's: the camera is at fault",
+                self._serial,
+            )
+
+
+def _ignored_packets(stream: Any) -> int:
+    if not isinstance(stream, Aravis.GvStream):
+        return 0
+    return int(stream.get_info_uint64_by_name("n_ignored_packets"))
 
 
 def _compare_with_mtu(camera: Any, serial: str, packet_bytes: int) -> None:

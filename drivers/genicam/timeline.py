@@ -6,7 +6,6 @@ is not believed is said once. Of a sound camera, counter and time stamps are tak
 
 from __future__ import annotations
 
-import statistics
 from collections import deque
 from dataclasses import dataclass
 
@@ -31,8 +30,8 @@ JUDGED_STEPS = 16
 """From frame to frame. While `SURE_FRAMES` of them were wrong, time stamps are not believed."""
 SHORT_PERIODS = 0.75
 """Several frames take longer than this part of their periods."""
-NEAR = 0.1
-"""A median of arrivals within this part of the configured period is no other rate."""
+NEAR = 0.25
+"""A mean of arrivals, which scatter, within this part of the configured period is no other rate."""
 FOLLOWED = 0.2
 """Of the lateness of frames that are placed by their arrival."""
 
@@ -172,10 +171,10 @@ class FrameTimeline:
 
     @property
     def _pace_ns(self) -> float | None:
-        """How long a frame takes at present: as configured, if the median is near that."""
+        """How long a frame takes at present, without the longest pause: as configured, if it is near that."""
         if len(self._paces_ns) < SURE_FRAMES:
             return self._period_ns
-        pace_ns = statistics.median(self._paces_ns)
+        pace_ns = (sum(self._paces_ns) - max(self._paces_ns)) / (len(self._paces_ns) - 1)
         near = self._period_ns is not None and abs(pace_ns / self._period_ns - 1) < NEAR
         return self._period_ns if near else pace_ns
 

@@ -64,3 +64,14 @@ def test_a_lie_from_the_start(fault: Fault, mode: str, caplog: pytest.LogCapture
             cameras[0].inject(fault, count=FOR_GOOD)
         with running_daemon(cameras, settings, latched=False) as run:
             told(run, fault, caplog)
+
+
+@pytest.mark.gige_only  # a USB3 Vision camera's numbers are nobody's business but ours
+def test_frames_that_aravis_drops_for_their_numbers_are_named(caplog: pytest.LogCaptureFixture) -> None:
+    with stereo_cameras("--still") as cameras, running_daemon(cameras, latched=False) as run:
+        run.wait_for_pairs(30)
+        run.left.inject(Fault.ZERO_COUNTER, count=200)
+        told = f"camera {run.left.serial}: its frames arrive, but Aravis drops them, since their numbers"
+        run.wait_until(lambda: told in caplog.text, told)
+        run.wait_for_pairs(20)
+    assert f"camera {cameras[1].serial}: its frames arrive" not in caplog.text
