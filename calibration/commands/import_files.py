@@ -37,7 +37,7 @@ def import_files(
     unit: Annotated[Literal["m", "cm", "mm"], typer.Option(help="Unit of lengths in the files.")] = "m",
 ) -> None:
     """Turn calibrations of Kalibr, OpenCV, ROS, VINS-Fusion, ORB-SLAM, EuRoC and TUM into files for the daemon."""
-    console = Console(highlight=False)
+    console = Console(highlight=False, markup=False)
     found = Imported()
     geometries: list[Path] = []
     for path in dict.fromkeys(files):
@@ -50,7 +50,7 @@ def import_files(
         output.mkdir(exist_ok=True)
     except OSError as error:
         raise ConfigurationError(f"{output}: cannot be made ({error.strerror}): choose another folder") from error
-    _check_places(output, found)
+    _check_places(output, found, files)
     for name, file in found.files.items():
         file.save(output / name)
     for name, text in found.texts.items():
@@ -59,7 +59,7 @@ def import_files(
         except OSError as error:
             raise ConfigurationError(f"{output / name}: cannot be written ({error.strerror})") from error
     for line in found.said:
-        console.print(line, soft_wrap=True, markup=False)
+        console.print(line, soft_wrap=True)
     console.print(f"written: {', '.join(str(output / name) for name in (*found.texts, *found.files))}", soft_wrap=True)
     for key, name in found.keys.items():
         console.print(f"for the configuration: {key}: {output / name}", soft_wrap=True)
@@ -115,8 +115,11 @@ def _size(text: str | None) -> tuple[int, int] | None:
     return int(parts[1]), int(parts[2])
 
 
-def _check_places(output: Path, found: Imported) -> None:
-    """Refuse to replace anything but files of the same kind."""
+def _check_places(output: Path, found: Imported, sources: Sequence[Path]) -> None:
+    """Refuse to replace anything but former files of the same kind."""
+    for path in (output / name for name in (*found.texts, *found.files)):
+        if path.resolve() in [source.resolve() for source in sources]:
+            raise ConfigurationError(f"{path}: is read, and would be replaced: choose another folder")
     for side in SIDES:
         if f"{side}.yaml" in found.texts:
             check_place(output / f"{side}.yaml", partial(load_geometry, side=side), "calibration file")

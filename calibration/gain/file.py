@@ -20,13 +20,15 @@ from calibration.document import (
     write_document,
 )
 from calibration.findings import Finding
-from drivers.config.bounds import GAIN_DB, GAIN_ERROR_DB, GAIN_SETTING
+from drivers.config.bounds import GAIN_DB, Range
 from drivers.exposure.gain_scale import GainScale
 from drivers.python310 import Self
 
 FORMAT = "autoexpose-gain/1"
+_ERROR_DB = Range(0.0, 100.0, "dB")
+_SETTING = Range(-1e9, 1e9)
 _Gain = Annotated[Number, within(GAIN_DB)]
-_Setting = Annotated[Number, within(GAIN_SETTING)]
+_Setting = Annotated[Number, within(_SETTING)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,9 +100,9 @@ class _Document(CalibrationDocument):
 
     format: Literal["autoexpose-gain/1"] = Field(description=f"only {FORMAT!r} can be read")
     node: Name = Field(description="give the name of the gain's node")
-    error_db: Annotated[Number, within(GAIN_ERROR_DB)] | None = optional(f"give {GAIN_ERROR_DB}")
+    error_db: Annotated[Number, within(_ERROR_DB)] | None = optional(f"give {_ERROR_DB}")
     settings: Annotated[tuple[_Setting, ...], Field(min_length=2)] = Field(
-        description=f"give two or more numbers that rise, of {GAIN_SETTING}"
+        description=f"give two or more numbers that rise, of {_SETTING}"
     )
     gains_db: Annotated[tuple[_Gain, ...], Field(min_length=2)] = Field(
         description=f"give two or more numbers that rise, of {GAIN_DB}"

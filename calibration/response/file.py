@@ -25,7 +25,7 @@ from calibration.document import (
 from calibration.findings import Finding
 from calibration.response import GREY_LEVELS, ResponseFunction
 from calibration.response.solution import ResponseModel, ResponseSolution
-from drivers.config.bounds import BINNING, GAIN_DB, GREY_LEVEL, LOG2_EXPOSURE, UNCERTAINTY_STOPS
+from drivers.config.bounds import BINNING, GAIN_DB, Range
 from drivers.errors import ConfigurationError
 from drivers.pixels.formats import PixelFormat
 
@@ -34,8 +34,11 @@ _DECIMALS = 6
 """A millionth of a stop is far below what any sweep resolves, and keeps the file readable."""
 
 
-_Stops = Annotated[Number, within(LOG2_EXPOSURE)]
-_Uncertainty = Annotated[Number, within(UNCERTAINTY_STOPS)]
+_LOG2_EXPOSURE = Range(-1000.0, 1000.0, "stops")
+_UNCERTAINTY = Range(0.0, 1000.0, "stops")
+_RESIDUAL = Range(0, 255, "grey levels")
+_Stops = Annotated[Number, within(_LOG2_EXPOSURE)]
+_Uncertainty = Annotated[Number, within(_UNCERTAINTY)]
 _Uncertainties = Annotated[tuple[_Uncertainty, ...], Field(min_length=GREY_LEVELS, max_length=GREY_LEVELS)]
 _Grey = Annotated[int, Strict(), Field(ge=0, lt=GREY_LEVELS)]
 
@@ -179,7 +182,7 @@ class _Document(CalibrationDocument):
 
     format: Literal["autoexpose-response/1"] = Field(description=f"only {FORMAT!r} can be read")
     log2_exposure: list[_Stops] = Field(
-        description=f"give 256 numbers of stops, for grey 0 to 255, within {LOG2_EXPOSURE}"
+        description=f"give 256 numbers of stops, for grey 0 to 255, within {_LOG2_EXPOSURE}"
     )
     black_level: Annotated[int, Strict()] = Field(description="give a grey level, 0 to 255")
     saturation: Annotated[int, Strict()] = Field(description="give a grey level, 0 to 255")
@@ -190,7 +193,7 @@ class _Document(CalibrationDocument):
     parameters: dict[Text, Number] | None = optional("give numbers by name")
     covered: tuple[_Grey, _Grey] | None = optional("give the first and the last grey level, such as [4, 250]")
     accurate: tuple[_Grey, _Grey] | None = optional("give the first and the last grey level, such as [20, 250]")
-    residual_grey: Annotated[Number, within(GREY_LEVEL)] | None = optional(f"give {GREY_LEVEL}")
+    residual_grey: Annotated[Number, within(_RESIDUAL)] | None = optional(f"give {_RESIDUAL}")
     noise: dict[Any, Any] | None = optional("keep it as it was written")
     latency: dict[Any, Any] | None = optional("keep it as it was written")
     uncertainty_stops: _Uncertainties | None = optional("give 256 numbers of stops that are not negative")

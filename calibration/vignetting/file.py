@@ -20,7 +20,7 @@ from calibration.document import (
 )
 from calibration.findings import Finding
 from calibration.vignetting.model import MOST_COEFFICIENTS, Vignetting
-from drivers.config.bounds import SHARE
+from drivers.config.bounds import Range
 from drivers.errors import ConfigurationError
 from drivers.python310 import Self
 
@@ -117,7 +117,7 @@ class _Document(CalibrationDocument):
     grid: tuple[tuple[Number, ...], ...] | None = Field(
         None, description="give rows of relative light, or coefficients instead"
     )
-    error: Annotated[Number, within(SHARE)] | None = optional("give a share of the light, 0 to 1")
+    error: Annotated[Number, within(Range(0.0, 1.0))] | None = optional("give a share of the light, 0 to 1")
 
     @model_validator(mode="after")
     def _is_one_kind(self) -> Self:

@@ -74,6 +74,9 @@ def test_two_cameras_of_ros_and_two_sensors_of_euroc_become_a_pair(tmp_path: Pat
     code, output = imported(tmp_path, tmp_path / "left.yaml", tmp_path / "right.yaml")
     assert code == 0, output
     assert load_geometry(tmp_path / "out" / "right.yaml", "right") == load_geometry(tmp_path / "right.yaml", "right")
+    code, output = calibrate("import", str(tmp_path / "left.yaml"), "-o", str(tmp_path))
+    assert code == 1
+    assert "would be replaced: choose another folder" in output
     rig = made_rig()
     sensors = []
     for side, body in enumerate((np.eye(4), np.linalg.inv(rig.pose))):
