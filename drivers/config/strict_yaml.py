@@ -25,6 +25,9 @@ DEEPEST = 64
 _LONGEST_REASON = 200
 _VERSION = re.compile(r"\A\s*%YAML\b")
 """A directive that nothing depends on, and that OpenCV writes in a way of its own: `%YAML:1.0`."""
+_OF_OPENCV = re.compile(r"\A\s*%YAML:")
+_WITHOUT_BLANK = re.compile(r"^([ \t]*[A-Za-z_][\w.]*):(?=[^\s/:])", re.MULTILINE)
+"""A key that only OpenCV reads, since in its dialect no blank need follow."""
 
 if TYPE_CHECKING:
     _Loader = yaml.SafeLoader
@@ -67,6 +70,8 @@ def load_mapping(path: Path, hint: str) -> dict[Any, Any]:
 
 def parse_mapping(text: str, path: Path, hint: str) -> dict[Any, Any]:
     """The mapping in the text of a YAML file; raises ConfigurationError as `load_mapping` does."""
+    if _OF_OPENCV.match(text):
+        text = _WITHOUT_BLANK.sub(r"\1: ", text)
     text = _VERSION.sub("#", text)
     try:
         _check_shape(text)

@@ -53,6 +53,13 @@ def test_a_matrix_of_opencv_is_a_mapping(tmp_path: Path) -> None:
     assert read["t"]["data"] == [1.0, 2.0]
 
 
+def test_opencvs_dialect_needs_no_blank_after_a_key(tmp_path: Path) -> None:
+    text = b"%YAML:1.0\na:[1, 2]\nb.c:2\nd: x:y\ne: http://f\n"
+    assert load(tmp_path, text) == {"a": [1, 2], "b.c": 2, "d": "x:y", "e": "http://f"}
+    with pytest.raises(ConfigurationError):
+        load(tmp_path, b"a:[1, 2]\nb.c: 2\n")
+
+
 @pytest.mark.parametrize(
     ("content", "words"),
     [
