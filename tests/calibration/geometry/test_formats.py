@@ -327,6 +327,13 @@ def test_a_model_that_ros_does_not_have_becomes_equidistant(
     assert np.abs(show(geometry, RAYS) - expected)[inside].max() < 0.5
 
 
+def test_the_mirror_of_a_real_lens_is_read() -> None:
+    """Numbers like those of MEI files for 752x480 pixels: some tangential distortion, 72 degrees to the corners."""
+    intrinsics, bent = [1.45, 896.0, 897.4, 372.2, 238.3], [-0.344, 0.0623, 0.00126, -0.0002]
+    section = {"camera_model": "omni", "intrinsics": intrinsics, "distortion_model": "radtan", "resolution": [752, 480]}
+    assert wide({**section, "distortion_coeffs": bent}).camera_matrix[0] == pytest.approx(366.0, abs=2.0)
+
+
 def test_tangential_distortion_of_a_wide_lens_is_refused_by_its_model_and_misfit() -> None:
     section = {"camera_model": "omni", "intrinsics": [1.0, 400.0, 400.0, 320.0, 240.0], "distortion_model": "radtan"}
     assert wide({**section, "distortion_coeffs": [0.01, -0.002, 0.0001, 0.0]}).distortion_model == "equidistant"
