@@ -54,7 +54,7 @@ def test_one_rig_has_one_geometry_whoever_writes_it(tmp_path: Path, name: str, m
         assert load_geometry(tmp_path / f"{side}.yaml", side) == one
 
 
-@settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=12, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     turn=st.tuples(SMALL, SMALL, SMALL), baseline_m=st.floats(0.004, 3.0), bent=st.tuples(SMALL, SMALL, SMALL, SMALL)
 )
@@ -204,7 +204,7 @@ def raw(geometry: CameraGeometry, rectified: np.ndarray) -> np.ndarray:
         ((752, 480), 458.0, "radtan", [-0.283, 0.074, 0.0002, 0.00002]),
         ((640, 480), 220.0, "radtan", [-0.3, 0.09, 0.0, 0.0]),
         ((640, 480), 220.0, "radtan", [-0.2, 0.01, 0.0, 0.0]),
-        ((4000, 3000), 9000.0, "radtan", [0.0, 0.0, 0.0, 0.0]),
+        ((800, 600), 1800.0, "radtan", [0.0, 0.0, 0.0, 0.0]),
     ],
 )
 def test_a_wide_pair_keeps_half_of_its_focal_length_and_its_rows(
