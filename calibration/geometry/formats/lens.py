@@ -32,6 +32,11 @@ _CENTRED = 0.15
 """How far from the middle, in pictures, a principal point makes one look whether width and height are swapped."""
 
 
+MAY_BE_FISHEYE: Final = (
+    "4 coefficients without a model are k1 k2 p1 p2 of radtan: for a fisheye lens, add distortion_model: fisheye"
+)
+
+
 def model_of(name: object, key: str) -> str:
     """The model that a file names; raises ConfigurationError for others."""
     found = _NAMES.get(re.sub(r"[^a-z0-9]", "", name.lower())) if isinstance(name, str) else None

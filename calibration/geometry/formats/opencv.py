@@ -10,7 +10,7 @@ from typing import Any, Final
 import cv2
 import numpy as np
 
-from calibration.geometry.formats.lens import lens_of, model_of
+from calibration.geometry.formats.lens import MAY_BE_FISHEYE, lens_of, model_of
 from calibration.geometry.formats.rig import Rig
 from calibration.geometry.formats.ros import camera_matrix, projection_matrix
 from calibration.geometry.model import CameraGeometry
@@ -102,10 +102,13 @@ def _lens(parts: Parts, side: Side, size: tuple[int, int] | None) -> tuple[Camer
     model_key, model = parts.get(("model", side)) or parts.get(("model", None)) or ("", "radtan")
     if "fisheye" in model_key.lower():
         model = "radtan" if model in (0, "0", False) else "fisheye"
+    coefficients = numbers(d, d_key)
     try:
-        lens, notes = lens_of(size, model_of(model, model_key), k, numbers(d, d_key))
+        lens, notes = lens_of(size, model_of(model, model_key), k, coefficients)
     except ConfigurationError as error:
         raise ConfigurationError(f"{key}, {d_key}: {error}") from error
+    if not model_key and len(coefficients) == 4:
+        notes = (*notes, MAY_BE_FISHEYE)
     if ("r", side) not in parts or ("p", side) not in parts:
         return lens, notes
     (r_key, r), (p_key, p) = parts["r", side], parts["p", side]

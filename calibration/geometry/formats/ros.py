@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from calibration.geometry.formats.lens import lens_of, model_of
+from calibration.geometry.formats.lens import MAY_BE_FISHEYE, lens_of, model_of
 from calibration.geometry.formats.rig import Rig
 from calibration.geometry.model import CameraGeometry
 from calibration.geometry.numbers import numbers, pixels, required, size_of
@@ -52,7 +52,8 @@ def read_camera(content: Mapping[Any, Any], size: tuple[int, int] | None = None)
     ConfigurationError
         Naming the key.
     """
-    model_key, model_name = _found(content, "distortion_model") or ("distortion_model", "plumb_bob")
+    said = _found(content, "distortion_model")
+    model_key, model_name = said or ("distortion_model", "plumb_bob")
     if content.get("fisheye_model") in (1, "1", True) or content.get("fisheye") in (1, "1", True):
         model_name = "fisheye"
     distortion_key, distortion = _found(content, "distortion_coefficients") or ("distortion_coefficients", None)
@@ -64,7 +65,10 @@ def read_camera(content: Mapping[Any, Any], size: tuple[int, int] | None = None)
         raise ConfigurationError(
             "the key image_width is missing, and image_height: add them, or say --size to autoexpose calibrate import"
         )
-    lens, notes = lens_of(size, model, _k(content), numbers(distortion, distortion_key))
+    coefficients = numbers(distortion, distortion_key)
+    lens, notes = lens_of(size, model, _k(content), coefficients)
+    if said is None and model_name == "plumb_bob" and len(coefficients) == 4:
+        notes = (*notes, MAY_BE_FISHEYE)
     serial = content.get("serial")
     if serial is not None and not isinstance(serial, str):
         raise ConfigurationError(f"serial is {quoted(serial)}: give it in quotes")

@@ -114,6 +114,19 @@ def test_coefficients_are_as_many_as_opencv_writes(tmp_path: Path, count: int, m
     assert load_geometry(file, "left").distortion_model == model
 
 
+@pytest.mark.parametrize("fisheye", [False, True])
+def test_four_coefficients_are_of_a_fisheye_only_if_the_file_says_so(tmp_path: Path, fisheye: bool) -> None:
+    rig = made_rig(model="equidistant")
+    pair = {"K1": rig.matrix(0), "D1": np.array(rig.d[0]), "K2": rig.matrix(1), "D2": np.array(rig.d[1])}
+    one = {"camera_matrix": rig.matrix(0), "distortion_coefficients": np.array(rig.d[0])}
+    said = {"fisheye_model": 1} if fisheye else {}
+    for name, content in (("pair", pair), ("one", one)):
+        found = read_rig(storage(tmp_path / f"{name}.yml", {**content, **said, "image_size": rig.size}))
+        models = {lens.distortion_model for lens in found.lenses.values()}
+        assert models == {"equidistant" if fisheye else "plumb_bob"}
+        assert any("for a fisheye lens, add" in note for note in found.notes) != fisheye
+
+
 def test_a_message_of_ros_is_read_as_its_tools_print_it(tmp_path: Path) -> None:
     file_content = ros("right")
     for upper in (True, False):
