@@ -19,6 +19,7 @@ def come_first() -> None:
     """
     thread = threading.get_native_id()
     with suppress(OSError):
-        os.setpriority(os.PRIO_PROCESS, thread, min(NICENESS, os.getpriority(os.PRIO_PROCESS, thread)))
+        if os.getpriority(os.PRIO_PROCESS, thread) > NICENESS:  # else a filter of system calls may refuse even to ask
+            os.setpriority(os.PRIO_PROCESS, thread, NICENESS)
         if os.getsid(0) == os.getpid():
             _SESSION.write_text(str(NICENESS))

@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 import re
 import threading
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from contextlib import contextmanager
 from pathlib import Path
@@ -191,16 +192,19 @@ def test_control_that_does_not_respond_is_named_and_what_it_did_not_begin_is_wit
         assert answer.cancelled()
 
 
-def test_a_request_that_waited_too_long_for_an_earlier_one_is_not_passed_on() -> None:
-    """Its sender may have given up by the time it would take effect."""
-    at, begun, now_s, closed = endpoint(), list[Future[Answer]](), [100.0], threading.Event()
+@contextmanager
+def door_of_slow_control(
+    now_s: Callable[[], float] = time.monotonic,
+) -> Iterator[tuple[ControlDoor, list[Future[Answer]], zenoh.Session]]:
+    """A door, the answers that control has begun on and does not give by itself, and the session of who asks."""
+    at, closed, begun = endpoint(), threading.Event(), list[Future[Answer]]()
 
     def ask(_: Request) -> Future[Answer]:
         begun.append(Future())
         begun[-1].set_running_or_notify_cancel()
         return begun[-1]
 
-    door = ControlDoor(ask, closed, now_s=lambda: now_s[0])
+    door = ControlDoor(ask, closed, now_s)
     with (
         open_session("peer", Endpoints(listen=[at])) as daemon,
         open_session("client", Endpoints(connect=[at])) as session,
@@ -208,6 +212,15 @@ def test_a_request_that_waited_too_long_for_an_earlier_one_is_not_passed_on() ->
         queries = daemon.declare_queryable(control_key("rig"), FifoChannel(WAITING_REQUESTS))
         serving = threading.Thread(target=door.serve, args=(queries,))
         serving.start()
+        yield door, begun, session
+        closed.set()
+    serving.join()
+
+
+def test_a_request_that_waited_too_long_for_an_earlier_one_is_not_passed_on() -> None:
+    """Its sender may have given up by the time it would take effect."""
+    now_s = [100.0]
+    with door_of_slow_control(lambda: now_s[0]) as (door, begun, session):
         shot = session.get(control_key("rig"), payload=b'{"by": "ana"}')
         wait_until(lambda: begun, "the first request")
         late = session.get(control_key("rig"), payload=b'{"by": "bob", "locked": true}')
@@ -223,8 +236,6 @@ def test_a_request_that_waited_too_long_for_an_earlier_one_is_not_passed_on() ->
         wait_until(lambda: len(begun) == 2, "the third request to be passed on")
         begun[1].set_result(Answer("fixed", RequestTally()))
         assert fresh.recv().ok is not None
-        closed.set()
-    serving.join()
     assert len(begun) == 2
 
 
@@ -286,29 +297,13 @@ def test_all_requests_at_once_are_answered_though_not_all_are_served() -> None:
 
 def test_requests_too_large_do_not_wait() -> None:
     """They would fill the memory: a message may have 64 MB."""
-    at, closed, begun = endpoint(), threading.Event(), list[Future[Answer]]()
-
-    def ask(_: Request) -> Future[Answer]:
-        begun.append(Future())
-        begun[-1].set_running_or_notify_cancel()
-        return begun[-1]
-
-    door = ControlDoor(ask, closed)
-    with (
-        open_session("peer", Endpoints(listen=[at])) as daemon,
-        open_session("client", Endpoints(connect=[at])) as session,
-    ):
-        queries = daemon.declare_queryable(control_key("rig"), FifoChannel(WAITING_REQUESTS))
-        serving = threading.Thread(target=door.serve, args=(queries,))
-        serving.start()
+    with door_of_slow_control() as (_, begun, session):
         busy = session.get(control_key("rig"), payload=b'{"by": "ana"}')
         wait_until(lambda: begun, "a request that takes long")
         for _ in range(3):
             assert asked(session, bytes(8 << 20)).startswith("a request of 8388608 bytes")
         begun[0].set_result(Answer("fixed", RequestTally()))
         assert busy.recv().ok is not None
-        closed.set()
-    serving.join()
 
 
 @pytest.mark.parametrize("connect", ["10.0.0.1:7447", ["tcp/127.0.0.1:1", "10.0.0.1:7447"]])

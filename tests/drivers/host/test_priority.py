@@ -31,15 +31,20 @@ look()
 print(*found, Path("/proc/self/autogroup").read_text().split()[-1])
 """
 
+REFUSING = """
+def refuse(*_): raise PermissionError
+os.setpriority = refuse
+"""
+
 as_root = pytest.mark.skipif(os.geteuid() != 0, reason="only root may raise a priority")
 with_sessions = pytest.mark.skipif(
     not Path("/proc/self/autogroup").exists(), reason="this kernel does not group processes by session"
 )
 
 
-def said(own_session: bool, *before: str) -> list[int]:
+def said(own_session: bool, *before: str, script: str = RAISED) -> list[int]:
     """Niceness of the thread that comes first, of one that it starts, of the main thread, and of the session."""
-    command = [*before, sys.executable, "-c", RAISED]
+    command = [*before, sys.executable, "-c", script]
     process = subprocess.run(command, start_new_session=own_session, capture_output=True, text=True, check=False)
     assert process.returncode == 0, process.stderr
     return [int(niceness) for niceness in process.stdout.split()]
@@ -49,6 +54,14 @@ def said(own_session: bool, *before: str) -> list[int]:
 @with_sessions
 def test_a_service_comes_first_with_its_session() -> None:
     assert said(True) == [NICENESS, NICENESS, 0, NICENESS]
+
+
+@as_root
+@with_sessions
+def test_the_session_of_a_unit_comes_first_though_its_filter_refuses_to_set_a_niceness() -> None:
+    """As `SystemCallFilter=~@resources` does; the unit has set it already."""
+    refusing = RAISED.replace("found = []", f"found = []\n{REFUSING}")
+    assert said(True, "nice", "-n", f"{NICENESS}", script=refusing) == [NICENESS] * 4
 
 
 @as_root
