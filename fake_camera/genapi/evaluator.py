@@ -231,14 +231,17 @@ class Evaluator:
 
     def _converted(self, node: Node, behind: str, which: str, slope: str) -> Number | None:
         """A limit through a converter, which swaps them if it falls."""
-        ends = {end: self.bound(behind, end) for end in ("Min", "Max")}
-        values = {
-            end: None if limit is None else self._formula(node, "FormulaFrom", "TO", limit)
-            for end, limit in ends.items()
-        }
-        low, high = values["Min"], values["Max"]
-        falls = slope == "Decreasing" or (slope == "Automatic" and low is not None and high is not None and low > high)
-        return values[{"Min": "Max", "Max": "Min"}[which] if falls else which]
+
+        def end(which: str) -> Number | None:
+            limit = self.bound(behind, which)
+            return None if limit is None else self._formula(node, "FormulaFrom", "TO", limit)
+
+        other = {"Min": "Max", "Max": "Min"}[which]
+        if slope != "Automatic":
+            return end(other if slope == "Decreasing" else which)
+        low, high = end("Min"), end("Max")
+        falls = low is not None and high is not None and low > high
+        return high if falls == (which == "Min") else low
 
     def limits(self, name: str) -> tuple[Number, Number]:
         """Lowest and highest value of a number; infinite where not declared."""

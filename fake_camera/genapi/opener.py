@@ -45,6 +45,8 @@ _ATTEMPTS = (
 )  # fmt: skip
 _EXISTS = (("pIsImplemented", True), ("pIsAvailable", True))
 _CONDITIONS = (*_EXISTS, ("pIsLocked", False))
+_COARSER = (1, 10, 100, 1000, 10_000)
+"""Times the increment wished, where the units of a register allow none finer."""
 _ALMOST = 1e-6  # of an increment
 _LIMITS = ("pMin", "pMax", "pInc")
 
@@ -153,7 +155,11 @@ class Opener:
                 done.append(limit)
 
         ours: set[str] = set()
-        settle(next(filter(None, (node.text("pInc") for node in evaluator.chain(name))), ""), step)
+        increment = next(filter(None, (node.text("pInc") for node in evaluator.chain(name))), "")
+        for coarser in _COARSER:
+            settle(increment, step * coarser)
+            if not increment or evaluator.value(increment) > 0:
+                break
         if evaluator.is_whole(holder):  # a value that is a multiple of the increment is then on it
             step = evaluator.bound(holder, "Inc") or 1
             ends = [math.ceil(min(ends) / step) * step, max(ends)]

@@ -14,8 +14,8 @@ from fake_camera.genapi.solve import assign, fill
 
 _ROUNDS = 2
 """The limits of a feature may follow from one that comes later."""
-_RANGE = 1000
-"""Between the limits of numbers of which nothing is known."""
+_RANGE, _LARGE_RANGE = 1000, 1_000_000
+"""Between the limits of numbers of which nothing is known; the second where units are large."""
 
 
 def settle(opener: Opener) -> None:
@@ -60,12 +60,18 @@ def _is_sound(opener: Opener, name: str) -> bool:
 
 
 def _fill(opener: Opener, name: str) -> None:
-    """Fill what is empty of a number's limits and increment, above the minimum that it has."""
-    low = 0.0
+    """Set a number to the middle of the limits that it has, if there is one; else fill limits and increment."""
+    evaluator, low = opener.evaluator, 0.0
     with contextlib.suppress(NodeError):
-        low = max(opener.evaluator.limits(name)[0], 0.0)
-    for value in (low, low + 1):  # 0 may be no value of its formula
-        if opener.adjust(name, Wished(low, low + _RANGE, 1, value)):
+        holder, _ = evaluator.bounded(name, 1.0)
+        least, most = evaluator.limits(holder)
+        low = max(least, 0.0)
+        if least < most < math.inf:
+            assign(evaluator, holder, opener.on_increment(holder, (least + most) / 2))
+            if _is_sound(opener, name):
+                return
+    for first, size in ((low, _RANGE), (low + 1, _RANGE), (low, _LARGE_RANGE)):  # 0 may be no value of its formula
+        if opener.adjust(name, Wished(first, first + size, 1, first)):
             return
 
 
