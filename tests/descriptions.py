@@ -49,6 +49,8 @@ TARGET_GREY, OFF_GREY = 51.0, 5.0
 SETTLED_FRAMES = 5
 BRIGHT, DIM = 15.0, 160.0
 """Microseconds per grey level: a quarter of the longest exposure is enough, or it needs twice as much by gain."""
+NEEDED_DB = 4.0
+"""At least this much of it, as frames of the brighter light may still be on their way."""
 PATIENCE_S = 20.0
 GAIN_WORDS = ("gain (", "no gain node")
 """How the limitation of a camera begins whose gain is not driven."""
@@ -113,11 +115,14 @@ class Watched:
     def see(self, pair: StereoPair, decision: Decision | None) -> None:
         self.frames += pair.frames.values()
 
-    def settled_after(self) -> int | None:
-        """How many of the frames from now on come before those at the target; None if none are."""
+    def settled_after(self, least_gain_db: float = 0.0) -> int | None:
+        """How many of the frames from now on come before those at the target, with this much gain; None if none are."""
         begin, deadline_s = len(self.frames), time.monotonic() + PATIENCE_S
         while self.failure is None and time.monotonic() < deadline_s:
-            near = [abs(float(frame.pixels.mean()) - TARGET_GREY) < OFF_GREY for frame in self.frames[begin:]]
+            near = [
+                abs(float(frame.pixels.mean()) - TARGET_GREY) < OFF_GREY and frame.setting.gain_db >= least_gain_db
+                for frame in self.frames[begin:]
+            ]
             for start in range(len(near) - SETTLED_FRAMES + 1):
                 if all(near[start : start + SETTLED_FRAMES]):
                     return start
@@ -185,7 +190,7 @@ def _judge_gain(outcome: Outcome, watched: Watched, camera: AravisCamera, card: 
     card.us_per_grey = DIM
     if dialect.gain is None:
         outcome.gain = next(words for words in description.limitations if words.startswith(GAIN_WORDS))
-    elif watched.settled_after() is None:
+    elif watched.settled_after(NEEDED_DB) is None:
         outcome.trouble = f"gain does not make up for dim light: it stays at {watched.frames[-1].setting}"
     else:
         outcome.gain = f"gain driven to {watched.frames[-1].setting.gain_db:.1f} dB"
