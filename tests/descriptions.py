@@ -2,7 +2,7 @@
 
 ``python -m tests.descriptions [NAME...]`` takes those of `tests.data` that are for GigE Vision; in an environment with
 a USB bus of fake cameras (`tests.fakes.usb3_environment`) those for USB3 Vision. It ends with 1 if one of them is
-neither driven nor refused for what stays.
+neither driven, its gain too or with a calibration of it proposed, nor refused for what stays.
 """
 
 from __future__ import annotations
@@ -52,8 +52,6 @@ BRIGHT, DIM = 15.0, 160.0
 NEEDED_DB = 4.0
 """At least this much of it, as frames of the brighter light may still be on their way."""
 PATIENCE_S = 20.0
-GAIN_WORDS = ("gain (", "no gain node")
-"""How the limitation of a camera begins whose gain is not driven."""
 
 
 class Card:
@@ -189,7 +187,9 @@ def _judge_gain(outcome: Outcome, watched: Watched, camera: AravisCamera, card: 
     outcome.nodes = f"{dialect.time.node}, {description.gain_node or 'no gain'}, {watched.frames[-1].setting_source}"
     card.us_per_grey = DIM
     if dialect.gain is None:
-        outcome.gain = next(words for words in description.limitations if words.startswith(GAIN_WORDS))
+        outcome.gain = next(words for words in description.limitations if words.startswith("gain ("))
+        if "calibrate gain" not in outcome.gain:
+            outcome.trouble = outcome.gain
     elif watched.settled_after(NEEDED_DB) is None:
         outcome.trouble = f"gain does not make up for dim light: it stays at {watched.frames[-1].setting}"
     else:
