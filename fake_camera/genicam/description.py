@@ -188,6 +188,8 @@ def _bootstrap_field(root: Element, field: RegisterField, byte_order: ByteOrder)
     if field.locked:
         SubElement(node, "pIsLocked").text = "TLParamsLocked"
     SubElement(node, "ImposedAccessMode").text = "WO" if field.type == "command" else access
+    if field.streamable:
+        SubElement(node, "Streamable").text = "Yes"
     SubElement(node, "pValue").text = f"{field.name}_Value"
     if field.type == "command":
         SubElement(node, "CommandValue").text = str(field.command_value)

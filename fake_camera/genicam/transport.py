@@ -10,7 +10,10 @@ from fake_camera.genicam.registers import ByteOrder
 
 @dataclass(frozen=True, slots=True)
 class RegisterField:
-    """Bits `msb` to `lsb` (bit 0 is the highest, whatever the byte order) of a bootstrap register."""
+    """Bits `msb` to `lsb` (bit 0 is the highest, whatever the byte order) of a bootstrap register.
+
+    One that is `streamable` is a setting that clients save.
+    """
 
     name: str
     address: int
@@ -23,6 +26,7 @@ class RegisterField:
     unit: str = ""
     command_value: int = 1
     locked: bool = False
+    streamable: bool = False
 
 
 @dataclass(frozen=True, slots=True)

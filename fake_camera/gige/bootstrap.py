@@ -80,7 +80,7 @@ GIGE_VISION = Transport(
             unit="bytes",
             locked=True,
         ),
-        RegisterField("GevSCPD", 0x0D08, writable=True, limits=(0, MAX_PACKET_DELAY_NS, 1), unit="ns"),
+        RegisterField("GevSCPD", 0x0D08, writable=True, limits=(0, MAX_PACKET_DELAY_NS, 1), unit="ns", streamable=True),
         RegisterField("GevSCDA", 0x0D18, writable=True, locked=True),
         RegisterField("GevSCSP", 0x0D1C, msb=16),
     ),
