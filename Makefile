@@ -15,7 +15,7 @@ TEST_PACKAGES := $(DEMO_PACKAGES) aravis-tools-cli aravis-tools tshark usbutils 
 CONTAINER := runc umoci debootstrap
 ROSIDL := cmake rosidl-tools rosidl-generator-c-cpp python3-ament-index
 GSTREAMER := gstreamer1.0-tools gstreamer1.0-plugins-base
-ACCEPT_PACKAGES := $(GSTREAMER) fastddsgen default-jre-headless libfastrtps-dev g++ prometheus $(CONTAINER) socat $(ROSIDL)
+ACCEPT_PACKAGES := $(GSTREAMER) fastddsgen default-jre-headless libfastrtps-dev g++ prometheus $(CONTAINER) socat iproute2 $(ROSIDL)
 KERNEL_PACKAGES := qemu-system-x86 kmod udev usbip
 ROBOT_PACKAGES := $(DEMO_PACKAGES) udev
 

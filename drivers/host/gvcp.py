@@ -116,7 +116,7 @@ def ptp_status_of(camera_address: str, answer_s: float = ANSWER_S) -> str | None
 def addresses_of(camera_address: str, answer_s: float = ANSWER_S) -> frozenset[str]:
     """The addresses that a camera's control channel answers from, and those that its network interfaces have.
 
-    Its stream may leave from any of them. Answers count only with the id of the request, which nobody can guess.
+    Its stream may leave from any of them. An answer counts only with the random id of its request.
     """
     found: set[str] = set()
 

@@ -83,9 +83,8 @@ class StreamFilter:
         unread = self._unread
         try:
             while self._second is not None and senders.total() < _MOST_READ:
-                self._unread = _MEMINFO.unpack(self._second.getsockopt(socket.SOL_SOCKET, _SO_MEMINFO, _MEMINFO.size))[
-                    -1
-                ]
+                memory = self._second.getsockopt(socket.SOL_SOCKET, _SO_MEMINFO, _MEMINFO.size)
+                *_, self._unread = _MEMINFO.unpack(memory)
                 _, (address, port) = self._second.recvfrom(0)
                 senders[f"{address}:{port}"] += 1
         except OSError:  # there are no more, or it was closed
