@@ -118,8 +118,8 @@ class Daemon:
 
         Raises
         ------
-        UnsupportedCameraError, ConfigurationError
-            When a camera can never be driven as configured.
+        ConfigurationError, UnsupportedCameraError, NodeError
+            When a camera cannot be driven as configured: at the start, or if no other one is left.
         """
         share_one_heap()
         sys.setswitchinterval(_TURN_S)

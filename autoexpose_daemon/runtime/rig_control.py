@@ -143,8 +143,8 @@ class RigControl:
 
         Raises
         ------
-        UnsupportedCameraError, ConfigurationError
-            When a camera can never be driven as configured.
+        ConfigurationError, UnsupportedCameraError, NodeError
+            When a camera cannot be driven as configured: at the start, or if no other one is left.
         """
         pairs = [pair for event in events for pair in self._enter(event)]
         if pairs:

@@ -10,8 +10,8 @@ Kind = Literal["float", "integer", "boolean", "enumeration", "string", "command"
 class NodeMap(Protocol):
     """The nodes of one camera, by name.
 
-    Every method that touches the camera raises `NodeError` when the camera or the node's bounds refuse, and
-    `CameraLostError` when the camera does not answer.
+    Every method that touches the camera raises `NodeError` when the camera or the node's bounds refuse for good,
+    `CameraBusyError` when the camera refuses for the moment, and `CameraLostError` when it does not answer.
     """
 
     @property
