@@ -72,7 +72,8 @@ class Result:
         if self.solution is None or self.verdict == "refused":
             return None
         file = ResponseFile.of_solution(self.solution, self.origin, self.findings)
-        return replace(file, noise=self.noise, latency=self.latency)
+        times_checked = self.witness is not None and self.witness.photons
+        return replace(file, noise=self.noise, latency=self.latency, times_checked=times_checked)
 
     def keeping(self, previous: ResponseFile | None) -> Result:
         """This result with the noise and latency that were measured of the same camera before."""

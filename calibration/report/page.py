@@ -97,11 +97,11 @@ def facts(result: Result) -> Iterator[Fact]:
 
 def _heard(witness: NoiseWitness | None) -> str:
     if witness is None:
-        return "too little of it, or too little range, to check the exposure times"
+        return "too little of it, or too little range: that exposure times are in proportion to light is taken on trust"
     if not witness.photons:
         return (
-            "not that of photons: neighbouring pixels share it, as after JPEG, denoising or sharpening, "
-            "so it cannot check the exposure times"
+            "not that of photons, since neighbouring pixels share it, as after JPEG, denoising or sharpening: "
+            "that exposure times are in proportion to light is taken on trust"
         )
     return "contradicts the exposure times" if witness.finding else "agrees with the exposure times, as far as it shows"
 

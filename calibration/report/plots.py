@@ -66,7 +66,7 @@ def pictures(result: Result) -> list[Picture]:
         Picture(
             "Response",
             "Rings: parts of the scene, each placed by its own radiance. Line: the response, with twice its standard "
-            "error. Hatched: grey levels that the sweep did not see, where the curve is extended.",
+            "error. Hatched: grey levels beyond the covered range, where the curve is extended or little known.",
             lambda axes: _draw_response(axes, result, solution),
         ),
         Picture(

@@ -41,6 +41,8 @@ def curve_facts(file: ResponseFile) -> Iterator[Fact]:
             yield "error", _error(file.uncertainty_stops, file.covered, file.accurate or file.covered)
     if file.residual_grey is not None:
         yield "residual", f"{file.residual_grey:.2f} grey levels rms"
+    if file.times_checked is False:
+        yield "exposure times", "taken on trust: the noise of the images could not check them"
 
 
 def _error(uncertainty_stops: tuple[float, ...], covered: tuple[int, int], accurate: tuple[int, int]) -> str:

@@ -67,6 +67,8 @@ class ResponseFile:
         Where it comes from.
     model, parameters, covered, residual_grey, uncertainty_stops, accurate
         See `calibration.response.solution.ResponseSolution`.
+    times_checked
+        Whether the noise of the images could tell that exposure times are in proportion to light.
     findings
         What was found wrong with the sweep and its solution.
     noise, latency
@@ -86,6 +88,7 @@ class ResponseFile:
     latency: Mapping[str, Any] = field(default_factory=dict)
     uncertainty_stops: tuple[float, ...] = ()
     accurate: tuple[int, int] | None = None
+    times_checked: bool | None = None
     path: Path | None = None
 
     @classmethod
@@ -146,6 +149,7 @@ class ResponseFile:
             "covered": self.covered and list(self.covered),
             "accurate": self.accurate and list(self.accurate),
             "residual_grey": None if self.residual_grey is None else round(float(self.residual_grey), 3),
+            "times_checked": self.times_checked,
             "findings": [asdict(finding) for finding in self.findings],
             "noise": dict(self.noise),
             "latency": dict(self.latency),
@@ -194,6 +198,7 @@ class _Document(CalibrationDocument):
     covered: tuple[_Grey, _Grey] | None = optional("give the first and the last grey level, such as [4, 250]")
     accurate: tuple[_Grey, _Grey] | None = optional("give the first and the last grey level, such as [20, 250]")
     residual_grey: Annotated[Number, within(_RESIDUAL)] | None = optional(f"give {_RESIDUAL}")
+    times_checked: bool | None = optional("give true or false")
     noise: dict[Any, Any] | None = optional("keep it as it was written")
     latency: dict[Any, Any] | None = optional("keep it as it was written")
     uncertainty_stops: _Uncertainties | None = optional("give 256 numbers of stops that are not negative")

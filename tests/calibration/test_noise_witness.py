@@ -104,7 +104,9 @@ def test_noise_that_is_not_that_of_photons_is_no_evidence(response: str, process
     assert result.witness is None or not result.witness.photons
     assert "noise_disagrees" not in [finding.reason for finding in result.findings]
     assert result.verdict != "refused"
-    assert "check the exposure times" in dict(facts(result))["noise of the images"]
+    assert "trust" in dict(facts(result))["noise of the images"]
+    assert result.file is not None
+    assert result.file.times_checked is False
 
 
 def test_without_a_witness_medians_are_no_better_than_the_residual() -> None:
