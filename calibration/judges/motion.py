@@ -27,8 +27,8 @@ SEEN_AGAIN = 0.9
 SHIFTED = 0.3
 """Share of a change that a shift explains, which compression and denoising do not make."""
 
-REPLACED = 0.25
-"""Size of a change, relative to the texture, from which no shift is asked for: noise in what is seen again is less."""
+REPLACED = 0.5
+"""Share of the texture that changed, from which no shift is asked for: noise in what is seen again is less."""
 
 Blocks = NDArray[np.float32]
 
@@ -97,7 +97,7 @@ def _moved(one: Blocks, other: Blocks, textured: NDArray[np.bool_]) -> float:
     down = np.mean(changed[:, 1:] * changed[:, :-1], axis=(1, 2))
     covariance = (across + down) / 2
     spread = (covariance > MOVED_CORRELATION * variance) & (covariance > MOVED_GREY**2)
-    replaced = variance > REPLACED * np.maximum(other.var(axis=(1, 2)), one.var(axis=(1, 2)))
+    replaced = variance > REPLACED * other.var(axis=(1, 2))
     return float((spread & (replaced | (_shifted_share(changed, one + other) > SHIFTED))).mean())
 
 
