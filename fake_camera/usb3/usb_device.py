@@ -215,4 +215,4 @@ class UsbDevice:
 
 def _counted_from_0(frame: ExposedFrame) -> ExposedFrame:
     """As frames are counted on USB."""
-    return dataclasses.replace(frame, frame_id=frame.frame_id - 1)
+    return dataclasses.replace(frame, frame_id=max(frame.frame_id - 1, 0))

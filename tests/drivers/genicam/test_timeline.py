@@ -306,3 +306,18 @@ def test_without_a_latch_a_drift_during_a_long_pause_is_followed_at_once(drift_p
     camera.frames(100)
     errors_ns = [error_ns for error_ns in camera.errors_ns if error_ns is not None]
     assert max(errors_ns) - min(errors_ns) < 3 * MS
+
+
+def test_frames_without_time_stamps() -> None:
+    """As Aravis makes them up for a camera whose tick frequency reads 0: from when the host got round to them."""
+    numbers = random.Random(2)
+    camera = Camera(stamp=lambda time_ns: time_ns + numbers.randrange(20 * MS), latch=None)
+    camera.timeline = FrameTimeline(PERIOD_NS, None, stamped=False)
+    for number in range(400):
+        camera.frame(late_ns=numbers.choice((0, 0, 0, 25 * MS)), lost=number in (200, 201))
+    numbers_seen = [placed.frame_id for placed in camera.placed]
+    assert numbers_seen == [number for number in range(1, 401) if number not in (201, 202)]
+    errors_ns = [error_ns for error_ns in camera.errors_ns[20:] if error_ns is not None]
+    assert len(errors_ns) == 378
+    assert max(errors_ns) - min(errors_ns) < 6 * MS
+    assert camera.said == []
