@@ -121,6 +121,7 @@ def _watched(camera: AravisCamera, watched_s: float) -> dict[str, Any]:
     write_ms: list[float] = []
     incomplete, shape = 0, ()
     ids: list[int] = []
+    doubts: list[str] = []
     camera.start()
     end_s = written_s = time.monotonic() + watched_s
     written_s -= watched_s
@@ -137,6 +138,7 @@ def _watched(camera: AravisCamera, watched_s: float) -> dict[str, Any]:
             shape = frame.pixels.shape
             taken_us = frame.setting.exposure_time_us
             late_ms = (frame.arrival_time_ns - frame.host_time_ns) * 1e-6 - 1e-3 * taken_us
+            doubts += [] if frame.doubt is None else [frame.doubt.sentence]
             frames.append(Seen(frame.device_time_ns * 1e-6, late_ms, frame.setting_source))
         else:
             incomplete += 1
@@ -145,6 +147,7 @@ def _watched(camera: AravisCamera, watched_s: float) -> dict[str, Any]:
     return {
         "frames": len(frames),
         "incomplete": incomplete,
+        "doubts": doubts,
         "missing_ids": max(ids) - min(ids) + 1 - len(ids),
         "frame_shape": list(shape),
         "setting_source": frames[-1].setting_source,
