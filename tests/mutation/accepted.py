@@ -31,7 +31,7 @@ SLACK = {
 """Room for the rounding of numbers."""
 
 MARGINS = {
-    "drivers/genicam/clock.py: LATCH_ERROR_NS = 1_000_000: 1000000 -> 2000000":
+    "drivers/genicam/timeline.py: LATCH_ERROR_NS = 1_000_000: 1000000 -> 2000000":
         "jumps of clocks are far greater, and errors of latches, which only a busy machine makes, are less",
     "calibration/judges/motion.py: "
     "table[response.saturation - 1 :] = GREY_LEVELS - 1  # clipped, and left out as such: 1 -> 2 (2)":

@@ -34,9 +34,9 @@ from drivers.errors import (
 )
 from drivers.exposure import ExposureSetting
 from drivers.frames import Frame
-from drivers.genicam.clock import LATCH_ERROR_NS
 from drivers.genicam.driven import advice
 from drivers.genicam.inventory import differing, read_inventory
+from drivers.genicam.timeline import LATCH_ERROR_NS
 from drivers.pixels.formats import PixelFormat
 from fake_camera.device.faults import Fault
 from fake_camera.usb3.run import CAMERAS_VARIABLE
