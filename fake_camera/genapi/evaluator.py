@@ -100,6 +100,13 @@ class Evaluator:
         finally:
             self._depth -= 1
 
+    def has_value(self, name: str) -> bool:
+        """Whether a node has a value."""
+        with contextlib.suppress(NodeError):
+            self.value(name)
+            return True
+        return False
+
     def fields(self, name: str) -> dict[str, Field]:
         """The registers that the value of a node depends on at present, by the names of their nodes."""
         self._seen = {}

@@ -78,15 +78,6 @@ class Opener:
                         return entry
         return ""
 
-    def exists(self, name: str) -> bool:
-        """Whether a node, and those it depends on, are there already."""
-        if self.evaluator.kind(name) in (None, "Category"):
-            return False
-        with contextlib.suppress(NodeError):
-            nodes = self.evaluator.sources(name)
-            return all(self.evaluator.value(node.text(tag)) for node in nodes for tag, _ in _EXISTS if node.text(tag))
-        return False
-
     @contextlib.contextmanager
     def selecting(self, selector: str, entry: str, now: bool = True) -> Iterator[bool]:
         """Within the block the selector is at this entry, and from `now` on; yields whether it has that entry."""
@@ -122,11 +113,14 @@ class Opener:
         """Set the limits of a number where they are in registers, and its value; whether it has both then."""
         evaluator = self.evaluator
         parts = [name, *(node.text(tag) for node in evaluator.chain(name) for tag in _LIMITS if node.text(tag))]
-        empty: list[str] = []
-        for attempt in _ATTEMPTS:
+        empty = fill(evaluator, parts, 0)
+        alone = [(_Attempt(1), [register]) for register in empty]  # a divisor, and no switch beside it
+        for attempt, only in [(_ATTEMPTS[0], []), *alone, *((attempt, None) for attempt in _ATTEMPTS[1:])]:
             for register in empty:
-                evaluator.set(register, attempt.filling)
-            empty += [register for register in fill(evaluator, parts, attempt.filling) if register not in empty]
+                evaluator.set(register, 1 if only and register in only else 0)
+            if only is None:
+                filled = fill(evaluator, parts, attempt.filling)
+                empty += [register for register in filled if register not in empty]
             with contextlib.suppress(NodeError):
                 self._limit(name, wished, attempt)
                 if self._place(name, wished, attempt.clipped):
@@ -145,26 +139,28 @@ class Opener:
         if evaluator.is_whole(holder):
             step = max(round(step), 1)
         done: list[str] = []
+        ours: set[str] = set()
 
         def settle(limit: str, number: float) -> None:
-            registers = evaluator.fields(limit) if limit else {}
+            registers = evaluator.fields(limit) if limit not in ("", *done) else {}
             free = [node for node in registers if node in ours or evaluator.value(node) in (0, attempt.filling)]
-            if math.isfinite(number) and (free or (limit and attempt.shared)):
+            if math.isfinite(number) and (free or (registers and attempt.shared)):
                 assign(evaluator, limit, number, done)
                 ours.update(registers)
-                done.append(limit)
 
-        ours: set[str] = set()
         increment = next(filter(None, (node.text("pInc") for node in evaluator.chain(name))), "")
         for coarser in _COARSER:
             settle(increment, step * coarser)
             if not increment or evaluator.value(increment) > 0:
                 break
+        done += filter(None, [increment])
         if evaluator.is_whole(holder):  # a value that is a multiple of the increment is then on it
             step = evaluator.bound(holder, "Inc") or 1
             ends = [math.ceil(min(ends) / step) * step, max(ends)]
-        settle(evaluator.node(holder).text("pMin"), min(ends))
-        settle(evaluator.node(holder).text("pMax"), max(ends))
+        least, most = (evaluator.node(holder).text(tag) for tag in ("pMin", "pMax"))
+        settle(least, min(ends))
+        done += filter(None, [least])
+        settle(most, max(ends))
 
     def _place(self, name: str, wished: Wished, clipped: bool) -> bool:
         """Set a number within its limits and on its increment; whether it took it, `clipped` by them or not."""

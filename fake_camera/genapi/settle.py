@@ -36,7 +36,7 @@ def settle(opener: Opener) -> None:
         if evaluator.kind(name) in NUMBERS and not _is_sound(opener, name):
             _fill(opener, name)
     for name in (name for name, mode in offered.items() if mode == "RO" and evaluator.kind(name) in NUMBERS):
-        if not _has_value(evaluator, name):
+        if not evaluator.has_value(name):
             fill(evaluator, (name,), 1)
 
 
@@ -73,10 +73,3 @@ def _fill(opener: Opener, name: str) -> None:
     for first, size in ((low, _RANGE), (low + 1, _RANGE), (low, _LARGE_RANGE)):  # 0 may be no value of its formula
         if opener.adjust(name, Wished(first, first + size, 1, first)):
             return
-
-
-def _has_value(evaluator: Evaluator, name: str) -> bool:
-    with contextlib.suppress(NodeError):
-        evaluator.value(name)
-        return True
-    return False

@@ -14,6 +14,7 @@ from fake_camera.genapi.formula import Number
 
 Wish = Callable[[], bool]
 _CLOSE = 1e-6
+_COARSE = 0.5  # what a bit may add of the value wished, for it to count as that
 _MOST_PAIRS = 2000  # of registers that are tried together
 _STEPS = 64  # halvings of a 64-bit register
 
@@ -152,7 +153,7 @@ def _compose(evaluator: Evaluator, name: str, value: Number, fields: dict[str, F
         for node, number in raw.items():
             evaluator.set(node, number)
         smallest = min((gain for gain, _, _ in parts if gain > 0), default=0.0)
-        return abs(evaluator.value(name) - value) <= max(smallest, _CLOSE * abs(value))
+        return abs(evaluator.value(name) - value) <= max(min(smallest, _COARSE * abs(value)), _CLOSE * abs(value))
     except NodeError:
         return False
 

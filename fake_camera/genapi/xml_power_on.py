@@ -75,10 +75,8 @@ def _exposure(opener: Opener) -> None:
     opener.choice("ExposureMode", ("Timed",))
     opener.choice("ExposureAuto", ("Off", "Continuous"))
     opener.number(TIME_BASE, _TIME_BASE_US)
-    driven = spoken(opener.evaluator, EXPOSURE_TIMES)
-    for name in EXPOSURE_TIMES:
-        if name in driven or opener.exists(name):
-            opener.number(name, _EXPOSURE_US.over(time_unit_us(opener.evaluator, name)))
+    for name in spoken(opener.evaluator, EXPOSURE_TIMES):
+        opener.number(name, _EXPOSURE_US.over(time_unit_us(opener.evaluator, name)))
     for name in FRAME_RATE_SWITCHES:
         opener.switch(name, True)
     for name in spoken(opener.evaluator, FRAME_RATES):
@@ -94,10 +92,8 @@ def _exposure(opener: Opener) -> None:
 
 def _gain(opener: Opener) -> None:
     opener.choice("GainAuto", ("Off", "Continuous"))
-    driven = spoken(opener.evaluator, GAINS)
-    for name in GAINS:
-        if name in driven or opener.exists(name):  # some that are not driven share a register with what is
-            opener.number(name, _GAIN_DB if in_db(opener.evaluator, name) else _RAW_GAIN)
+    for name in spoken(opener.evaluator, GAINS):
+        opener.number(name, _GAIN_DB if in_db(opener.evaluator, name) else _RAW_GAIN)
 
 
 def _trigger(opener: Opener) -> None:
