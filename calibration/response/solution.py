@@ -29,7 +29,8 @@ class ResponseSolution:
     uncertainty_stops
         Standard error of the log2 exposure of each grey level (stops), float64, shape (256,).
     covered
-        The first and last grey level that the sweep itself has seen; beyond them the curve is extended.
+        The first and last grey level that the sweep itself has seen; beyond them the curve is extended. Where noise
+        does not vouch for the images, those next to black and saturation do not count.
     residual_grey
         Root mean square of grey levels observed minus those predicted from the other exposures.
     uniform

@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from calibration.judges.motion import moved_share
 from calibration.solver.solve import solve_response
+from evaluation.sweeps.processing import Processing
 from evaluation.sweeps.score import scored
 from evaluation.sweeps.simulated import KINDS, Kind, simulated
 
@@ -22,6 +24,21 @@ def test_the_stated_error_covers_the_true_one(seed: int, kind: Kind) -> None:
     result = scored(seed, simulated(seed, kind))
     assert result.covered
     assert (result.verdict == "refused") == (kind == "proportion")
+
+
+@pytest.mark.parametrize(
+    ("seed", "processing"),
+    [(10_007, "bilateral"), (10_008, "nlm"), (10_016, "colour"), (10_017, "jpeg 75"), (10_026, "jpeg 95")],
+)
+def test_a_sound_sweep_of_a_camera_that_processes_its_images_is_accepted(seed: int, processing: Processing) -> None:
+    """All were refused, or stated a tenth of their error."""
+    result = scored(seed, simulated(seed, "sound", processing))
+    assert result.verdict != "refused"
+    assert result.covered
+
+
+def test_compression_of_colours_is_not_motion() -> None:
+    assert moved_share(simulated(800_190, "sound", "colour").sweep) < 0.03
 
 
 def test_groups_that_only_noise_lifts_out_of_the_dark_make_no_exposure_odd() -> None:
