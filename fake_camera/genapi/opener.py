@@ -106,7 +106,9 @@ class Opener:
         evaluator = self.evaluator
         if evaluator.kind(name) not in NUMBERS or not self.open(name, writable):
             return
-        if not self.adjust(name, wished) and writable:
+        if self.adjust(name, wished):
+            self.open(name, writable)  # its limits may share a register with what it depends on
+        elif writable:
             self.failed.append(name)
 
     def adjust(self, name: str, wished: Wished) -> bool:
@@ -114,23 +116,24 @@ class Opener:
         evaluator = self.evaluator
         parts = [name, *(node.text(tag) for node in evaluator.chain(name) for tag in _LIMITS if node.text(tag))]
         empty = fill(evaluator, parts, 0)
-        alone = [(_Attempt(1), [register]) for register in empty]  # a divisor, and no switch beside it
+        # A divisor, or how many bits of a register are its fraction, and no switch beside it.
+        alone = [(_Attempt(filling), [register]) for filling in (1, 10) for register in empty]
         for attempt, only in [(_ATTEMPTS[0], []), *alone, *((attempt, None) for attempt in _ATTEMPTS[1:])]:
             for register in empty:
-                evaluator.set(register, 1 if only and register in only else 0)
+                evaluator.set(register, attempt.filling if only and register in only else 0)
             if only is None:
                 filled = fill(evaluator, parts, attempt.filling)
                 empty += [register for register in filled if register not in empty]
             with contextlib.suppress(NodeError):
-                self._limit(name, wished, attempt)
+                self._limit(name, wished, attempt, only or [])
                 if self._place(name, wished, attempt.clipped):
                     return True
         for register in empty:
             evaluator.set(register, 0)
         return False
 
-    def _limit(self, name: str, wished: Wished, attempt: _Attempt) -> None:
-        """Set the increment and the limits that are in registers."""
+    def _limit(self, name: str, wished: Wished, attempt: _Attempt, kept: Sequence[str]) -> None:
+        """Set the increment and the limits that are in registers; those that are `kept` are left alone."""
         evaluator = self.evaluator
         holder, value = evaluator.bounded(name, wished.value)
         # A falling converter swaps them.
@@ -138,7 +141,7 @@ class Opener:
         step = abs(evaluator.bounded(name, wished.value + wished.step)[1] - value)
         if evaluator.is_whole(holder):
             step = max(round(step), 1)
-        done: list[str] = []
+        done = [*kept]
         ours: set[str] = set()
 
         def settle(limit: str, number: float) -> None:
@@ -170,10 +173,17 @@ class Opener:
         if step is not None and step <= 0:
             return False
         value = self.on_increment(name, wished.value)
+        if not (clipped or step or self._is_fine(name, value, wished.step)):
+            return False
         assign(evaluator, name, value)
         near = abs(evaluator.value(name) - value) <= 0.01 * abs(value)
         sized = low < high or math.isinf(wished.high)
         return near and sized and (clipped or abs(value - wished.value) <= (step or 0))
+
+    def _is_fine(self, name: str, value: Number, step: float) -> bool:
+        """Whether a number without an increment takes steps as small as `step`: its fraction may be in a register."""
+        assign(self.evaluator, name, value + step)
+        return abs(self.evaluator.value(name) - value - step) <= step / 2
 
     def on_increment(self, name: str, value: Number) -> Number:
         """The nearest value within the limits of a number that is on its increment, or below."""
