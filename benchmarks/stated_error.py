@@ -24,7 +24,7 @@ from evaluation.sweeps.simulated import Scene, simulated
 
 FIRST_SEED = {"tuning": 0, "report": 700_005}
 """The method was chosen on the tuning seeds; the report seeds are for the figures in docs/calibration-method.md."""
-FIRST_PROCESSED_SEED = {"tuning": 10_000, "report": 800_205}
+FIRST_PROCESSED_SEED = {"tuning": 10_000, "report": 800_310}
 """Likewise, for images as JPEG, denoised, and in a consumer's colours."""
 COUNT, QUICK = 300, 45
 PROCESSED = 105

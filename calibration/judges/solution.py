@@ -28,7 +28,7 @@ ODD_EXPOSURE_STOPS = 0.06
 REFUSED_ODD_STOPS = 0.25
 """As much as a fine step of exposure: the others can hardly be trusted either."""
 
-ODD_SIGMAS = 3.0
+ODD_SIGMAS = 4.0
 """Standard errors of the response that an odd exposure is off by, too: in the dark the response may be hardly known."""
 
 MOVED_SHARE = 0.1
