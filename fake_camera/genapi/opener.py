@@ -35,6 +35,8 @@ class _Attempt(NamedTuple):
     """Whether limits may be in registers that are no longer empty, as long as what else is in them stays sound."""
     clipped: bool = False
     """Whether a value is good enough that the limits have clipped."""
+    fine: bool = False
+    """Whether a number without an increment must take steps as small as wished: its fraction's bits may be counted."""
 
 
 _FILLINGS = (0, 1, 10, 1_000_000)
@@ -116,17 +118,19 @@ class Opener:
         evaluator = self.evaluator
         parts = [name, *(node.text(tag) for node in evaluator.chain(name) for tag in _LIMITS if node.text(tag))]
         empty = fill(evaluator, parts, 0)
-        # A divisor, or how many bits of a register are its fraction, and no switch beside it.
-        alone = [(_Attempt(filling), [register]) for filling in (1, 10) for register in empty]
-        for attempt, only in [(_ATTEMPTS[0], []), *alone, *((attempt, None) for attempt in _ATTEMPTS[1:])]:
+        fractions = [(_Attempt(10, fine=True), [register]) for register in empty]
+        divisors = [(_Attempt(1), [register]) for register in empty]  # and no switch beside it
+        trials: list[tuple[_Attempt, list[str] | None]] = [(_Attempt(0, fine=True), []), *fractions]
+        trials += [(_ATTEMPTS[0], []), *divisors, *((attempt, None) for attempt in _ATTEMPTS[1:])]
+        for attempt, only in trials:
             for register in empty:
                 evaluator.set(register, attempt.filling if only and register in only else 0)
             if only is None:
                 filled = fill(evaluator, parts, attempt.filling)
                 empty += [register for register in filled if register not in empty]
             with contextlib.suppress(NodeError):
-                self._limit(name, wished, attempt, only or [])
-                if self._place(name, wished, attempt.clipped):
+                self._limit(name, wished, attempt, only if only and attempt.fine else ())
+                if self._place(name, wished, attempt):
                     return True
         for register in empty:
             evaluator.set(register, 0)
@@ -165,23 +169,23 @@ class Opener:
         done += filter(None, [least])
         settle(most, max(ends))
 
-    def _place(self, name: str, wished: Wished, clipped: bool) -> bool:
-        """Set a number within its limits and on its increment; whether it took it, `clipped` by them or not."""
+    def _place(self, name: str, wished: Wished, attempt: _Attempt) -> bool:
+        """Set a number within its limits and on its increment; whether it took it."""
         evaluator = self.evaluator
         low, high = evaluator.limits(name)
         step = evaluator.bound(name, "Inc")
         if step is not None and step <= 0:
             return False
         value = self.on_increment(name, wished.value)
-        if not (clipped or step or self._is_fine(name, value, wished.step)):
+        if attempt.fine and not step and not self._is_fine(name, value, wished.step):
             return False
         assign(evaluator, name, value)
         near = abs(evaluator.value(name) - value) <= 0.01 * abs(value)
         sized = low < high or math.isinf(wished.high)
-        return near and sized and (clipped or abs(value - wished.value) <= (step or 0))
+        return near and sized and (attempt.clipped or abs(value - wished.value) <= (step or 0))
 
     def _is_fine(self, name: str, value: Number, step: float) -> bool:
-        """Whether a number without an increment takes steps as small as `step`: its fraction may be in a register."""
+        """Whether a number takes steps as small as `step`."""
         assign(self.evaluator, name, value + step)
         return abs(self.evaluator.value(name) - value - step) <= step / 2
 
