@@ -129,9 +129,9 @@ def _fixed(writer: Writer, name: str, entry: str, *others: str, selected: str | 
     entries = "".join(
         f'<EnumEntry Name="{each}"><Value>{number}</Value></EnumEntry>' for number, each in enumerate((entry, *others))
     )
-    parts = {"ImposedAccessMode": "RO", "Value": "0"} | ({} if selected is None else {"pSelected": selected})
-    inside = "".join(f"<{tag}>{text}</{tag}>" for tag, text in parts.items())
-    writer.nodes.append(f'<Enumeration Name="{name}">{entries}{inside}</Enumeration>')
+    selects = "" if selected is None else f"<pSelected>{selected}</pSelected>"
+    inside = f"<ImposedAccessMode>RO</ImposedAccessMode>{entries}<Value>0</Value>{selects}"
+    writer.nodes.append(f'<Enumeration Name="{name}">{inside}</Enumeration>')
 
 
 def fixed_as_needed(writer: Writer) -> None:

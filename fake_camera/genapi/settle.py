@@ -60,13 +60,13 @@ def _is_sound(opener: Opener, name: str) -> bool:
 
 
 def _fill(opener: Opener, name: str) -> None:
-    """Set a number to the middle of the limits that it has, if there is one; else fill limits and increment."""
+    """Set a number beyond the limits that it has to their middle; else fill limits and increment."""
     evaluator, low = opener.evaluator, 0.0
     with contextlib.suppress(NodeError):
         holder, _ = evaluator.bounded(name, 1.0)
         least, most = evaluator.limits(holder)
         low = max(least, 0.0)
-        if least < most < math.inf:
+        if least < most < math.inf and not least <= evaluator.value(holder) <= most:
             assign(evaluator, holder, opener.on_increment(holder, (least + most) / 2))
             if _is_sound(opener, name):
                 return

@@ -61,4 +61,4 @@ def test_frames_with_holes_are_recognised() -> None:
         outcomes = outcomes_until(camera, lambda them: {type(it) for it in them} == {Frame, IncompleteFrame})
         incomplete = [outcome for outcome in outcomes if isinstance(outcome, IncompleteFrame)]
         assert all(earlier.frame_id < later.frame_id for earlier, later in pairwise(outcomes))
-        assert all(frame.host_time_ns is not None for frame in incomplete)
+        assert all(frame.host_time_ns is None for frame in incomplete)  # its clock cannot be read, and these are late
