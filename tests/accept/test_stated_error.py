@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from evaluation.pool import over_processes
 from evaluation.sweeps.processing import PROCESSINGS
 from evaluation.sweeps.score import Stated, scored
 from evaluation.sweeps.simulated import simulated
+
+pytestmark = pytest.mark.timeout(900)
 
 FIRST_SEED = 200_010
 """Neither the tuning nor the report seeds of benchmarks/stated_error.py."""
