@@ -22,8 +22,8 @@ pytestmark = pytest.mark.skipif(
     importlib.util.find_spec("genicam") is None, reason="EMVA's reference GenApi is not installed: pip install genicam"
 )
 
-UNSOUND = ("blanks", "boundless gain")
-"""Shapes against the rules, as some cameras are: blanks that the schema does not allow, limits that are no numbers."""
+UNSOUND = ("blanks", "boundless gain", "increments of zero")
+"""Shapes against the rules, as some cameras are: in the schema, in limits that are no numbers, in increments."""
 SHAPES = [name for name in (*DRIVEN, *FREE_ONLY) if name not in UNSOUND]
 OWN = [*(f"combination {number}" for number in (0, 1, 2, 7, 10, 16)), *SHAPES, "gige", "usb3"]
 """Each way of writing registers, with chunks and without; each shape; the fakes' own descriptions."""
