@@ -42,10 +42,17 @@ with_sessions = pytest.mark.skipif(
 )
 
 
+def at_first() -> None:
+    """Begin at niceness 0: a daemon may have run in this process before."""
+    os.setpriority(os.PRIO_PROCESS, 0, 0)
+
+
 def said(own_session: bool, *before: str, script: str = RAISED) -> list[int]:
     """Niceness of the thread that comes first, of one that it starts, of the main thread, and of the session."""
     command = [*before, sys.executable, "-c", script]
-    process = subprocess.run(command, start_new_session=own_session, capture_output=True, text=True, check=False)
+    process = subprocess.run(
+        command, start_new_session=own_session, preexec_fn=at_first, capture_output=True, text=True, check=False
+    )
     assert process.returncode == 0, process.stderr
     return [int(niceness) for niceness in process.stdout.split()]
 
