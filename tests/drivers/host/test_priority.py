@@ -47,11 +47,12 @@ def at_first() -> None:
     os.setpriority(os.PRIO_PROCESS, 0, 0)
 
 
-def said(own_session: bool, *before: str, script: str = RAISED) -> list[int]:
-    """Niceness of the thread that comes first, of one that it starts, of the main thread, and of the session."""
+def said(*before: str, script: str = RAISED) -> list[int]:
+    """In a session of its own, niceness of the thread that comes first, of one that it starts, of the main thread,
+    and of the session."""
     command = [*before, sys.executable, "-c", script]
     process = subprocess.run(
-        command, start_new_session=own_session, preexec_fn=at_first, capture_output=True, text=True, check=False
+        command, start_new_session=True, preexec_fn=at_first, capture_output=True, text=True, check=False
     )
     assert process.returncode == 0, process.stderr
     return [int(niceness) for niceness in process.stdout.split()]
@@ -60,7 +61,7 @@ def said(own_session: bool, *before: str, script: str = RAISED) -> list[int]:
 @as_root
 @with_sessions
 def test_a_service_comes_first_with_its_session() -> None:
-    assert said(True) == [NICENESS, NICENESS, 0, NICENESS]
+    assert said() == [NICENESS, NICENESS, 0, NICENESS]
 
 
 @as_root
@@ -68,21 +69,21 @@ def test_a_service_comes_first_with_its_session() -> None:
 def test_the_session_of_a_unit_comes_first_though_its_filter_refuses_to_set_a_niceness() -> None:
     """As `SystemCallFilter=~@resources` does; the unit has set it already."""
     refusing = RAISED.replace("found = []", f"found = []\n{REFUSING}")
-    assert said(True, "nice", "-n", f"{NICENESS}", script=refusing) == [NICENESS] * 4
+    assert said("nice", "-n", f"{NICENESS}", script=refusing) == [NICENESS] * 4
 
 
 @as_root
 @with_sessions
 def test_a_command_of_a_shell_leaves_the_others_of_its_session_alone() -> None:
-    session = int(Path("/proc/self/autogroup").read_text().split()[-1])
-    assert said(False) == [NICENESS, NICENESS, 0, session]
-    assert said(False, "nice", "-n", "-15")[:3] == [-15, -15, -15]
+    shell = ("sh", "-c", '"$@" && true', "sh")  # leads the session, and stays while the command runs
+    assert said(*shell) == [NICENESS, NICENESS, 0, 0]
+    assert said(*shell, "nice", "-n", "-15") == [-15, -15, -15, 0]
 
 
 @as_root
 @with_sessions
 def test_who_may_not_stays_where_it_is() -> None:
-    assert said(True, "setpriv", "--reuid=65534", "--clear-groups", "--inh-caps=-all") == [0, 0, 0, 0]
+    assert said("setpriv", "--reuid=65534", "--clear-groups", "--inh-caps=-all") == [0, 0, 0, 0]
 
 
 def test_a_refusal_is_no_error(monkeypatch: pytest.MonkeyPatch) -> None:
