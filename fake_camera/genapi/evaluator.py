@@ -18,7 +18,7 @@ _BOUNDS = {"pMin", "pMax", "Min", "Max"}
 _CONVERTERS = ("Converter", "IntConverter")
 _DEEPEST = 64  # nodes in a chain of references: more means a circle
 _LONGEST_REGISTER = 1 << 16  # bytes: longer than any register of a camera, look-up tables included
-_MOST_STEPS = 20_000  # nodes evaluated for one value; a few are evaluated some hundred times
+_MOST_STEPS = 2_000  # nodes evaluated for one value: no description that we know needs more than 441
 
 Arguments = ParamSpec("Arguments")
 Result = TypeVar("Result")
