@@ -172,7 +172,8 @@ class Opener:
     def _place(self, name: str, wished: Wished, attempt: _Attempt) -> bool:
         """Set a number within its limits and on its increment; whether it took it."""
         evaluator = self.evaluator
-        low, high = evaluator.limits(name)
+        holder, _ = evaluator.bounded(name, wished.value)  # a converter would swap limits that are the wrong way round
+        low, high = evaluator.limits(holder)
         step = evaluator.bound(name, "Inc")
         if step is not None and step <= 0:
             return False

@@ -51,11 +51,17 @@ def _choose(evaluator: Evaluator, name: str, modes: AccessModes) -> None:
 
 def _is_sound(opener: Opener, name: str) -> bool:
     """Whether a number is finite, within its limits and on its increment."""
+    if not _is_within(opener, name):
+        return False
+    value, step = opener.evaluator.value(name), opener.evaluator.bound(name, "Inc")
+    return step is None or (step > 0 and abs(opener.on_increment(name, value) - value) < step / 2)
+
+
+def _is_within(opener: Opener, name: str) -> bool:
+    """Whether a number is finite and within its limits."""
     with contextlib.suppress(NodeError):
-        value, (low, high) = opener.evaluator.value(name), opener.evaluator.limits(name)
-        step = opener.evaluator.bound(name, "Inc")
-        on_increment = step is None or (step > 0 and abs(opener.on_increment(name, value) - value) < step / 2)
-        return low <= value <= high and math.isfinite(value) and on_increment
+        low, high = opener.evaluator.limits(name)
+        return math.isfinite(value := opener.evaluator.value(name)) and low <= value <= high
     return False
 
 
@@ -66,7 +72,7 @@ def _fill(opener: Opener, name: str) -> None:
         holder, _ = evaluator.bounded(name, 1.0)
         least, most = evaluator.limits(holder)
         low = max(least, 0.0)
-        if least < most < math.inf and not least <= evaluator.value(holder) <= most:
+        if least < most < math.inf and not _is_within(opener, name):
             assign(evaluator, holder, opener.on_increment(holder, (least + most) / 2))
             if _is_sound(opener, name):
                 return

@@ -111,7 +111,8 @@ def served(device: Device, camera: XmlCamera) -> Iterator[None]:
 def cameras(request: pytest.FixtureRequest) -> Iterator[dict[int | str, Worn]]:
     """Starts all that are needed, so that one search finds them."""
     line0 = Line0(time.monotonic_ns(), RATE_HZ)
-    needed = {item.callspec.params.get("worn") for item in request.session.items if hasattr(item, "callspec")}
+    here = [item for item in request.session.items if item.path == request.path and hasattr(item, "callspec")]
+    needed = {item.callspec.params.get("worn") for item in here}
     with contextlib.ExitStack() as running, pytest.MonkeyPatch.context() as patch:
         patch.setattr(discovery, "FRESH_S", float("inf"))
         worn = {}
