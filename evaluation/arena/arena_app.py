@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from rich.console import Console
@@ -17,7 +17,13 @@ from rich.table import Table
 
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY, POLICY_IDS, check_policy_id
 from drivers.errors import AutoexposeError, ConfigurationError
+from evaluation.arena.ablation.ablation import ablate as ablate_policy
+from evaluation.arena.ablation.ablation import ablation_courses, policy_constants
+from evaluation.arena.ablation.ablation_report import ablation_document, print_ablation, write_ablation
+from evaluation.arena.ablation.course import Course
+from evaluation.arena.ablation.kept import Kept
 from evaluation.arena.arena_report import cells, mean_ratios, write_arena_report
+from evaluation.arena.count import count_policy, print_count
 from evaluation.arena.plan import Task, full_plan, quick_plan
 from evaluation.arena.results import document
 from evaluation.arena.runs import Run, run_plan
@@ -27,6 +33,9 @@ from evaluation.scenes.scenarios import SCENARIOS
 from fake_camera.world.scene.panorama import load_radiance
 
 _FRAME_S = 0.005  # of one core per frame and policy, measured on full arenas of 14 policies
+
+_ABLATIONS = Path("out/ablation")
+"""Where what is finished of an ablation is kept."""
 
 arena_app = typer.Typer(add_completion=False)
 
@@ -42,11 +51,26 @@ def arena(
     scenarios: Annotated[str, typer.Option(help="Ids, separated by commas.")] = ",".join(SCENARIOS),
     pictures: Annotated[Path | None, typer.Option(help="A folder of Radiance .hdr files: further scenes.")] = None,
     jobs: Annotated[int, typer.Option(min=1, help="Processes.")] = len(os.sched_getaffinity(0)),
+    count: Annotated[bool, typer.Option("--count", help="Only count what --policy's decision is made of.")] = False,
+    ablate: Annotated[
+        bool, typer.Option("--ablate", help="Alter each constant of --policy: an hour, some minutes with --quick.")
+    ] = False,
+    policy: Annotated[str, typer.Option(help="Of --count and --ablate.")] = DEFAULT_POLICY,
 ) -> None:
     """Run every policy through every scenario and compare them with the best exposure of each frame."""
     chosen = _chosen(policies, scenarios)
     if json_file is not None and not json_file.parent.is_dir():
         raise ConfigurationError(f"{json_file}: there is no folder {json_file.parent}: create it or name another file")
+    if count or ablate:
+        check_policy_id(policy)
+        _check_places(json_file, report)
+        if full or (count and (ablate or quick or report)):
+            raise ConfigurationError("--count takes only --policy and --json, --ablate no --full: leave the others out")
+        if count:
+            _count(policy, json_file)
+        else:
+            _ablate(policy, ablation_courses(chosen[1], quick), jobs, json_file, report)
+        return
     stills = _pictures(pictures) if pictures else []
 
     def plan_of(quick: bool) -> list[Task]:
@@ -58,11 +82,33 @@ def arena(
     console = Console()
     runs = _run(plan, chosen[0], jobs, console)
     figures = document(runs, DEFAULT_POLICY)
-    if json_file is not None:
-        json_file.write_text(json.dumps(figures, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    _write(figures, json_file)
     _print(figures["results"], console)
     if report is not None:
         console.print(f"report: {write_arena_report(runs, DEFAULT_POLICY, report)}")
+
+
+def _write(figures: dict[str, Any], json_file: Path | None) -> None:
+    if json_file is not None:
+        json_file.write_text(json.dumps(figures, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def _count(policy: str, json_file: Path | None) -> None:
+    counts = count_policy(policy)
+    _write(counts, json_file)
+    print_count(counts, Console())
+
+
+def _ablate(policy: str, courses: Sequence[Course], jobs: int, json_file: Path | None, report: Path | None) -> None:
+    console = Console()
+    try:
+        ablation = ablate_policy(policy, policy_constants(policy), courses, jobs, Kept(_ABLATIONS), console=console)
+    except (BrokenProcessPool, KeyboardInterrupt):
+        raise AutoexposeError("the ablation was stopped: the same command goes on where it was") from None
+    _write(ablation_document(ablation), json_file)
+    print_ablation(ablation, console)
+    if report is not None:
+        console.print(f"report: {write_ablation(ablation, report)}")
 
 
 def _chosen(policies: str, scenarios: str) -> tuple[list[str], list[str]]:

@@ -1,0 +1,189 @@
+"""Every constant of a policy altered, one at a time, and what that does to its courses."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from contextlib import closing
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+from rich.console import Console
+
+from drivers.errors import AutoexposeError, ConfigurationError
+from evaluation.arena.ablation.altered import Request, run_altered
+from evaluation.arena.ablation.constants import Constant, constants_of
+from evaluation.arena.ablation.course import Course, Decisions, judge, start_of
+from evaluation.arena.ablation.kept import Kept
+from evaluation.arena.count import python_files
+from evaluation.arena.plan import MAIN_DELAY, TUNE_SCENES
+from evaluation.arena.results import results
+from evaluation.arena.runs import Run
+from evaluation.arena.scores import Score
+from evaluation.pool import over_processes
+from evaluation.progress import LongProgress
+
+QUICK_SCENARIOS = ("step_up", "pan", "flicker")
+"""Those in which single rules of `fisher-map` weighed most: jumps out of white, motion, light that beats."""
+
+ALL = "all"
+"""In the place of a scenario: all courses together."""
+
+Figures = dict[str, dict[str, Any]]
+"""A row of `results` for each scenario, and for `ALL`."""
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """A constant, what was done to it (a key of `Constant.alterations`), and what came of that.
+
+    Attributes
+    ----------
+    idle
+        No decision of any course changed.
+    error
+        How the policy failed; it then has no figures.
+    """
+
+    constant: Constant
+    what: str
+    figures: Figures
+    idle: bool = False
+    error: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Ablation:
+    """All trials of a policy, and what the unaltered one does."""
+
+    policy: str
+    courses: Sequence[Course]
+    unaltered: Figures
+    trials: Sequence[Trial]
+
+
+def ablation_courses(scenarios: Sequence[str], quick: bool) -> list[Course]:
+    """One tuning course for each scenario, if it is to be quick only of `QUICK_SCENARIOS`."""
+    courses = [(scenario, TUNE_SCENES[place % len(TUNE_SCENES)], 0) for place, scenario in enumerate(scenarios)]
+    chosen = [course for course in courses if not quick or course[0] in QUICK_SCENARIOS]
+    if not chosen:
+        raise ConfigurationError(f"--ablate --quick is of {', '.join(QUICK_SCENARIOS)}: choose of these, or no --quick")
+    return chosen
+
+
+def policy_constants(policy: str) -> list[Constant]:
+    """Those of all files of control that the policy's decision reaches (`count.RULE`)."""
+    files = {module: path for module, path in python_files(policy).items() if module.startswith("autoexpose_daemon.")}
+    return [each for module, path in files.items() for each in constants_of(module, path.read_text(encoding="utf-8"))]
+
+
+def ablate(
+    policy: str,
+    constants: Sequence[Constant],
+    courses: Sequence[Course],
+    jobs: int,
+    kept: Kept,
+    *,
+    console: Console,
+    frames: int | None = None,
+) -> Ablation:
+    """Take a policy through all courses with each constant altered, in `jobs` processes.
+
+    Raises
+    ------
+    AutoexposeError
+        If the unaltered policy fails, or does not decide the same twice.
+    """
+    trials = [(constant, what) for constant in constants for what in constant.alterations]
+    starts = dict(over_processes(start_of, courses, jobs))
+    plain = Request(None, policy, courses, [starts[course] for course in courses], frames)
+    requests = [plain, *(replace(plain, alteration=constant.alterations[what]) for constant, what in trials)]
+    with LongProgress(console, 3600.0) as progress:
+        bar = progress.add_task("alterations", total=len(requests))
+        taken = _taken(requests, jobs, kept, lambda: progress.update(bar, advance=1))
+        if isinstance(taken[0], str):
+            raise AutoexposeError(f"{policy} fails without any alteration: {taken[0]}")
+        bar = progress.add_task("judged courses", total=len(courses))
+        ways = [
+            {json.dumps(each[place]) for each in taken if not isinstance(each, str)} for place in range(len(courses))
+        ]
+        asked = [
+            (policy, course, sorted(ways_of_one), frames) for course, ways_of_one in zip(courses, ways, strict=True)
+        ]
+        scores = _judged(asked, jobs, kept, lambda: progress.update(bar, advance=1))
+    for course, each in zip(courses, taken[0], strict=True):
+        if scores[course][json.dumps(each)] != scores[course][policy]:
+            raise AutoexposeError(f"{policy} decides otherwise when it takes {course} again: it cannot be compared")
+
+    def figures(name: str, decisions: list[Decisions]) -> Figures:
+        runs = [
+            Run(name, *course, MAIN_DELAY, "tune", Score(**scores[course][json.dumps(each)]))
+            for course, each in zip(courses, decisions, strict=True)
+        ]
+        return {row["scenario"]: row for row in results([*runs, *(replace(run, scenario=ALL) for run in runs)])}
+
+    return Ablation(
+        policy,
+        courses,
+        figures(policy, taken[0]),
+        [
+            Trial(*trial, {}, error=each)
+            if isinstance(each, str)
+            else Trial(*trial, figures(policy, each), idle=each == taken[0])
+            for trial, each in zip(trials, taken[1:], strict=True)
+        ],
+    )
+
+
+def _taken(
+    requests: Sequence[Request], jobs: int, kept: Kept, advance: Callable[[], None]
+) -> list[list[Decisions] | str]:
+    """The decisions of each request, or how it failed."""
+
+    def answer(request: Request) -> list[Decisions] | str:
+        found = kept.get(asdict(request))
+        if found is None:
+            found = (run_altered(request),)
+            kept.put(asdict(request), found[0])
+        decisions: list[Decisions] | str = found[0]
+        return decisions
+
+    with ThreadPoolExecutor(jobs) as pool:  # each waits for a process of its own
+        futures = [pool.submit(answer, request) for request in requests]
+        try:
+            for future in as_completed(futures):
+                future.result()
+                advance()
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+    return [future.result() for future in futures]
+
+
+_Asked = tuple[str, Course, list[str], int | None]
+
+
+def _judged(
+    asked: Sequence[_Asked], jobs: int, kept: Kept, advance: Callable[[], None]
+) -> dict[Course, dict[str, dict[str, Any]]]:
+    """The scores of all ways to take each course, by the decisions as JSON."""
+    scores = {}
+    for each in asked:
+        found = kept.get(each)
+        if found is not None:
+            scores[each[1]] = found[0]
+            advance()
+    missing = [each for each in asked if each[1] not in scores]
+    with closing(over_processes(_judge, missing, min(jobs, max(len(missing), 1)))) as finished:
+        for each, result in finished:
+            kept.put(each, result)
+            scores[each[1]] = result
+            advance()
+    return scores
+
+
+def _judge(asked: _Asked) -> dict[str, dict[str, Any]]:
+    policy, course, ways, frames = asked
+    scores = judge(policy, course, {way: json.loads(way) for way in ways}, frames)
+    return {way: asdict(score) for way, score in scores.items()}

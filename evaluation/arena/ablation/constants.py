@@ -1,0 +1,126 @@
+"""The constants of a Python file, as its source has them."""
+
+from __future__ import annotations
+
+import ast
+import operator
+import re
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+from evaluation.arena.ablation.altered import Alteration
+
+_OPERATIONS: dict[type[ast.operator], Callable[[float, float], float]] = {
+    ast.Add: operator.add,
+    ast.Sub: operator.sub,
+    ast.Mult: operator.mul,
+    ast.Div: operator.truediv,
+    ast.Pow: operator.pow,
+}
+_UPPER_CASE = re.compile(r"_?[A-Z][A-Z0-9_]*")
+_FIRST_SENTENCE = re.compile(r".*?(?<!\.)(?<!e\.g)\.(?=\s|$)", re.DOTALL)
+
+
+@dataclass(frozen=True, slots=True)
+class Constant:
+    """A number that a file gives a name in upper case, in a module or a class.
+
+    Attributes
+    ----------
+    name
+        Within its module, such as `BIN`, `FisherMap.HOLD_GAIN_MOVING` or, for an argument, `FisherMap.PROBES.worth`.
+    reason
+        The first sentence of the string below it, or below the run of lines that it belongs to; empty: it has none.
+    alterations
+        By what is done to it: `x 2`, `/ 2` and, where the module's `NEUTRAL` has its name, `off`.
+    """
+
+    module: str
+    name: str
+    value: float
+    reason: str
+    alterations: dict[str, Alteration]
+
+
+def constants_of(module: str, source: str) -> list[Constant]:
+    """All constants of a module that are numbers or made of numbers alone.
+
+    The module may have a dictionary `NEUTRAL` from names of its constants to the value at which each has no effect.
+    """
+    tree = ast.parse(source)
+    starts = [0]
+    for line in source.encode().splitlines(keepends=True):
+        starts.append(starts[-1] + len(line))
+    neutral: dict[str, str] = {}
+    for _, name, node in _assigned(tree.body):
+        if name == "NEUTRAL" and isinstance(node, ast.Dict):
+            keys = [ast.literal_eval(key) for key in node.keys if key]
+            neutral = dict(zip(keys, map(ast.unparse, node.values), strict=True))
+    found = []
+    scopes = [("", tree.body), *((f"{each.name}.", each.body) for each in tree.body if isinstance(each, ast.ClassDef))]
+    for scope, body in scopes:
+        for reason, name, node in _assigned(body):
+            arguments = node.keywords if isinstance(node, ast.Call) else []
+            for suffix, part in [("", node), *((f".{each.arg}", each.value) for each in arguments)]:
+                value = _number(part)
+                if value is not None:
+                    assert part.end_lineno is not None and part.end_col_offset is not None
+                    place = (
+                        starts[part.lineno - 1] + part.col_offset,
+                        starts[part.end_lineno - 1] + part.end_col_offset,
+                    )
+                    full_name = f"{scope}{name}{suffix}"
+                    texts = _altered(value, neutral.get(full_name))
+                    changes = {what: Alteration(module, *place, text) for what, text in texts.items()}
+                    found.append(Constant(module, full_name, value, reason, changes))
+    return found
+
+
+def _assigned(body: Sequence[ast.stmt]) -> Iterator[tuple[str, str, ast.expr]]:
+    """Reason, name and value of what is assigned to names in upper case."""
+    for place, statement in enumerate(body):
+        match statement:
+            case ast.Assign(targets=[ast.Tuple(elts=names)], value=ast.Tuple(elts=values)):
+                pairs = list(zip(names, values, strict=False))
+            case ast.Assign(targets=[name], value=value) | ast.AnnAssign(target=name, value=ast.expr() as value):
+                pairs = [(name, value)]
+            case _:
+                continue
+        for name, value in pairs:
+            if isinstance(name, ast.Name) and _UPPER_CASE.fullmatch(name.id):
+                yield _reason(body[place:]), name.id, value
+
+
+def _reason(following: Sequence[ast.stmt]) -> str:
+    for before, statement in pairwise(following):
+        match statement:
+            case ast.Expr(value=ast.Constant(value=str(text))):
+                sentence = _FIRST_SENTENCE.match(text)
+                return " ".join((sentence.group() if sentence else text).split())
+            case ast.Assign() | ast.AnnAssign() if statement.lineno == (before.end_lineno or 0) + 1:
+                continue
+        break
+    return ""
+
+
+def _altered(value: float, neutral: str | None) -> dict[str, str]:
+    half = value // 2 if isinstance(value, int) else value / 2.0
+    texts = {"x 2": repr(2 * value), "/ 2": repr(half)} if value else {}
+    if half == 0:
+        texts.pop("/ 2", None)  # of a count of 1 nothing would be left
+    return texts if neutral is None else {**texts, "off": neutral}
+
+
+def _number(node: ast.expr) -> float | None:
+    """The value of an expression of numbers alone; None for any other."""
+    match node:
+        case ast.Constant(value=int() | float() as value) if not isinstance(value, bool):
+            return value
+        case ast.UnaryOp(op=ast.USub(), operand=operand):
+            positive = _number(operand)
+            return None if positive is None else -positive
+        case ast.BinOp(left=left, op=op, right=right) if type(op) in _OPERATIONS:
+            first, second = _number(left), _number(right)
+            return None if first is None or second is None else _OPERATIONS[type(op)](first, second)
+    return None

@@ -1,0 +1,218 @@
+"""Constants as the source has them, altered before anything copies them, and judged by what is unaltered."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rich.console import Console
+
+from drivers.errors import AutoexposeError, ConfigurationError
+from evaluation.arena.ablation import ablation as ablation_module
+from evaluation.arena.ablation.ablation import ALL, ablate, ablation_courses, policy_constants
+from evaluation.arena.ablation.ablation_report import ablation_document, print_ablation, write_ablation
+from evaluation.arena.ablation.altered import AlteredModule, Request
+from evaluation.arena.ablation.constants import constants_of
+from evaluation.arena.ablation.course import Course, Decisions, judge, roll_out, start_of
+from evaluation.arena.ablation.kept import Kept
+from evaluation.arena.race import run_course
+from evaluation.arena.scores import Score
+from evaluation.scenes.scenarios import SCENARIOS, WARM_UP_FRAMES
+from evaluation.stage.delayed_loop import Entrant
+
+SOURCE = '''\
+"""Größe: bytes and characters differ."""
+STEP = 0.4
+"""Stops per frame: no more.
+
+And more of it."""
+NEAR, FAR = 1 / 8, -3
+"""Stops, e.g. between sightings ...
+and cells. More."""
+FIRST = 12
+SECOND = 1
+"""Frames."""
+
+LONE: Final = 1e3
+
+class Rule:
+    GAIN: ClassVar[float] = 0.25; """Share."""
+    PROBES = Probes(2.0, worth=5, kind="far")
+    lower = 7
+TABLE = (1, 2, 3)
+DERIVED = STEP * 2
+NAME = "4"
+FLAG = True
+NONE = 0
+NEUTRAL = {"STEP": math.inf, "Rule.GAIN": 0.0, "NONE": 9}
+'''
+
+
+def test_constants_have_value_reason_and_alterations() -> None:
+    found = {constant.name: constant for constant in constants_of("m", SOURCE)}
+
+    assert {name: constant.value for name, constant in found.items()} == {
+        **{"STEP": 0.4, "NEAR": 0.125, "FAR": -3, "FIRST": 12, "SECOND": 1, "LONE": 1e3, "NONE": 0},
+        **{"Rule.GAIN": 0.25, "Rule.PROBES.worth": 5},
+    }
+    assert found["STEP"].reason == "Stops per frame: no more."
+    assert found["NEAR"].reason == found["FAR"].reason == "Stops, e.g. between sightings ... and cells."
+    assert found["FIRST"].reason == found["SECOND"].reason == "Frames."
+    assert found["LONE"].reason == ""
+    texts = {name: {what: each.text for what, each in constant.alterations.items()} for name, constant in found.items()}
+    assert texts["STEP"] == {"x 2": "0.8", "/ 2": "0.2", "off": "math.inf"}
+    assert texts["Rule.GAIN"] == {"x 2": "0.5", "/ 2": "0.125", "off": "0.0"}
+    assert texts["FAR"] == {"x 2": "-6", "/ 2": "-2"}  # a whole number stays one
+    assert texts["SECOND"] == {"x 2": "2"} and texts["NONE"] == {"off": "9"}
+
+
+def test_alterations_take_the_place_of_the_number_alone() -> None:
+    source = SOURCE.encode()
+    places = {
+        constant.name: source[each.start : each.end].decode()
+        for constant in constants_of("m", SOURCE)
+        for each in constant.alterations.values()
+    }
+    assert places == {
+        **{"STEP": "0.4", "NEAR": "1 / 8", "FAR": "-3", "FIRST": "12", "SECOND": "1", "LONE": "1e3", "NONE": "0"},
+        **{"Rule.GAIN": "0.25", "Rule.PROBES.worth": "5"},
+    }
+
+
+def test_what_copies_a_constant_sees_it_altered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    source = "STEP = 0.5\nOTHER = 0.5\nDERIVED = [STEP]\ndef default(step=STEP):\n    return step\n"
+    (tmp_path / "altered_original.py").write_text(source)
+    (tmp_path / "altered_copy.py").write_text("from altered_original import STEP, OTHER, DERIVED, default\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    importlib.import_module("altered_original")  # leaves bytecode, which must not be taken
+    step = constants_of("altered_original", source)[0]
+    names = ("altered_original", "altered_copy")
+    for name in names:
+        monkeypatch.delitem(sys.modules, name, raising=False)
+    monkeypatch.setattr(sys, "meta_path", [AlteredModule(step.alterations["x 2"]), *sys.meta_path])
+    try:
+        copy: Any = importlib.import_module("altered_copy")
+        assert (copy.STEP, copy.OTHER, copy.DERIVED, copy.default()) == (1.0, 0.5, [1.0], 1.0)
+    finally:
+        for name in names:
+            sys.modules.pop(name, None)
+
+
+def test_nothing_of_control_is_loaded_before_the_alteration() -> None:
+    asked = "import sys, evaluation.arena.ablation.altered; print([m for m in sys.modules if m.startswith('auto')])"
+    assert subprocess.check_output([sys.executable, "-c", asked], text=True).strip() == "[]"
+
+
+def test_every_constant_of_the_default_policy_is_found() -> None:
+    names = {constant.name for constant in policy_constants("fisher-map")}
+    assert {"FisherMap.PROBES.worth", "BEATING_STOPS", "LONGEST_STEP", "HOLD_GAIN_FOLLOWING", "FRONT_END_DN"} < names
+
+
+def test_a_course_judged_again_has_the_scores_of_the_arena() -> None:
+    course, frames = ("step_down", "room", 0), WARM_UP_FRAMES + 12
+    decisions = roll_out("begin2022", course, start_of(course), frames)
+    darker = [{**each, "setting": {"exposure_time_us": 20.0, "gain_db": 0.0}} for each in decisions]
+    scores = judge("begin2022", course, {"again": decisions, "darker": darker}, frames)
+    (series,) = run_course(*course, [Entrant.of("begin2022")], frames=frames)
+
+    assert scores["again"] == scores["begin2022"] == series.score()
+    assert scores["darker"].objective_ratio_mean < 0.5 * scores["again"].objective_ratio_mean
+
+
+COURSES: list[Course] = [("step_up", "room", 0), ("pan", "leaves", 0)]
+CONSTANTS = constants_of("autoexpose_daemon.control.made_up", 'IDLE = 4.0\n"""Frames | idle."""\nBUSY = 3.0\nBAD = 5.0')
+
+
+def fake_run(request: Request) -> list[Decisions] | str:
+    """Decides by what is altered, as if a policy had these constants."""
+    text = request.alteration.text if request.alteration else ""
+    if text == "10.0":
+        return "ZeroDivisionError: no frames"
+    level = {"6.0": 7, "1.5": 8}.get(text, 5)
+    return [[{"level": level}] for _ in request.courses]
+
+
+def fake_judge(policy: str, course: Course, taken: dict[str, Decisions], frames: int | None) -> dict[str, Score]:
+    """The more, the better; at level 8 the pan is stuck."""
+    scores = {}
+    for name, level in [(policy, 5), *((name, decisions[0]["level"]) for name, decisions in taken.items())]:
+        settle = None if (level, course[0]) == (8, "pan") else 3
+        scores[name] = Score(settle, *[0.0] * 6, level / 10, level / 20, 0.0)
+    return scores
+
+
+@pytest.fixture
+def made_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(ablation_module, "run_altered", fake_run)
+    monkeypatch.setattr(ablation_module, "judge", fake_judge)
+    monkeypatch.setattr(ablation_module, "start_of", lambda course: (100.0, 0.0))
+
+
+@pytest.mark.usefixtures("made_up")
+def test_table_has_a_row_for_each_alteration(tmp_path: Path) -> None:
+    console = Console(record=True, width=200)
+    ablation = ablate("fisher-map", CONSTANTS, COURSES, 1, Kept(tmp_path), console=console)
+
+    trials = {(trial.constant.name, trial.what): trial for trial in ablation.trials}
+    assert [trial.idle for trial in ablation.trials] == [True, True, False, False, False, True]
+    assert ablation.unaltered[ALL]["objective_ratio_mean"] == pytest.approx(0.5)
+    assert trials["BUSY", "x 2"].figures["pan"]["objective_ratio_mean"] == pytest.approx(0.7)
+    stuck = trials["BUSY", "/ 2"].figures
+    assert (stuck[ALL]["stuck_share"], stuck["pan"]["settle_frames"], stuck["step_up"]["settle_frames"]) == (
+        0.5,
+        None,
+        3,
+    )
+    assert trials["BAD", "x 2"].error == "ZeroDivisionError: no frames"
+
+    lines = write_ablation(ablation, tmp_path).read_text().splitlines()
+    rows = {line.split(" | ")[0]: line for line in lines if line.startswith("| ")}
+    assert all(line.replace("\\|", "").count("|") == rows["| constant"].count("|") for line in rows.values())
+    assert "0.500 | 0.250 | 3 | 0.00 | 0.500 / 0.250 | 0.500 / 0.250" in rows["| unaltered"]
+    assert "Frames \\| idle." in rows["| `made_up.IDLE`"] and " = " in rows["| `made_up.IDLE`"]
+    print_ablation(ablation, console)
+    shown = console.export_text()
+    assert "fails: ZeroDivisionError" in shown and "contrast.c" in shown
+    json.dumps(ablation_document(ablation), allow_nan=False)
+
+
+@pytest.mark.usefixtures("made_up")
+def test_an_interrupted_ablation_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def run(constants: int) -> Any:
+        arguments = ("fisher-map", CONSTANTS[:constants], COURSES, 1, Kept(tmp_path))
+        return ablate(*arguments, console=Console(quiet=True))
+
+    asked: list[str] = []
+
+    def counted(request: Request) -> list[Decisions] | str:
+        asked.append(request.alteration.text if request.alteration else "")
+        return fake_run(request)
+
+    monkeypatch.setattr(ablation_module, "run_altered", counted)
+    run(1)
+    whole = run(3)
+    assert sorted(asked) == ["", "1.5", "10.0", "2.0", "2.5", "6.0", "8.0"]
+    monkeypatch.setattr(ablation_module, "judge", lambda *_: pytest.fail("it was judged again"))
+    assert run(3) == whole
+
+
+@pytest.mark.usefixtures("made_up")
+def test_a_policy_that_cannot_be_compared_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(ablation_module, "run_altered", lambda request: [[{"level": 6}] for _ in request.courses])
+    with pytest.raises(AutoexposeError, match="decides otherwise"):
+        ablate("fisher-map", CONSTANTS, COURSES, 1, Kept(tmp_path), console=Console(quiet=True))
+    monkeypatch.setattr(ablation_module, "run_altered", lambda request: "ValueError: no")
+    with pytest.raises(AutoexposeError, match="fails without any alteration: ValueError: no"):
+        ablate("fisher-map", CONSTANTS, COURSES, 1, Kept(tmp_path / "other"), console=Console(quiet=True))
+
+
+def test_quick_has_few_courses_and_all_are_for_tuning() -> None:
+    whole, quick = (ablation_courses(list(SCENARIOS), quick) for quick in (False, True))
+    assert [scenario for scenario, _, _ in whole] == list(SCENARIOS) and set(quick) < set(whole)
+    with pytest.raises(ConfigurationError, match="step_up"):
+        ablation_courses(["tunnel"], True)
