@@ -102,7 +102,7 @@ def _count(policy: str, json_file: Path | None) -> None:
 def _ablate(policy: str, courses: Sequence[Course], jobs: int, json_file: Path | None, report: Path | None) -> None:
     console = Console()
     try:
-        ablation = ablate_policy(policy, policy_constants(policy), courses, jobs, Kept(_ABLATIONS), console=console)
+        ablation = ablate_policy(policy, policy_constants(policy)[0], courses, jobs, Kept(_ABLATIONS), console=console)
     except (BrokenProcessPool, KeyboardInterrupt):
         raise AutoexposeError("the ablation was stopped: the same command goes on where it was") from None
     _write(ablation_document(ablation), json_file)

@@ -47,6 +47,14 @@ applies from frame k + D; D = {MAIN_DELAY} unless stated otherwise.
   courses too, the second time after the first choice had missed the target of `pan` on these. Published policies run
   with their papers' parameters, on a sensor that is not their authors'. Better numbers on held-out courses than on
   those used for tuning mean that they are easier, which most policies agree on (the table by split).
+
+`autoexpose arena --count --policy fisher-map` counts what a policy's decision is made of: numbers, branches and
+fields of its snapshot, in every Python and C file that it reaches. Its output says how it counts; `--json FILE` has
+the same by file. `autoexpose arena --ablate` alters each constant of the default policy, or of another `--policy`:
+doubled, halved and, where a file declares it in `NEUTRAL`, at the value that has no effect. Each alteration is a
+process of its own that takes one tuning course of each scenario: an hour on two cores, less with `--quick`; after an
+interruption the same command goes on where it was. Unaltered code judges all by one yardstick. `--report FOLDER`
+writes the table. Constants of which the C extension has a copy cannot be altered so; they are listed below the table.
 """
 
 

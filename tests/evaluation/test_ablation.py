@@ -17,7 +17,7 @@ from evaluation.arena.ablation import ablation as ablation_module
 from evaluation.arena.ablation.ablation import ALL, ablate, ablation_courses, policy_constants
 from evaluation.arena.ablation.ablation_report import ablation_document, print_ablation, write_ablation
 from evaluation.arena.ablation.altered import AlteredModule, Request
-from evaluation.arena.ablation.constants import constants_of
+from evaluation.arena.ablation.constants import constants_in_c, constants_of
 from evaluation.arena.ablation.course import Course, Decisions, judge, roll_out, start_of
 from evaluation.arena.ablation.kept import Kept
 from evaluation.arena.race import run_course
@@ -109,8 +109,21 @@ def test_nothing_of_control_is_loaded_before_the_alteration() -> None:
 
 
 def test_every_constant_of_the_default_policy_is_found() -> None:
-    names = {constant.name for constant in policy_constants("fisher-map")}
-    assert {"FisherMap.PROBES.worth", "BEATING_STOPS", "LONGEST_STEP", "HOLD_GAIN_FOLLOWING", "FRONT_END_DN"} < names
+    alterable, copied = ({constant.name for constant in each} for each in policy_constants("fisher-map"))
+    assert {"FisherMap.PROBES.worth", "BEATING_STOPS", "LONGEST_STEP", "HOLD_GAIN_FOLLOWING"} < alterable
+    assert {"CELLS", "QUANTISATION", "NEARER_UP"} < copied
+
+
+def test_constants_of_c_are_found_by_name_and_value() -> None:
+    source = """
+#define NEAR_PX 0.4
+#define ROUND (1.0 / 12.0) /* of 12 */
+#define SHARE 1e-3f // of all
+#define GUARD_H
+#define CALL(x) (3)
+enum { CELLS = 8, ALL = CELLS * CELLS, BIG = 1 << 4, LAST = 3 };
+"""
+    assert constants_in_c(source) == {("NEAR_PX", 0.4), ("ROUND", 1 / 12), ("SHARE", 1e-3), ("CELLS", 8), ("LAST", 3)}
 
 
 def test_a_course_judged_again_has_the_scores_of_the_arena() -> None:

@@ -13,10 +13,10 @@ from rich.console import Console
 
 from drivers.errors import AutoexposeError, ConfigurationError
 from evaluation.arena.ablation.altered import Request, run_altered
-from evaluation.arena.ablation.constants import Constant, constants_of
+from evaluation.arena.ablation.constants import Constant, constants_in_c, constants_of
 from evaluation.arena.ablation.course import Course, Decisions, judge, start_of
 from evaluation.arena.ablation.kept import Kept
-from evaluation.arena.count import python_files
+from evaluation.arena.count import c_files, python_files
 from evaluation.arena.plan import MAIN_DELAY, TUNE_SCENES
 from evaluation.arena.results import results
 from evaluation.arena.runs import Run
@@ -72,10 +72,17 @@ def ablation_courses(scenarios: Sequence[str], quick: bool) -> list[Course]:
     return chosen
 
 
-def policy_constants(policy: str) -> list[Constant]:
-    """Those of all files of control that the policy's decision reaches (`count.RULE`)."""
-    files = {module: path for module, path in python_files(policy).items() if module.startswith("autoexpose_daemon.")}
-    return [each for module, path in files.items() for each in constants_of(module, path.read_text(encoding="utf-8"))]
+def policy_constants(policy: str) -> tuple[list[Constant], list[Constant]]:
+    """Those of all files of control that the policy's decision reaches (`count.RULE`), and those with a copy in C.
+
+    The copy has the same name and value. Altering the other would do nothing, or only half of it.
+    """
+    files = python_files(policy)
+    in_c = {each for path in c_files(list(files.values())) for each in constants_in_c(path.read_text(encoding="utf-8"))}
+    ours = {module: path for module, path in files.items() if module.startswith("autoexpose_daemon.")}
+    found = [each for module, path in ours.items() for each in constants_of(module, path.read_text(encoding="utf-8"))]
+    copied = [constant for constant in found if (constant.name, constant.value) in in_c]
+    return [constant for constant in found if constant not in copied], copied
 
 
 def ablate(

@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from evaluation.arena.ablation.ablation import ALL, Ablation, Figures
+from evaluation.arena.ablation.ablation import ALL, Ablation, Figures, policy_constants
 from evaluation.arena.count import ROOT, c_files, count_c, count_python, python_files
 
 COLUMNS: dict[str, tuple[str, str]] = {
@@ -67,9 +67,11 @@ def not_altered(ablation: Ablation) -> str:
     in_c = {path: count_c(path.read_text(encoding="utf-8")).numbers for path in c_files(python)}
     named = ", ".join(str(path.relative_to(ROOT)) for path, count in in_c.items() if count)
     constants = len({(trial.constant.module, trial.constant.name) for trial in ablation.trials})
+    copied = ", ".join(constant.name for constant in policy_constants(ablation.policy)[1]) or "none"
     return (
         f"Altered: {constants} constants. Not altered: numbers in tables and within functions (Python has {numbers} "
-        f"numbers in all), and all {sum(in_c.values())} in C, which is built already ({named})."
+        f"numbers in all), and all {sum(in_c.values())} in C, which is built already ({named}), so none of which C "
+        f"has a copy: {copied}."
     )
 
 

@@ -18,6 +18,9 @@ _OPERATIONS: dict[type[ast.operator], Callable[[float, float], float]] = {
     ast.Div: operator.truediv,
     ast.Pow: operator.pow,
 }
+_DEFINED_IN_C = re.compile(
+    r"(?:#define\s+(\w+)\s+|\b(\w+)\s*=\s*)\(?([\d.][\deE.*/ +-]*)[fFuUlL]*\)?\s*(?:$|[,;}]|/[/*])", re.M
+)
 _UPPER_CASE = re.compile(r"_?[A-Z][A-Z0-9_]*")
 _FIRST_SENTENCE = re.compile(r".*?(?<!\.)(?<!e\.g)\.(?=\s|$)", re.DOTALL)
 
@@ -74,6 +77,16 @@ def constants_of(module: str, source: str) -> list[Constant]:
                     texts = _altered(value, neutral.get(full_name))
                     changes = {what: Alteration(module, *place, text) for what, text in texts.items()}
                     found.append(Constant(module, full_name, value, reason, changes))
+    return found
+
+
+def constants_in_c(source: str) -> set[tuple[str, float]]:
+    """Names and values that a C file gives numbers by #define, in an enum or otherwise."""
+    found = set()
+    for macro, other, text in _DEFINED_IN_C.findall(source):
+        value = _number(ast.parse(text.strip(), mode="eval").body)
+        if value is not None:
+            found.add((macro or other, value))
     return found
 
 
