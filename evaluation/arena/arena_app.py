@@ -21,7 +21,6 @@ from evaluation.arena.ablation.ablation import ablate as ablate_policy
 from evaluation.arena.ablation.ablation import ablation_courses, policy_constants
 from evaluation.arena.ablation.ablation_report import ablation_document, print_ablation, write_ablation
 from evaluation.arena.ablation.course import Course
-from evaluation.arena.ablation.kept import Kept
 from evaluation.arena.arena_report import cells, mean_ratios, write_arena_report
 from evaluation.arena.count import count_policy, print_count
 from evaluation.arena.plan import Task, full_plan, quick_plan
@@ -102,7 +101,7 @@ def _count(policy: str, json_file: Path | None) -> None:
 def _ablate(policy: str, courses: Sequence[Course], jobs: int, json_file: Path | None, report: Path | None) -> None:
     console = Console()
     try:
-        ablation = ablate_policy(policy, policy_constants(policy)[0], courses, jobs, Kept(_ABLATIONS), console=console)
+        ablation = ablate_policy(policy, policy_constants(policy)[0], courses, jobs, _ABLATIONS, console=console)
     except (BrokenProcessPool, KeyboardInterrupt):
         raise AutoexposeError("the ablation was stopped: the same command goes on where it was") from None
     _write(ablation_document(ablation), json_file)

@@ -12,9 +12,8 @@ from pathlib import Path
 from typing import Any
 
 from autoexpose_daemon.control.policies.ids import PLACES
-from drivers.config.files import replace_file
-from drivers.errors import AutoexposeError
 from evaluation.experiments.experiment import Job, Plain
+from evaluation.kept import KeptResults
 
 _OURS = ("autoexpose_daemon", "calibration", "drivers", "evaluation", "fake_camera")
 _LIBRARIES = ("numpy", "opencv-python-headless", "numba", "evo")
@@ -27,25 +26,15 @@ class ResultCache:
     """
 
     def __init__(self, folder: Path) -> None:
-        self._folder = folder
+        self._kept = KeptResults(folder)
 
     def get(self, job: Job) -> tuple[Plain] | None:
         """The result in a tuple, because it may be None; None when no result is kept."""
-        try:
-            return (json.loads(self._path(job).read_text(encoding="utf-8")),)
-        except (FileNotFoundError, ValueError):
-            return None
+        return self._kept.get(self.key(job))
 
     def put(self, job: Job, result: Plain) -> None:
         """Keep a result, atomically; AutoexposeError when it cannot be written."""
-        path = self._path(job)
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            replace_file(path, json.dumps(result).encode())
-        except OSError as error:
-            raise AutoexposeError(
-                f"{path}: the result cannot be saved ({error.strerror}): fix that and run the same command to resume"
-            ) from None
+        self._kept.put(self.key(job), result)
 
     def key(self, job: Job) -> str:
         """Equal for jobs that have the same result."""
@@ -53,10 +42,6 @@ class ResultCache:
         digest = _digest(job.measure.__module__, policies)
         parts = [job.measure.__module__, job.measure.__qualname__, job.arguments, digest]
         return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
-
-    def _path(self, job: Job) -> Path:
-        key = self.key(job)
-        return self._folder / key[:2] / f"{key}.json"
 
 
 _TABLE = "autoexpose_daemon.control.policies.table"

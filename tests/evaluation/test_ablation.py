@@ -6,6 +6,7 @@ import importlib
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +17,9 @@ from drivers.errors import AutoexposeError, ConfigurationError
 from evaluation.arena.ablation import ablation as ablation_module
 from evaluation.arena.ablation.ablation import ALL, ablate, ablation_courses, policy_constants
 from evaluation.arena.ablation.ablation_report import ablation_document, print_ablation, write_ablation
-from evaluation.arena.ablation.altered import AlteredModule, Request
+from evaluation.arena.ablation.altered import AlteredModule, Request, run_altered
 from evaluation.arena.ablation.constants import constants_in_c, constants_of
 from evaluation.arena.ablation.course import Course, Decisions, judge, roll_out, start_of
-from evaluation.arena.ablation.kept import Kept
 from evaluation.arena.race import run_course
 from evaluation.arena.scores import Score
 from evaluation.scenes.scenarios import SCENARIOS, WARM_UP_FRAMES
@@ -108,6 +108,15 @@ def test_nothing_of_control_is_loaded_before_the_alteration() -> None:
     assert subprocess.check_output([sys.executable, "-c", asked], text=True).strip() == "[]"
 
 
+def test_a_fresh_process_runs_what_is_altered() -> None:
+    module = "autoexpose_daemon.control.policies.published.begin2022"
+    source = Path(importlib.import_module(module).__file__ or "").read_text(encoding="utf-8")
+    (alteration, *_) = constants_of(module, source)[0].alterations.values()
+    broken = replace(alteration, text="unheard_of")
+    answer = run_altered(Request(broken, "begin2022", [("step_down", "room", 0)], [(100.0, 0.0)], frames=1))
+    assert answer == "NameError: name 'unheard_of' is not defined"
+
+
 def test_every_constant_of_the_default_policy_is_found() -> None:
     alterable, copied = ({constant.name for constant in each} for each in policy_constants("fisher-map"))
     assert {"FisherMap.PROBES.worth", "BEATING_STOPS", "LONGEST_STEP", "HOLD_GAIN_FOLLOWING"} < alterable
@@ -122,6 +131,8 @@ def test_constants_of_c_are_found_by_name_and_value() -> None:
 #define GUARD_H
 #define CALL(x) (3)
 enum { CELLS = 8, ALL = CELLS * CELLS, BIG = 1 << 4, LAST = 3 };
+int x = 3 *
+    width;
 """
     assert constants_in_c(source) == {("NEAR_PX", 0.4), ("ROUND", 1 / 12), ("SHARE", 1e-3), ("CELLS", 8), ("LAST", 3)}
 
@@ -169,7 +180,7 @@ def made_up(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.usefixtures("made_up")
 def test_table_has_a_row_for_each_alteration(tmp_path: Path) -> None:
     console = Console(record=True, width=200)
-    ablation = ablate("fisher-map", CONSTANTS, COURSES, 1, Kept(tmp_path), console=console)
+    ablation = ablate("fisher-map", CONSTANTS, COURSES, 1, tmp_path, console=console)
 
     trials = {(trial.constant.name, trial.what): trial for trial in ablation.trials}
     assert [trial.idle for trial in ablation.trials] == [True, True, False, False, False, True]
@@ -197,7 +208,7 @@ def test_table_has_a_row_for_each_alteration(tmp_path: Path) -> None:
 @pytest.mark.usefixtures("made_up")
 def test_an_interrupted_ablation_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def run(constants: int) -> Any:
-        arguments = ("fisher-map", CONSTANTS[:constants], COURSES, 1, Kept(tmp_path))
+        arguments = ("fisher-map", CONSTANTS[:constants], COURSES, 1, tmp_path)
         return ablate(*arguments, console=Console(quiet=True))
 
     asked: list[str] = []
@@ -218,10 +229,10 @@ def test_an_interrupted_ablation_goes_on(tmp_path: Path, monkeypatch: pytest.Mon
 def test_a_policy_that_cannot_be_compared_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(ablation_module, "run_altered", lambda request: [[{"level": 6}] for _ in request.courses])
     with pytest.raises(AutoexposeError, match="decides otherwise"):
-        ablate("fisher-map", CONSTANTS, COURSES, 1, Kept(tmp_path), console=Console(quiet=True))
+        ablate("fisher-map", CONSTANTS, COURSES, 1, tmp_path, console=Console(quiet=True))
     monkeypatch.setattr(ablation_module, "run_altered", lambda request: "ValueError: no")
     with pytest.raises(AutoexposeError, match="fails without any alteration: ValueError: no"):
-        ablate("fisher-map", CONSTANTS, COURSES, 1, Kept(tmp_path / "other"), console=Console(quiet=True))
+        ablate("fisher-map", CONSTANTS, COURSES, 1, tmp_path / "other", console=Console(quiet=True))
 
 
 def test_quick_has_few_courses_and_all_are_for_tuning() -> None:

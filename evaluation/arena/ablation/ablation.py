@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from contextlib import closing
 from dataclasses import asdict, dataclass, replace
+from pathlib import Path
 from typing import Any
 
 from rich.console import Console
@@ -15,17 +17,20 @@ from drivers.errors import AutoexposeError, ConfigurationError
 from evaluation.arena.ablation.altered import Request, run_altered
 from evaluation.arena.ablation.constants import Constant, constants_in_c, constants_of
 from evaluation.arena.ablation.course import Course, Decisions, judge, start_of
-from evaluation.arena.ablation.kept import Kept
-from evaluation.arena.count import c_files, python_files
+from evaluation.arena.count import ROOT, c_files, python_files
 from evaluation.arena.plan import MAIN_DELAY, TUNE_SCENES
 from evaluation.arena.results import results
 from evaluation.arena.runs import Run
 from evaluation.arena.scores import Score
+from evaluation.kept import KeptResults
 from evaluation.pool import over_processes
 from evaluation.progress import LongProgress
 
 QUICK_SCENARIOS = ("step_up", "pan", "flicker")
 """Those in which single rules of `fisher-map` weighed most: jumps out of white, motion, light that beats."""
+
+_CODE = ("autoexpose_daemon/control", "calibration", "drivers", "evaluation", "fake_camera/world")
+"""The folders whose files decide what comes out."""
 
 ALL = "all"
 """In the place of a scenario: all courses together."""
@@ -90,18 +95,21 @@ def ablate(
     constants: Sequence[Constant],
     courses: Sequence[Course],
     jobs: int,
-    kept: Kept,
+    folder: Path,
     *,
     console: Console,
     frames: int | None = None,
 ) -> Ablation:
     """Take a policy through all courses with each constant altered, in `jobs` processes.
 
+    What is finished is kept in `folder`, and found there by the next call unless any code changed.
+
     Raises
     ------
     AutoexposeError
         If the unaltered policy fails, or does not decide the same twice.
     """
+    kept = _Kept(folder)
     trials = [(constant, what) for constant in constants for what in constant.alterations]
     starts = dict(over_processes(start_of, courses, jobs))
     plain = Request(None, policy, courses, [starts[course] for course in courses], frames)
@@ -143,8 +151,29 @@ def ablate(
     )
 
 
+class _Kept:
+    """Results by what was asked, and the code that answered."""
+
+    def __init__(self, folder: Path) -> None:
+        state = hashlib.sha256()
+        for path in sorted(path for room in _CODE for path in (ROOT / room).rglob("*")):
+            if path.suffix in (".py", ".so", ".npz"):
+                state.update(str(path.relative_to(ROOT)).encode() + path.read_bytes())
+        self._code = state.hexdigest()
+        self._results = KeptResults(folder)
+
+    def get(self, asked: Any) -> tuple[Any] | None:
+        return self._results.get(self._key(asked))
+
+    def put(self, asked: Any, result: Any) -> None:
+        self._results.put(self._key(asked), result)
+
+    def _key(self, asked: Any) -> str:
+        return hashlib.sha256(json.dumps([self._code, asked], sort_keys=True).encode()).hexdigest()
+
+
 def _taken(
-    requests: Sequence[Request], jobs: int, kept: Kept, advance: Callable[[], None]
+    requests: Sequence[Request], jobs: int, kept: _Kept, advance: Callable[[], None]
 ) -> list[list[Decisions] | str]:
     """The decisions of each request, or how it failed."""
 
@@ -172,7 +201,7 @@ _Asked = tuple[str, Course, list[str], int | None]
 
 
 def _judged(
-    asked: Sequence[_Asked], jobs: int, kept: Kept, advance: Callable[[], None]
+    asked: Sequence[_Asked], jobs: int, kept: _Kept, advance: Callable[[], None]
 ) -> dict[Course, dict[str, dict[str, Any]]]:
     """The scores of all ways to take each course, by the decisions as JSON."""
     scores = {}

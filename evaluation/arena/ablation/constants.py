@@ -6,6 +6,7 @@ import ast
 import operator
 import re
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -84,9 +85,10 @@ def constants_in_c(source: str) -> set[tuple[str, float]]:
     """Names and values that a C file gives numbers by #define, in an enum or otherwise."""
     found = set()
     for macro, other, text in _DEFINED_IN_C.findall(source):
-        value = _number(ast.parse(text.strip(), mode="eval").body)
-        if value is not None:
-            found.add((macro or other, value))
+        with suppress(SyntaxError):  # cut off within an expression
+            value = _number(ast.parse(text.strip(), mode="eval").body)
+            if value is not None:
+                found.add((macro or other, value))
     return found
 
 
