@@ -33,6 +33,8 @@ from fake_camera.world.scene.panorama import load_radiance
 
 _FRAME_S = 0.005  # of one core per frame and policy, measured on full arenas of 14 policies
 
+_ALL_POLICIES = ",".join(POLICY_IDS)
+
 _ABLATIONS = Path("out/ablation")
 """Where what is finished of an ablation is kept."""
 
@@ -46,7 +48,7 @@ def arena(
     full: Annotated[bool, typer.Option("--full", help="Every scenario in many scenes: up to an hour.")] = False,
     json_file: Annotated[Path | None, typer.Option("--json", help="Write all numbers to this JSON file.")] = None,
     report: Annotated[Path | None, typer.Option(help="Write a report with plots into this folder.")] = None,
-    policies: Annotated[str, typer.Option(help="Ids, separated by commas.")] = ",".join(POLICY_IDS),
+    policies: Annotated[str, typer.Option(help="Ids, separated by commas.")] = _ALL_POLICIES,
     scenarios: Annotated[str, typer.Option(help="Ids, separated by commas.")] = ",".join(SCENARIOS),
     pictures: Annotated[Path | None, typer.Option(help="A folder of Radiance .hdr files: further scenes.")] = None,
     jobs: Annotated[int, typer.Option(min=1, help="Processes.")] = len(os.sched_getaffinity(0)),
@@ -61,10 +63,13 @@ def arena(
     if json_file is not None and not json_file.parent.is_dir():
         raise ConfigurationError(f"{json_file}: there is no folder {json_file.parent}: create it or name another file")
     if count or ablate:
+        if full or pictures or policies != _ALL_POLICIES or (count and (ablate or quick or report)):
+            raise ConfigurationError(
+                "--count takes --policy and --json, --ablate also --quick, --scenarios, --jobs and --report: leave the "
+                "others out"
+            )
         check_policy_id(policy)
         _check_places(json_file, report)
-        if full or (count and (ablate or quick or report)):
-            raise ConfigurationError("--count takes only --policy and --json, --ablate no --full: leave the others out")
         if count:
             _count(policy, json_file)
         else:

@@ -236,5 +236,6 @@ def test_a_policy_that_cannot_be_compared_is_refused(tmp_path: Path, monkeypatch
 def test_quick_has_few_courses_and_all_are_for_tuning() -> None:
     whole, quick = (ablation_courses(list(SCENARIOS), quick) for quick in (False, True))
     assert [scenario for scenario, _, _ in whole] == list(SCENARIOS) and set(quick) < set(whole)
+    assert ablation_courses(["pan"], False) == [course for course in whole if course[0] == "pan"]
     with pytest.raises(ConfigurationError, match="step_up"):
         ablation_courses(["tunnel"], True)

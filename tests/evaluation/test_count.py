@@ -136,7 +136,10 @@ def test_command_counts_the_default_policy(tmp_path: Path, monkeypatch: pytest.M
         assert str(counts[what]) in result.output
 
 
-@pytest.mark.parametrize("options", [["--count", "--quick"], ["--count", "--ablate"], ["--ablate", "--full"]])
+@pytest.mark.parametrize(
+    "options",
+    [["--count", "--quick"], ["--count", "--ablate"], ["--ablate", "--full"], ["--ablate", "--policies", "fixed"]],
+)
 def test_counting_and_ablating_go_alone(options: list[str]) -> None:
     with pytest.raises(ConfigurationError, match="leave the others out"):
         app(options, standalone_mode=False)

@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from contextlib import closing
 from dataclasses import asdict, dataclass, replace
+from itertools import cycle
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +26,7 @@ from evaluation.arena.scores import Score
 from evaluation.kept import KeptResults
 from evaluation.pool import over_processes
 from evaluation.progress import LongProgress
+from evaluation.scenes.scenarios import SCENARIOS
 
 QUICK_SCENARIOS = ("step_up", "pan", "flicker")
 """Those in which single rules of `fisher-map` weighed most: jumps out of white, motion, light that beats."""
@@ -69,9 +71,9 @@ class Ablation:
 
 
 def ablation_courses(scenarios: Sequence[str], quick: bool) -> list[Course]:
-    """One tuning course for each scenario, if it is to be quick only of `QUICK_SCENARIOS`."""
-    courses = [(scenario, TUNE_SCENES[place % len(TUNE_SCENES)], 0) for place, scenario in enumerate(scenarios)]
-    chosen = [course for course in courses if not quick or course[0] in QUICK_SCENARIOS]
+    """One tuning course for each scenario, the same whichever are chosen; if quick, only of `QUICK_SCENARIOS`."""
+    scenes = dict(zip(SCENARIOS, cycle(TUNE_SCENES), strict=False))
+    chosen = [(each, scenes[each], 0) for each in scenarios if not quick or each in QUICK_SCENARIOS]
     if not chosen:
         raise ConfigurationError(f"--ablate --quick is of {', '.join(QUICK_SCENARIOS)}: choose of these, or no --quick")
     return chosen
