@@ -54,7 +54,7 @@ def arena(
     jobs: Annotated[int, typer.Option(min=1, help="Processes.")] = len(os.sched_getaffinity(0)),
     count: Annotated[bool, typer.Option("--count", help="Only count what --policy's decision is made of.")] = False,
     ablate: Annotated[
-        bool, typer.Option("--ablate", help="Alter each constant of --policy: an hour, some minutes with --quick.")
+        bool, typer.Option("--ablate", help="Alter each constant of --policy: over an hour, half with --quick.")
     ] = False,
     policy: Annotated[str, typer.Option(help="Of --count and --ablate.")] = DEFAULT_POLICY,
 ) -> None:
