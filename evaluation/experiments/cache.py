@@ -11,7 +11,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from autoexpose_daemon.control.policies.ids import PLACES
+from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY, PLACES
 from evaluation.experiments.experiment import Job, Plain
 from evaluation.kept import KeptResults
 
@@ -47,6 +47,9 @@ class ResultCache:
 _TABLE = "autoexpose_daemon.control.policies.table"
 """Loads policies by their names, so no import statement leads to them."""
 
+_IDS = "autoexpose_daemon.control.policies.ids"
+"""Lists them: another policy in it changes no result of the others."""
+
 
 @cache
 def _digest(module: str, policies: tuple[str, ...] = tuple(PLACES)) -> str:
@@ -67,10 +70,12 @@ def _digest(module: str, policies: tuple[str, ...] = tuple(PLACES)) -> str:
             ahead += [f"{_TABLE.rpartition('.')[0]}.{PLACES[policy].rpartition('.')[0]}" for policy in policies]
     state = hashlib.sha256()
     for name in sorted(reached):
-        state.update(name.encode() + b"\0" + reached[name].read_bytes() + b"\0")
+        if name != _IDS:
+            state.update(name.encode() + b"\0" + reached[name].read_bytes() + b"\0")
         weights = reached[name].with_suffix(".npz")  # of a learned policy
         if weights.exists():
             state.update(weights.read_bytes())
+    state.update(repr([DEFAULT_POLICY, *((policy, PLACES[policy]) for policy in policies)]).encode())
     for library in _LIBRARIES:
         state.update(f"{library} {_version(library)}".encode())
     return state.hexdigest()

@@ -18,7 +18,7 @@ FEWEST = 10
 
 @dataclass(frozen=True, slots=True)
 class Interval:
-    """An estimate with its 95 % bootstrap interval."""
+    """An estimate with its interval, of 95 % unless stated otherwise."""
 
     value: float
     low: float
@@ -43,7 +43,10 @@ def mean_interval(values: ArrayLike, seed: int = 0) -> Interval:
 
 
 def clustered(
-    clusters: ArrayLike, statistic: Callable[[NDArray[np.float64]], NDArray[np.float64]], seed: int = 0
+    clusters: ArrayLike,
+    statistic: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+    seed: int = 0,
+    percent: float = 95.0,
 ) -> Interval:
     """A statistic with its percentile bootstrap interval, which draws whole clusters.
 
@@ -55,33 +58,94 @@ def clustered(
         From (draws, clusters, ...) to (draws,); draws for which it is NaN do not count.
     seed
         Of the draws.
+    percent
+        Of the interval.
     """
     sample = np.asarray(clusters, np.float64)
-    low, high = np.nanpercentile(statistic(sample[_draws(len(sample), seed)]), [2.5, 97.5])
+    tail = (100.0 - percent) / 2
+    low, high = np.nanpercentile(statistic(sample[_draws(len(sample), seed)]), [tail, 100.0 - tail])
     return Interval(float(statistic(sample[None])[0]), float(low), float(high))
 
 
-def over_places(values: ArrayLike, places: Sequence[str], seed: int = 0) -> Interval:
-    """Mean of values with its interval over places: values of one place are alike, and drawn together.
+def over_places(
+    values: ArrayLike, places: Sequence[str], weights: ArrayLike | None = None, percent: float = 95.0
+) -> Interval:
+    """Sum of values over the sum of weights, their mean without, with its interval over places.
 
-    With fewer than `FEWEST` places draws say too little about the spread between them: then it is Student's interval of
-    the means of the places.
+    Values of one place are alike, and drawn together. With fewer than `FEWEST` places draws say too little about the
+    spread between them: then it is Student's interval.
     """
-    sample = np.asarray(values, np.float64)
     names, of = np.unique(np.asarray(places), return_inverse=True)
-    counts = np.bincount(of)
-    sums = np.bincount(of, sample)
+    sums = np.bincount(of, np.asarray(values, np.float64))
+    totals = np.bincount(of, None if weights is None else np.asarray(weights, np.float64))
     if len(names) >= FEWEST:
-        return clustered(np.stack([sums, counts], axis=1), lambda drawn: _ratio(drawn.sum(axis=1)), seed)
-    means, middle = sums / counts, float(sample.mean())
-    if len(names) < 2:
-        return Interval(middle, -math.inf, math.inf)
-    half = float(t.ppf(0.975, len(names) - 1) * means.std(ddof=1) / math.sqrt(len(names)))
+        return clustered(np.stack([sums, totals], axis=1), lambda drawn: _ratio(drawn.sum(axis=1)), percent=percent)
+    middle, half = float(sums.sum() / totals.sum()), math.inf
+    if len(names) > 1:
+        spread = math.sqrt(len(names) * ((sums - middle * totals) ** 2).sum() / (len(names) - 1)) / totals.sum()
+        half = float(t.ppf(0.5 + percent / 200.0, len(names) - 1) * spread)
     return Interval(middle, middle - half, middle + half)
 
 
 def _ratio(sums: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.asarray(sums[:, 0] / sums[:, 1])
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.asarray(np.where(sums[:, 1] > 0, sums[:, 0] / sums[:, 1], np.nan))
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """How much worse one policy is than another, paired by place.
+
+    Attributes
+    ----------
+    worse, narrow
+        As a share of the other's, below 0 for better; with its intervals of 95 % and 90 %.
+    left_out
+        Courses that do not count here, because one of both failed.
+    """
+
+    worse: Interval
+    narrow: Interval
+    left_out: int = 0
+
+    @classmethod
+    def of_errors(
+        cls, own: NDArray[np.float64], other: NDArray[np.float64], failed: NDArray[np.bool_], places: Sequence[str]
+    ) -> Comparison:
+        """By the geometric mean of the ratio of errors, over courses in which neither failed; no room can set it."""
+        kept = np.flatnonzero(~failed)
+        if not kept.size:
+            nothing = Interval(math.nan, -math.inf, math.inf)
+            return cls(nothing, nothing, len(failed))
+        logs, at = np.log(own[kept] / other[kept]), [one for one, out in zip(places, failed, strict=True) if not out]
+        wide, narrow = (over_places(logs, at, percent=percent) for percent in (95.0, 90.0))
+        return cls(_of_logs(wide), _of_logs(narrow), len(failed) - len(kept))
+
+    @classmethod
+    def of_means(
+        cls, losses: NDArray[np.float64], other: NDArray[np.float64] | None, places: Sequence[str]
+    ) -> Comparison:
+        """By what is lost to the other over what the other has; None: by what is lost, for values that are shares."""
+        wide, narrow = (over_places(losses, places, other, percent) for percent in (95.0, 90.0))
+        return cls(wide, narrow)
+
+    @property
+    def seen(self) -> float:
+        """The smallest difference that could have been seen: half the width of the 90 % interval."""
+        return (self.narrow.high - self.narrow.low) / 2
+
+    def noninferior(self, margin: float) -> str:
+        """The verdict: "better", "not inferior" (worse by less than a margin, with 95 % confidence), "inferior"
+        (worse by more), or "undecided"."""
+        if self.worse.high < 0:
+            return "better"
+        if self.narrow.high < margin:
+            return "not inferior"
+        return "inferior" if self.narrow.low > margin else "undecided"
+
+
+def _of_logs(logs: Interval) -> Interval:
+    return Interval(math.expm1(logs.value), math.expm1(logs.low), math.expm1(logs.high))
 
 
 def pearson(first: ArrayLike, second: ArrayLike, seed: int = 0) -> Interval:

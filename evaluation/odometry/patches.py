@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
+
+from fake_camera.world.compiled import compiled
 
 HALF = 5
 """Half the size of patches, pixels."""
 
 FAINT = 1.0
 """Standard deviation (grey levels) that a patch needs to be distinguishable from its surroundings."""
+
+FLAT = 1e-3
+"""A smaller one is not divided by."""
 
 
 def place(
@@ -39,14 +46,7 @@ def place(
     margin = HALF + np.array(reach)
     inside = ((at >= HALF) & (at < limit - HALF) & (near >= margin) & (near < limit - margin)).all(axis=1)
     at, near = np.where(inside[:, None], at, HALF), np.where(inside[:, None], near, margin)
-    patch, contrast = _normalised(_cut(source, at, (HALF, HALF)))
-    area = _cut(target, near, (HALF + reach[0], HALF + reach[1]))
-    size = 2 * HALF + 1
-    costs = np.empty((len(at), 2 * reach[1] + 1, 2 * reach[0] + 1), np.float32)
-    for row, column in np.ndindex(costs.shape[1:]):
-        window, _ = _normalised(area[:, row : row + size, column : column + size])
-        difference = window - patch
-        costs[:, row, column] = np.einsum("nij,nij->n", difference, difference)
+    costs, contrast = _costs(source, target, at, near, reach)
     best = costs.reshape(len(at), costs.shape[1] * costs.shape[2]).argmin(axis=1)
     rows, columns = best // costs.shape[2], best % costs.shape[2]
     index = np.arange(len(at))
@@ -56,18 +56,52 @@ def place(
     return found, inside & x_good & y_good & (contrast > FAINT)
 
 
-def _cut(image: NDArray[np.uint8], at: NDArray[np.intp], half: tuple[int, int]) -> NDArray[np.float32]:
-    """The surroundings of points (n, 2), shape (n, rows, columns)."""
-    rows = at[:, 1, None] + np.arange(-half[1], half[1] + 1)
-    columns = at[:, 0, None] + np.arange(-half[0], half[0] + 1)
-    return np.asarray(image[rows[:, :, None], columns[:, None, :]], np.float32)
+@compiled()  # type: ignore[untyped-decorator]
+def _costs(
+    source: NDArray[np.uint8],
+    target: NDArray[np.uint8],
+    at: NDArray[np.intp],
+    near: NDArray[np.intp],
+    reach: tuple[int, int],
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """How much normalised patches differ at each shift, (n, rows, columns), and the deviation of each patch, (n,)."""
+    reach_x, reach_y = reach
+    costs = np.empty((len(at), 2 * reach_y + 1, 2 * reach_x + 1), np.float32)
+    contrast = np.empty(len(at), np.float32)
+    pixels = (2 * HALF + 1) ** 2
+    for point in range(len(at)):
+        x, y = at[point]
+        patch = source[y - HALF : y + HALF + 1, x - HALF : x + HALF + 1]
+        mean, deviation = _moments(patch)
+        contrast[point] = deviation
+        for row in range(2 * reach_y + 1):
+            for column in range(2 * reach_x + 1):
+                left, top = near[point, 0] - reach_x + column - HALF, near[point, 1] - reach_y + row - HALF
+                window = target[top : top + 2 * HALF + 1, left : left + 2 * HALF + 1]
+                mean_there, deviation_there = _moments(window)
+                shared = 0
+                for i in range(2 * HALF + 1):
+                    for j in range(2 * HALF + 1):
+                        shared += int(patch[i, j]) * int(window[i, j])
+                covariance = shared / pixels - mean * mean_there
+                here, there = max(deviation, FLAT), max(deviation_there, FLAT)
+                costs[point, row, column] = pixels * (
+                    (deviation / here) ** 2 + (deviation_there / there) ** 2 - 2.0 * covariance / (here * there)
+                )
+    return costs, contrast
 
 
-def _normalised(patches: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Patches of mean 0 and standard deviation 1, and the deviations they had."""
-    centred = patches - patches.mean(axis=(1, 2), keepdims=True)
-    deviation = np.sqrt(np.einsum("nij,nij->n", centred, centred) / (patches.shape[1] * patches.shape[2]))
-    return centred / np.maximum(deviation, 1e-3)[:, None, None], deviation
+@compiled()  # type: ignore[untyped-decorator]
+def _moments(window: NDArray[np.uint8]) -> tuple[float, float]:
+    """Mean and standard deviation."""
+    total, squares = 0, 0
+    for i in range(window.shape[0]):
+        for j in range(window.shape[1]):
+            value = int(window[i, j])
+            total += value
+            squares += value * value
+    mean = total / window.size
+    return mean, math.sqrt(max(squares / window.size - mean * mean, 0.0))
 
 
 def _least(costs: NDArray[np.float32], least: NDArray[np.intp]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:

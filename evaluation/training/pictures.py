@@ -16,7 +16,7 @@ PAINTERS = ("leaves", "street")
 """`room` is the third of `TUNE_SCENES` (evaluation.arena.plan)."""
 
 SEEDS = range(20, 32)
-"""Below 100, as all that may be tuned on (`FIRST_HELD_OUT_SEED`); none is a room of fig12 or a painting of `worth`."""
+"""Below 100, as all that may be tuned on; none is a room of fig12 or a painting of `worth`."""
 
 HEADINGS = 6
 """Views of each room."""

@@ -11,21 +11,25 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY, POLICY_IDS
 from drivers.exposure import ExposureSetting
+from evaluation.committed import PAINTINGS
 from evaluation.experiments.experiment import Figure, Table
-from evaluation.experiments.statistics import over_places
+from evaluation.experiments.statistics import Comparison, over_places
 from evaluation.experiments.worth import matches_judge, worth
 from evaluation.experiments.worth.contenders import CONTENDERS
 from evaluation.experiments.worth.matches import courses, hindsight
-from evaluation.experiments.worth.matches.closed_loop import START, measure_policies
-from evaluation.experiments.worth.matches.courses import SETS, Course
+from evaluation.experiments.worth.matches.closed_loop import START
+from evaluation.experiments.worth.matches.courses import Course
 from evaluation.experiments.worth.matches.groups import SHOWN
 from evaluation.experiments.worth.matches.hindsight import best, measure_bounds
-from evaluation.experiments.worth.matches.scoring import CHOICE_SEED, JUDGES, SCORING_SEEDS
+from evaluation.experiments.worth.matches.scenes import StillView
+from evaluation.experiments.worth.matches.scoring import CHOICE_SEED, JUDGES, PAIR_JUDGES, SCORING_SEEDS
+from evaluation.experiments.worth.matches_judge import measure_contender
 from evaluation.experiments.worth.names import BOUNDS
-from evaluation.experiments.worth.tables import Verdicts
+from evaluation.experiments.worth.tables import MARGINS, Verdicts, claims_tables
 from evaluation.stage.camera import LIMITS
 from tests.evaluation.sections import check_no_prose
 
@@ -47,7 +51,7 @@ def test_hindsight_is_chosen_on_one_noise_and_scored_on_others(monkeypatch: pyte
     first = {row["judge"]: row for row in measure_bounds(course=COURSE.plain()) if "time_us" in row}
     monkeypatch.setattr(hindsight, "SCORING_SEEDS", (7,))
     other = {row["judge"]: row for row in measure_bounds(course=COURSE.plain()) if "time_us" in row}
-    assert set(first) == set(JUDGES)
+    assert set(first) == set(PAIR_JUDGES)
     for judge, row in first.items():
         assert (row["time_us"], row["gain_db"]) == (other[judge]["time_us"], other[judge]["gain_db"])
         assert row["time_us"] > 75.0  # 6 grey levels
@@ -55,7 +59,7 @@ def test_hindsight_is_chosen_on_one_noise_and_scored_on_others(monkeypatch: pyte
 
 
 def test_of_equals_the_setting_with_most_matches_is_best() -> None:
-    values = [dict.fromkeys(JUDGES, 0.0) | {"matches-orb-raw": matches} for matches in (10.0, 30.0, 20.0)]
+    values = [dict.fromkeys(PAIR_JUDGES, 0.0) | {"matches-orb-raw": matches} for matches in (10.0, 30.0, 20.0)]
     assert best("lost-pairs-klt-raw", values) == 1
     values[2]["klt-error-raw"] = -1.0
     assert best("klt-error-raw", values) == 2
@@ -65,12 +69,13 @@ def test_of_equals_the_setting_with_most_matches_is_best() -> None:
 def test_the_experiment_gives_every_policy_the_same_courses() -> None:
     names = [DEFAULT_POLICY, "fixed", "begin2022"]
     given = {"course": COURSE.plain()}
-    found = [*measure_bounds(**given), *measure_policies(**given, policies=names)]
+    found = [*measure_bounds(**given), *(row for one in names for row in measure_contender(**given, contender=one))]
     data = worth.data([(given, found)])
     assert isinstance(data, dict) and json.loads(json.dumps(data, allow_nan=False)) == data
     assert data["default_policy"] == DEFAULT_POLICY and data["better"] == JUDGES
     rows = {(row["judge"], row["course"], row["policy"]) for row in data["results"]}
-    assert rows == set(product(JUDGES, [COURSE.name], [*names, *BOUNDS])) and len(rows) == len(data["results"])
+    policies = product(JUDGES, [COURSE.name], names)
+    assert rows == {*policies, *product(PAIR_JUDGES, [COURSE.name], BOUNDS)} and len(rows) == len(data["results"])
 
 
 def rows_of(values: dict[str, list[float]], judge: str) -> list[dict[str, Any]]:
@@ -89,14 +94,67 @@ def test_incomplete_results_are_refused() -> None:
         Verdicts([*rows[:-1], rows[-1] | {"value": math.nan}], JUDGES)
 
 
-def test_better_is_better_whichever_way_a_judge_counts() -> None:
+def test_worse_is_worse_whichever_way_a_judge_counts() -> None:
     base = np.random.default_rng(1).uniform(1.0, 2.0, 20)
     values = {DEFAULT_POLICY: list(base), "fixed": list(1.2 * base)}
-    up = Verdicts(rows_of(values, "matches-orb-raw"), JUDGES).gain("matches-orb-raw", "fixed")
-    down = Verdicts(rows_of(values, "klt-error-raw"), JUDGES).gain("klt-error-raw", "fixed")
-    assert up is not None and down is not None
-    assert up.value == pytest.approx(0.2) and up.low > 0.1
-    assert down.value == pytest.approx(-0.2) and down.high < -0.1
+    up = Verdicts(rows_of(values, "matches-orb-raw"), JUDGES).compare("matches-orb-raw", "fixed", DEFAULT_POLICY)
+    down = Verdicts(rows_of(values, "klt-error-raw"), JUDGES).compare("klt-error-raw", "fixed", DEFAULT_POLICY)
+    assert up and up.worse.value == pytest.approx(-0.2) and up.worse.high < -0.1
+    assert down and down.worse.value == pytest.approx(0.2) and down.worse.low > 0.1
+
+
+def errors_of(policy: str, errors: NDArray[np.float64], failed: set[int]) -> list[dict[str, Any]]:
+    return [
+        row | {"failed": place in failed} for place, row in enumerate(rows_of({policy: list(errors)}, "odometry-raw"))
+    ]
+
+
+def test_errors_are_compared_by_their_ratio_and_failures_set_no_mean() -> None:
+    """One room in which a policy errs by a hundred times moves the ratio by a few percent; a failure moves nothing."""
+    rng = np.random.default_rng(4)
+    base = np.exp(rng.normal(0.0, 1.0, 72))
+    own = 1.05 * base * np.exp(rng.normal(0.0, 0.1, 72))
+    own[3], own[5] = 20.0, 20.0
+    rows = [*errors_of("mine", own, {5}), *errors_of("other", base, {5, 6})]
+    verdicts = Verdicts(rows, {"odometry-raw": "lower"})
+    found = verdicts.compare("odometry-raw", "mine", "other")
+    kept = [place for place in range(72) if place not in {5, 6}]
+    assert found and found.left_out == 2
+    assert found.worse.value == pytest.approx(float(np.exp(np.log(own / base)[kept].mean())) - 1.0)
+    assert found.worse.low < found.narrow.low < found.worse.value < found.narrow.high < found.worse.high
+    average = verdicts.average("odometry-raw", "mine")
+    assert average and average.value == pytest.approx(float(np.exp(np.log(np.delete(own, 5)).mean())))
+    text = " ".join(cell for table in claims_tables(verdicts, ["other"], "mine") for row in table.rows for cell in row)
+    assert f"± {100 * found.seen:.1f}" in text and found.noninferior(MARGINS["odometry-raw"]) in text
+
+
+def test_where_all_runs_failed_nothing_is_said_of_errors() -> None:
+    rows = [*errors_of("mine", np.full(12, 20.0), set(range(12))), *errors_of("other", np.ones(12), set())]
+    verdicts = Verdicts(rows, {"odometry-raw": "lower"})
+    found = verdicts.compare("odometry-raw", "mine", "other")
+    assert found and found.left_out == 12 and found.noninferior(0.1) == "undecided"
+    assert verdicts.average("odometry-raw", "mine") is None
+
+
+@pytest.mark.parametrize(
+    ("worse", "verdict"),
+    [(-0.1, "better"), (0.0, "not inferior"), (0.04, "not inferior"), (0.09, "undecided"), (0.3, "inferior")],
+)
+def test_noninferiority_is_shown_by_the_interval_not_by_its_width(worse: float, verdict: str) -> None:
+    values = worse + 0.2 * np.random.default_rng(5).normal(0.0, 1.0, 72)
+    values += worse - values.mean()
+    found = Comparison.of_means(values, np.ones(72), [str(place) for place in range(72)])
+    assert found.noninferior(0.1) == verdict
+    assert found.seen == pytest.approx(1.645 * 0.2 / 72**0.5, rel=0.1)
+
+
+def test_a_loss_is_a_share_of_what_the_other_has() -> None:
+    """Also with few places, where the interval is Student's."""
+    rng = np.random.default_rng(6)
+    for places in (8, 40):
+        other = rng.uniform(0.5, 1.5, places)
+        found = Comparison.of_means(0.1 * other, other, [str(place) for place in range(places)])
+        assert found.worse.value == pytest.approx(0.1) and found.seen < 1e-6
 
 
 @pytest.mark.usefixtures("short")
@@ -130,10 +188,8 @@ def test_everyone_takes_part() -> None:
         for job in jobs:
             course = job.arguments["course"]
             assert isinstance(course, dict)
-            policies, contender = job.arguments.get("policies", []), job.arguments.get("contender")
-            assert isinstance(policies, list)
-            by_course.setdefault(Course(**course).name, set()).update([*policies, *([contender] if contender else [])])  # type: ignore[list-item]
-        assert all(taking_part == names for taking_part in by_course.values())
+            by_course.setdefault(Course(**course).name, set()).add(str(job.arguments.get("contender", "bounds")))
+        assert all(taking_part == {*names, "bounds"} for taking_part in by_course.values())
 
 
 def test_a_cap_holds_and_fixed_stays_where_it_was_put() -> None:
@@ -144,12 +200,25 @@ def test_a_cap_holds_and_fixed_stays_where_it_was_put() -> None:
 
 
 def test_tuning_and_report_share_no_picture() -> None:
-    tuning, report = (SETS[name]() for name in ("tuning", "report"))
+    tuning, report = (courses.courses(name) for name in ("tuning", "report"))
     assert not {course.scene for course in tuning} & {course.scene for course in report}
-    for courses_of_set in (tuning, report):
-        assert len({course.name for course in courses_of_set}) == len(courses_of_set)
-        assert {course.light for course in courses_of_set} == {"steady", "up", "down"}
-        assert {course.speed_px for course in courses_of_set} == set(courses.SPEEDS_PX)
+    assert not {course.seed for course in tuning} & {course.seed for course in report}
+    for every in (tuning, report):
+        assert len({course.name for course in every}) == len(every)
+        assert {course.light for course in every} == {"steady", "up", "down"}
+        assert {course.speed_px for course in every} > set(courses.SPEEDS_PX)
+        assert {"default", "pan", "dim, turning", "delay 3"} < {course.kind for course in every}
+        assert len({course.scene for course in every}) >= 4 * PAINTINGS
+
+
+def test_a_pan_shows_one_side_of_a_still_and_then_the_other() -> None:
+    still = np.repeat(np.linspace(0.1, 1.0, 1000, dtype=np.float32)[None], 640, axis=0)
+    means = []
+    for pan in (False, True):
+        view = StillView(still, 10.0, 1, pan=pan)
+        seen = [float(view.radiance(time_s).mean()) for time_s in np.linspace(0.0, 4.0, 25)]
+        means.append(max(seen) - min(seen))
+    assert means[1] > 1.3 * means[0] and means[1] > 0.4
 
 
 def test_light_steps_where_the_course_says() -> None:
@@ -167,9 +236,9 @@ def test_courses_through_one_picture_are_drawn_together() -> None:
         for policy, better in ((DEFAULT_POLICY, 0.0), ("fixed", 1.0))
         for course, value in base.items()
     ]
-    gain = Verdicts(rows, JUDGES).gain("matches-orb-raw", "fixed")
-    assert gain is not None and gain.value == pytest.approx(0.5)
-    assert gain.low < -1.0 and gain.high > 2.0
+    found = Verdicts(rows, JUDGES).compare("matches-orb-raw", "fixed", DEFAULT_POLICY)
+    assert found is not None and found.worse.value == pytest.approx(-0.5)
+    assert found.worse.low < -2.0 and found.worse.high > 1.0
 
 
 def test_an_interval_over_many_places_is_that_of_their_draws() -> None:

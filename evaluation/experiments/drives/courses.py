@@ -9,12 +9,13 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from evaluation.committed import FURNISHED_ROOMS
 from evaluation.experiments.experiment import Claim, Verdict
 from evaluation.experiments.statistics import FEWEST, Interval, mean_interval
 
-ROOMS = range(200, 224)
+ROOMS = FURNISHED_ROOMS
 """Rooms of full runs, each driven through once: its number is also the seed of its heading, so that no two courses
-share anything. Nothing was tuned on them, and none was seen before their number was fixed."""
+share anything."""
 
 FEWEST_ROOMS = FEWEST
 """With fewer, draws say too little about the spread between rooms."""

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
-from evaluation.experiments.experiment import Job, Plain
-from evaluation.experiments.worth.contenders import APART, CONTENDERS, PUBLISHED
-from evaluation.experiments.worth.matches.closed_loop import measure_policies, run
-from evaluation.experiments.worth.matches.courses import SETS, Course
+from evaluation.experiments.experiment import Job
+from evaluation.experiments.worth.contenders import CONTENDERS
+from evaluation.experiments.worth.matches.closed_loop import run
+from evaluation.experiments.worth.matches.courses import Course
+from evaluation.experiments.worth.matches.courses import courses as courses_of
 from evaluation.experiments.worth.matches.courses import quick as some_of
 from evaluation.experiments.worth.matches.hindsight import measure_bounds
 from evaluation.experiments.worth.matches.scoring import JUDGES
@@ -21,24 +23,21 @@ def jobs(quick: bool) -> list[Job]:
 
 
 def jobs_of(name: str, quick: bool) -> list[Job]:
-    """The jobs of one of `SETS`: for each course its bounds, the published policies together, and all others apart.
+    """The jobs of the tuning or the report set: for each course its bounds, and each contender."""
+    courses = some_of(courses_of(name)) if quick else courses_of(name)
+    bounds = [Job(measure_bounds, {"course": course.plain()}, 33.0, ()) for course in courses]
+    return [*bounds, *contender_jobs(courses, list(CONTENDERS))]
 
-    So a change to one of these leaves the results of all others kept.
-    """
-    courses = SETS[name]()
-    published = [one.policy_id for one in PUBLISHED]
-    work: list[Job] = []
-    for course in some_of(courses) if quick else courses:
-        given: dict[str, Plain] = {"course": course.plain()}
-        arguments: dict[str, Plain] = {**given, "policies": list(published)}
-        work += [
-            Job(measure_bounds, given, 33.0, ()),
-            Job(measure_policies, arguments, 1.3 * len(published), tuple(published)),
-            *(Job(measure_contender, {**given, "contender": one.name}, 1.5, (one.policy_id,)) for one in APART),
-        ]
-    return work
+
+def contender_jobs(courses: Sequence[Course], contenders: Sequence[str]) -> list[Job]:
+    """One for each course and each of `CONTENDERS`: when one changes, the results of the others are still kept."""
+    return [
+        Job(measure_contender, {"course": course.plain(), "contender": one}, 1.5, (CONTENDERS[one].policy_id,))
+        for course in courses
+        for one in contenders
+    ]
 
 
 def measure_contender(*, course: dict[str, Any], contender: str) -> list[dict[str, Any]]:
     """Rows of one of `CONTENDERS`."""
-    return run(Course(**course), [CONTENDERS[contender]])
+    return run(Course(**course), CONTENDERS[contender])

@@ -1,14 +1,15 @@
-"""Judge: odometry in rooms with natural texture, with every policy in closed loop, beside what no policy can know."""
+"""Judge: odometry in rooms with natural texture, with every policy in closed loop."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, Literal
 
 from evaluation.experiments.experiment import Job, Plain
-from evaluation.experiments.worth.contenders import APART, CONTENDERS, PUBLISHED
+from evaluation.experiments.worth.contenders import CONTENDERS
 from evaluation.experiments.worth.matches.pairs import PREPARATIONS
-from evaluation.experiments.worth.odometry.closed_loop import measure_bounds, measure_policies, run
-from evaluation.experiments.worth.odometry.drives import SETS, Drive
+from evaluation.experiments.worth.odometry.closed_loop import TRIED_STOPS, hindsight, run
+from evaluation.experiments.worth.odometry.drives import LUX, Drive, drives
 from evaluation.experiments.worth.odometry.drives import quick as some_of
 
 JUDGES: dict[str, Literal["higher", "lower"]] = {
@@ -17,8 +18,11 @@ JUDGES: dict[str, Literal["higher", "lower"]] = {
 }
 """Translation RPE over 20 mm (mm) on frames as they are and preprocessed; share of these runs that failed."""
 
-QUICK = ("begin2022", "begin2022-code", "neves2009", "fixed")
-"""Of the published policies, in a quick run."""
+GROUP = len(LUX)
+"""Drives of a job, one of each kind."""
+
+SET_UP_S, COST_PER_S = 2.0, 3.5
+"""Seconds of one core to build a room, and for a second of a drive with one contender."""
 
 
 def jobs(quick: bool) -> list[Job]:
@@ -27,26 +31,38 @@ def jobs(quick: bool) -> list[Job]:
 
 
 def jobs_of(name: str, quick: bool) -> list[Job]:
-    """The jobs of one of `SETS`: for each drive its bounds, the published policies together, and all others apart."""
-    drives = SETS[name]()
-    published = [one.policy_id for one in PUBLISHED if not quick or one.policy_id in QUICK]
-    work: list[Job] = []
-    for drive in some_of(drives) if quick else drives:
-        given: dict[str, Plain] = {"drive": drive.plain()}
-        cost_s = COST_PER_S * drive.seconds
-        arguments: dict[str, Plain] = {**given, "policies": list(published)}
-        work += [
-            Job(measure_bounds, given, BOUNDS_COST_PER_S * drive.seconds, ()),
-            Job(measure_policies, arguments, cost_s * len(published), tuple(published)),
-            *(Job(measure_contender, {**given, "contender": one.name}, cost_s, (one.policy_id,)) for one in APART),
-        ]
-    return work
+    """The jobs of the tuning or the report set: for each group of drives the best in hindsight, and each contender."""
+    courses = some_of(drives(name)) if quick else drives(name)
+    bounds = [
+        Job(measure_hindsight, {"drives": group}, cost_s * (len(TRIED_STOPS) + 1), ())
+        for group, cost_s in _groups(courses)
+    ]
+    return [*bounds, *contender_jobs(courses, list(CONTENDERS))]
 
 
-COST_PER_S, BOUNDS_COST_PER_S = 6.0, 45.0
-"""Seconds of one core for a second of a drive: one contender, and all bounds."""
+def contender_jobs(courses: Sequence[Drive], contenders: Sequence[str]) -> list[Job]:
+    """One for each group of drives and each of `CONTENDERS`: a change of one leaves the results of the others kept."""
+    return [
+        Job(measure_contender, {"drives": group, "contender": one}, cost_s, (CONTENDERS[one].policy_id,))
+        for group, cost_s in _groups(courses)
+        for one in contenders
+    ]
 
 
-def measure_contender(*, drive: dict[str, Any], contender: str) -> list[dict[str, Any]]:
+def _groups(courses: Sequence[Drive]) -> list[tuple[list[Plain], float]]:
+    """Drives that a job takes together, and what one contender on them costs (s of one core)."""
+    groups = [courses[first : first + GROUP] for first in range(0, len(courses), GROUP)]
+    return [
+        ([drive.plain() for drive in group], sum(SET_UP_S + COST_PER_S * drive.seconds for drive in group))
+        for group in groups
+    ]
+
+
+def measure_contender(*, drives: list[dict[str, Any]], contender: str) -> list[dict[str, Any]]:
     """Rows of one of `CONTENDERS`."""
-    return run(Drive.of(drive), [CONTENDERS[contender]])
+    return [row for drive in drives for row in run(Drive.of(drive), CONTENDERS[contender])]
+
+
+def measure_hindsight(*, drives: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Rows of `fixed-in-hindsight`."""
+    return [row for drive in drives for row in hindsight(Drive.of(drive))]

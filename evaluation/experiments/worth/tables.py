@@ -1,9 +1,9 @@
-"""What judges say, over courses: means with their intervals, and paired differences to the default policy."""
+"""What judges say, over courses: means with their intervals, and the default policy compared with all others."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -11,12 +11,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
+from evaluation.committed import ERROR_MARGIN, FEATURE_MARGIN
 from evaluation.drawing import COLOURS, panels, save
-from evaluation.experiments.experiment import Plain, Table
-from evaluation.experiments.statistics import FEWEST, Interval, over_places
+from evaluation.experiments.experiment import Table
+from evaluation.experiments.statistics import FEWEST, Comparison, Interval, over_places
+from evaluation.experiments.worth.names import NOT_COUNTED
 
-BEYOND = 0.02
-"""A difference matters when its whole interval is beyond this share of the default's mean."""
+MARGINS = {
+    "odometry-raw": ERROR_MARGIN,
+    "odometry-preprocessed": ERROR_MARGIN,
+    "matches-orb-raw": FEATURE_MARGIN,
+    "matches-orb-preprocessed": FEATURE_MARGIN,
+    "matches-sift-raw": FEATURE_MARGIN,
+    "lost-pairs-raw": ERROR_MARGIN,
+    "bad-frames": ERROR_MARGIN,
+}
+"""The judges by which a policy is inferior or not, most important first, and by how much it may be worse."""
+
+FAILURES = "odometry-failures"
+"""Its values are compared as they are, since most are 0."""
 
 _FEW = f"Of fewer than {FEWEST} places it is Student's interval."
 
@@ -32,7 +45,7 @@ class Verdicts:
     Parameters
     ----------
     rows
-        {judge, course, policy, value, ...}.
+        {judge, course, policy, value, ...}; of judges whose values are errors of runs also {failed}.
     better
         Which values of each judge are better.
 
@@ -44,10 +57,14 @@ class Verdicts:
 
     def __init__(self, rows: Iterable[Mapping[str, Any]], better: Better) -> None:
         self.better = better
-        self._gains: dict[tuple[str, str], Interval | None] = {}
+        self._comparisons: dict[tuple[str, str, str], Comparison | None] = {}
+        self._failed: dict[str, set[tuple[str, str]]] = {}
         self._values: dict[str, dict[str, dict[str, float]]] = {judge: {} for judge in better}
         for row in rows:
             self._values[row["judge"]].setdefault(row["policy"], {})[row["course"]] = float(row["value"])
+            if "failed" in row:
+                failed = self._failed.setdefault(row["judge"], set())
+                failed |= {(row["policy"], row["course"])} if row["failed"] else set()
         for judge, by_policy in self._values.items():
             courses = {frozenset(by_course) for by_course in by_policy.values()}
             if len(courses) > 1:
@@ -81,25 +98,49 @@ class Verdicts:
         """Mean of some courses."""
         return float(np.mean([self._values[judge][policy][course] for course in courses]))
 
-    def gain(self, judge: str, policy: str) -> Interval | None:
-        """How much better than the default a policy is, as a share of the default's mean, paired by course."""
-        if (judge, policy) not in self._gains:
-            self._gains[judge, policy] = self._gain(judge, policy)
-        return self._gains[judge, policy]
-
-    def _gain(self, judge: str, policy: str) -> Interval | None:
-        own, default = self.values(judge, policy), self.values(judge, DEFAULT_POLICY)
-        if own is None or default is None:
+    def average(self, judge: str, policy: str) -> Interval | None:
+        """Mean of a policy over courses; of errors the geometric mean of the runs that did not fail."""
+        values = self.values(judge, policy)
+        if values is None or judge not in self._failed:
+            return None if values is None else over_places(values, self.places(judge))
+        kept = np.flatnonzero(~self._failures(judge, policy))
+        if not kept.size:
             return None
-        sign = 1.0 if self.better[judge] == "higher" else -1.0
-        # A default that loses nothing can only be equalled; any scale shows that.
-        scale = float(default.mean()) or 1.0
-        return over_places(sign * (own - default) / scale, self.places(judge))
+        logs = over_places(np.log(values[kept]), [self.places(judge)[place] for place in kept])
+        return Interval(math.exp(logs.value), math.exp(logs.low), math.exp(logs.high))
 
-    def plain(self) -> Plain:
+    def compare(self, judge: str, policy: str, other: str) -> Comparison | None:
+        """How much worse a policy is than another; None where this judge has not seen both."""
+        key = (judge, policy, other)
+        if key not in self._comparisons:
+            self._comparisons[key] = self._compare(*key)
+        return self._comparisons[key]
+
+    def _compare(self, judge: str, policy: str, other: str) -> Comparison | None:
+        own, others, places = self.values(judge, policy), self.values(judge, other), self.places(judge)
+        if own is None or others is None:
+            return None
+        if judge in self._failed:
+            failed = self._failures(judge, policy) | self._failures(judge, other)
+            return Comparison.of_errors(own, others, failed, places)
+        losses = own - others if self.better[judge] == "lower" else others - own
+        # Something that never happened to the other has no share that it could be compared with.
+        return Comparison.of_means(losses, None if judge == FAILURES or not others.any() else others, places)
+
+    def _failures(self, judge: str, policy: str) -> NDArray[np.bool_]:
+        courses = sorted(self._values[judge][policy])
+        return np.array([(policy, course) in self._failed[judge] for course in courses])
+
+    def among(self, courses: Collection[str]) -> Verdicts:
+        """The same on some of the courses."""
+        rows: list[dict[str, Any]] = self.plain()["results"]
+        return Verdicts((row for row in rows if row["course"] in courses), self.better)
+
+    def plain(self) -> dict[str, Any]:
         """For `--json`."""
         results: list[dict[str, Any]] = [
             {"judge": judge, "course": course, "policy": policy, "value": value}
+            | ({"failed": (policy, course) in self._failed[judge]} if judge in self._failed else {})
             for judge in self.judges
             for policy, by_course in self._values[judge].items()
             for course, value in by_course.items()
@@ -112,39 +153,84 @@ def means_tables(verdicts: Verdicts) -> list[Table]:
     """Mean of each judge and policy, with its interval over the courses' pictures, rooms or parks."""
 
     def cell(judge: str, policy: str) -> str:
-        values = verdicts.values(judge, policy)
-        if values is None:
-            return "-"
-        return over_places(values, verdicts.places(judge)).text(_form(float(values.mean())))
+        average = verdicts.average(judge, policy)
+        return "-" if average is None else average.text(_form(average.value))
 
-    caption = f"Mean over courses, [95 % interval over their pictures, rooms or parks]. {_FEW}"
+    caption = (
+        f"Mean over courses, [95 % interval over their pictures, rooms or parks]. {_FEW} "
+        "Errors of odometry: geometric mean over the runs that did not fail."
+    )
     return _tables(verdicts, caption, cell)
+
+
+def claims_tables(verdicts: Verdicts, rivals: Sequence[str], subject: str = DEFAULT_POLICY) -> list[Table]:
+    """Whether a policy is inferior to each rival, by the judges that decide; then those who are only shown."""
+    judges = [judge for judge in MARGINS if judge in verdicts.judges]
+    rivals = [
+        *(one for one in rivals if one not in NOT_COUNTED),
+        *(one for one in NOT_COUNTED if one in verdicts.policies),
+    ]
+
+    def claim(judge: str, rival: str) -> str:
+        found = verdicts.compare(judge, subject, rival)
+        if found is None:
+            return "-"
+        verdict = "" if rival in NOT_COUNTED else f", {found.noninferior(MARGINS[judge])}"
+        return f"{_percent(found.narrow)} ± {100 * found.seen:.1f}{verdict}"
+
+    rows = [[f"`{rival}`", *(claim(judge, rival) for judge in judges)] for rival in rivals]
+    heads = ["compared with", *(f"`{judge}`, margin {MARGINS[judge]:.0%}" for judge in judges)]
+    caption = (
+        f"How much worse `{subject}` is than each other, in %, [90 % interval over pictures or rooms], ± the smallest "
+        "difference that could have been seen. Not inferior: worse by less than the margin, with 95 % confidence; "
+        "better: the whole 95 % interval is below 0. Errors of odometry: geometric mean of the ratio over the rooms in "
+        f"which neither failed. {', '.join(f'`{one}`' for one in NOT_COUNTED)} are shown, and count for nothing."
+    )
+    return [Table(caption, heads, rows), *_failures_table(verdicts, rivals, subject)]
+
+
+def _failures_table(verdicts: Verdicts, rivals: Sequence[str], subject: str) -> list[Table]:
+    rows = []
+    for rival in rivals:
+        apart = verdicts.compare(FAILURES, subject, rival) if FAILURES in verdicts.judges else None
+        if apart is not None:
+            shares = [verdicts.average(FAILURES, policy) for policy in (subject, rival)]
+            pairs = [verdicts.compare(judge, subject, rival) for judge in MARGINS if judge.startswith("odometry")]
+            rows.append([
+                f"`{rival}`", *(f"{100 * one.value:.1f}" for one in shares if one), _percent(apart.worse),
+                *(str(one.left_out) for one in pairs if one),
+            ])  # fmt: skip
+    heads = [
+        "compared with",
+        f"`{subject}` failed, %",
+        "it failed, %",
+        "difference [95 %]",
+        "left out, raw",
+        "preprocessed",
+    ]
+    caption = (
+        "Runs of odometry that failed, and rooms in which one of both did, which the comparison of errors leaves out."
+    )
+    return [Table(caption, heads, rows)] if rows else []
 
 
 def gains_tables(verdicts: Verdicts) -> list[Table]:
     """How much better than the default each policy is, paired by course."""
 
     def cell(judge: str, policy: str) -> str:
-        gain = verdicts.gain(judge, policy)
+        gain = _gain(verdicts, judge, policy)
         return "-" if gain is None or policy == DEFAULT_POLICY else _percent(gain)
 
     caption = (
-        f"How much better than `{DEFAULT_POLICY}`, paired by course, in % of its mean; below 0: worse. "
-        f"Intervals draw pictures, rooms or parks. {_FEW}"
+        f"How much better than `{DEFAULT_POLICY}`, paired by course, in % of what it has (`{FAILURES}`: of all runs); "
+        f"below 0: worse. 95 % intervals draw pictures, rooms or parks. {_FEW}"
     )
     return _tables(verdicts, caption, cell)
 
 
-def better_table(verdicts: Verdicts, allowed: Sequence[str]) -> Table:
-    """Those of `allowed` that are better than the default with the whole interval beyond `BEYOND`."""
-    rows = [
-        [f"`{judge}`", f"`{policy}`", _percent(gain)]
-        for judge in verdicts.judges
-        for policy in allowed
-        if (gain := verdicts.gain(judge, policy)) is not None and gain.low > BEYOND
-    ]
-    caption = f"Better than `{DEFAULT_POLICY}`, with the whole interval beyond {BEYOND:.0%} of its mean."
-    return Table(caption, ["judge", "policy", "better by %"], rows or [["nobody", "", ""]])
+def _gain(verdicts: Verdicts, judge: str, policy: str) -> Interval | None:
+    found = verdicts.compare(judge, policy, DEFAULT_POLICY)
+    return Interval(-found.worse.value, -found.worse.high, -found.worse.low) if found else None
 
 
 def plot_gains(verdicts: Verdicts, file: Path) -> None:
@@ -163,7 +249,7 @@ def plot_gains(verdicts: Verdicts, file: Path) -> None:
 
 
 def _draw_judge(axes: Any, verdicts: Verdicts, judge: str, policies: Sequence[str]) -> None:
-    known = [(row, gain) for row, policy in enumerate(policies) if (gain := verdicts.gain(judge, policy)) is not None]
+    known = [(row, gain) for row, policy in enumerate(policies) if (gain := _gain(verdicts, judge, policy)) is not None]
     rows, colours = [row for row, _ in known], [_colour(gain) for _, gain in known]
     middles, lows, highs = (100 * np.array([(gain.value, gain.low, gain.high) for _, gain in known])).T
     axes.hlines(rows, lows, highs, colors=colours, linewidth=1.2)
@@ -177,8 +263,8 @@ def _draw_judge(axes: Any, verdicts: Verdicts, judge: str, policies: Sequence[st
 
 
 def _colour(gain: Interval) -> str:
-    """Green: better, orange: worse, each with the whole interval beyond `BEYOND`."""
-    return COLOURS[2] if gain.low > BEYOND else COLOURS[1] if gain.high < -BEYOND else COLOURS[6]
+    """Green: better, orange: worse, each with the whole interval."""
+    return COLOURS[2] if gain.low > 0 else COLOURS[1] if gain.high < 0 else COLOURS[6]
 
 
 def _tables(verdicts: Verdicts, caption: str, cell: Any) -> list[Table]:

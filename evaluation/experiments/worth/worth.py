@@ -7,15 +7,16 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
+from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from evaluation.experiments.experiment import Experiment, Figure, Job, Plain, Results, Section, Table
 from evaluation.experiments.worth import matches_judge, odometry_judge, registration_judge
 from evaluation.experiments.worth.contenders import LEARNED, OURS, PUBLISHED
 from evaluation.experiments.worth.matches.groups import courses_of, matches_tables
 from evaluation.experiments.worth.matches.worst import plot_worst, worst_courses, worst_table
-from evaluation.experiments.worth.names import FIXED_IN_HINDSIGHT
+from evaluation.experiments.worth.names import NOT_COUNTED
 from evaluation.experiments.worth.odometry.setting import SETTING as ODOMETRY_SETTING
 from evaluation.experiments.worth.registration.setting import SETTING as REGISTRATION_SETTING
-from evaluation.experiments.worth.tables import BEYOND, Verdicts, better_table, gains_tables, means_tables, plot_gains
+from evaluation.experiments.worth.tables import Verdicts, claims_tables, gains_tables, means_tables, plot_gains
 
 _MODULES = (matches_judge, odometry_judge, registration_judge)
 
@@ -41,17 +42,18 @@ def section(results: Results, folder: Path, *, name: str = "worth") -> Section:
     figure = Figure(
         f"{name}.png",
         "How much better than the default each policy is, with 95 % intervals over pictures, rooms or parks: green "
-        f"where the whole interval is beyond {BEYOND:.0%} of its mean, orange where it is as far on the other side.",
+        "where the whole interval is above 0, orange where it is below.",
     )
     worst = worst_courses(results, verdicts)
     plot_worst(worst, results, folder / f"{name}_worst.png")
-    rivals = [one.name for one in (*PUBLISHED, *LEARNED)]
+    rivals = [one.name for one in (*PUBLISHED, *LEARNED) if one.name not in NOT_COUNTED]
+    ours = [one.name for one in OURS]
     parts: list[Table | Figure] = [
-        better_table(verdicts, [*rivals, FIXED_IN_HINDSIGHT]),
+        *claims_tables(verdicts, [*(one for one in ours if one != DEFAULT_POLICY), *rivals]),
         figure,
         *means_tables(verdicts),
         *gains_tables(verdicts),
-        *matches_tables(results, verdicts, rivals, [one.name for one in OURS]),
+        *matches_tables(results, verdicts, rivals, ours),
         worst_table(worst, verdicts),
         Figure(f"{name}_worst.png", "Frames of these courses: number, exposure time and gain."),
     ]

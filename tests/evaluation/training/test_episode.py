@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from evaluation.arena.plan import FIRST_HELD_OUT_SEED, HELD_OUT_SEEDS, TUNE_SCENES
-from evaluation.experiments.drives.courses import ROOMS
+from evaluation.arena.plan import HELD_OUT_SEEDS, TUNE_SCENES
+from evaluation.committed import FURNISHED_ROOMS, HELD_OUT_SEED
 from evaluation.training import pictures
 from evaluation.training.babbling import FAR_STOPS, babbled_levels
 from evaluation.training.episode import COLUMNS, ROWS, Episode
@@ -27,7 +27,7 @@ def episode(seed: int, frames: int = 30) -> Episode:
 def test_pictures_are_of_tuning_scenes_and_tuning_seeds() -> None:
     assert {*PAINTERS, "room"} <= {*TUNE_SCENES}
     assert not {*PAINTERS} & ({*HELD_OUT_SEEDS} - {"room"})
-    assert max(SEEDS) < 100 < FIRST_HELD_OUT_SEED and not {*SEEDS} & {*ROOMS}
+    assert max(SEEDS) < 100 < HELD_OUT_SEED and not {*SEEDS} & {*FURNISHED_ROOMS}
 
 
 def test_of_each_seed_there_are_paintings_and_a_room_all_around() -> None:

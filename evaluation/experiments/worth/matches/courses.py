@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 
 from calibration.response import ResponseFunction
+from evaluation.committed import PAINTINGS, REPORT_PAINTING, TUNING_PAINTING
 from evaluation.experiments.worth.matches.rig import DEFAULT_SENSOR, Eyes, Film
-from evaluation.experiments.worth.matches.scenes import HEIGHT, WIDTH, moving_view
+from evaluation.experiments.worth.matches.scenes import HEIGHT, WIDTH, is_panorama, moving_view
 from evaluation.experiments.worth.pictures import DATA, digest, stills
 from evaluation.scenes.responses import CameraResponse
 from evaluation.scenes.stills import PAINTERS
@@ -20,6 +21,9 @@ SPEEDS_PX = (0.5, 3.0, 10.0)
 
 LUX = (2.0, 10.0, 50.0, 300.0, 2000.0)
 """A street at night, a corridor, a living room, an office, shade outdoors."""
+
+DIM_LUX, TURN_PX, PANORAMA_TURN_PX = 5.0, 8.4, 3.5
+"""A cellar, and a turn of 67 degrees a second: of the rig's cameras, and of those before panoramas."""
 
 STEP_FACTOR = 100.0
 STEP_LUX = (2.0, 6.0, 20.0)
@@ -71,6 +75,8 @@ class Course:
         Of the path.
     sha256
         Of the picture's file.
+    pan
+        Whether the camera goes from one side of a still to the other and back, instead of along a circle.
     """
 
     scene: str
@@ -81,6 +87,7 @@ class Course:
     delay_frames: int = 2
     seed: int = 0
     sha256: str = ""
+    pan: bool = False
 
     @property
     def name(self) -> str:
@@ -92,11 +99,14 @@ class Course:
             "down": f"{self.lux * STEP_FACTOR:g} to {self.lux:g} lux",
         }[self.light]
         special = [self.sensor] * (self.sensor != "default") + [f"delay {self.delay_frames}"] * (self.delay_frames != 2)
+        special += ["pan"] * self.pan
         return ", ".join([picture, light, f"{self.speed_px:g} px", *special])
 
     @property
     def kind(self) -> str:
-        """What is special about the cameras: "default", a sensor or a delay."""
+        """What is special: "default", a sensor, a delay, a pan, or dim light and a turn."""
+        if self.pan or self.lux == DIM_LUX:
+            return "pan" if self.pan else "dim, turning"
         return self.sensor if self.delay_frames == 2 else f"delay {self.delay_frames}"
 
     @property
@@ -128,79 +138,89 @@ class Course:
 
     def film(self) -> Film:
         """What the cameras see."""
-        return Film(moving_view(self.scene, self.speed_px, self.seed), self.speed_px, self.lux_at)
+        return Film(moving_view(self.scene, self.speed_px, self.seed, pan=self.pan), self.speed_px, self.lux_at)
 
     def plain(self) -> dict[str, Any]:
         """As a job's argument."""
         return asdict(self)
 
 
-_PANORAMAS = (
-    *("apartment", "bridge", "city", "forest", "hall", "lab"),
-    *("lobby", "night", "park", "sunrise", "warehouse", "workshop"),
-)
-"""None is for tuning: they judge panning, too."""
+_PANORAMAS = {
+    "tuning": ("apartment", "city", "hall", "lobby", "park", "warehouse"),
+    "report": ("bridge", "forest", "lab", "night", "sunrise", "workshop"),
+}
 
 _LIGHTS = ("steady", "steady", "up", "steady", "steady", "down")
 
 
-def _varied(scenes: list[str], first: int = 0) -> list[Course]:
+def _varied(scenes: list[str], first_seed: int) -> list[Course]:
     """Each scene once; light and speed go round, so that all meet all."""
     courses = []
-    for place, scene in enumerate(scenes, first):
+    for place, scene in enumerate(scenes):
         light = _LIGHTS[(place + place // 15) % len(_LIGHTS)]
         lux = LUX[(2 * place + place // 15) % len(LUX)] if light == "steady" else STEP_LUX[place // 6 % len(STEP_LUX)]
         # Lights repeat after 6 and speeds after 3 places: the shift keeps them from going together.
         speed = SPEEDS_PX[(place + place // 3) % len(SPEEDS_PX)]
-        courses.append(Course(scene, lux, light, speed, seed=place, sha256=digest(scene)))
+        courses.append(Course(scene, lux, light, speed, seed=first_seed + place, sha256=digest(scene)))
     return courses
 
 
-def _special(scenes: list[str], kinds: list[tuple[str, int]]) -> list[Course]:
+def _pans(scenes: list[str], first_seed: int) -> list[Course]:
+    """From side to side of each still, slower and faster, in the light of rooms and outdoors."""
+    return [
+        Course(scene, LUX[1 + place // 2 % 4], "steady", SPEEDS_PX[1 + place % 2], seed=first_seed + place,
+               sha256=digest(scene), pan=True)
+        for place, scene in enumerate(scenes)
+    ]  # fmt: skip
+
+
+def _dim(scenes: list[str], first_seed: int) -> list[Course]:
+    """Each scene in dim light, while the camera turns."""
+    return [
+        Course(scene, DIM_LUX, "steady", PANORAMA_TURN_PX if is_panorama(scene) else TURN_PX, seed=first_seed + place,
+               sha256=digest(scene))
+        for place, scene in enumerate(scenes)
+    ]  # fmt: skip
+
+
+def _special(scenes: list[str], kinds: list[tuple[str, int]], first_seed: int) -> list[Course]:
     """One course for each kind of camera (sensor, delay)."""
     courses = []
     for place, (sensor, delay) in enumerate(kinds):
         scene, light = scenes[place % len(scenes)], _LIGHTS[(place + 2) % 3]
         lux = STEP_LUX[place % 3] if light != "steady" else (6.0, 150.0)[place % 2]
-        courses.append(Course(scene, lux, light, SPEEDS_PX[1 + place % 2], sensor, delay, place, digest(scene)))
+        speed, seed = SPEEDS_PX[1 + place % 2], first_seed + place
+        courses.append(Course(scene, lux, light, speed, sensor, delay, seed, digest(scene)))
     return courses
 
 
-_TUNING_KINDS = [("twice the read noise", 2), ("right eye dark", 2), ("default", 1), ("default", 3)]
+_KINDS = [("twice the read noise", 2), ("right eye dark", 2), ("default", 1), ("default", 3)]
 _REPORT_KINDS = [
-    ("twice the read noise", 2),
     ("a quarter of the full well", 2),
     ("s-shaped response", 2),
     ("gamma response", 2),
     ("Mono12", 2),
-    ("right eye dark", 2),
     ("right eye dirty", 2),
     ("right eye dead", 2),
-    ("default", 1),
-    ("default", 3),
 ]
 
 
-def tuning() -> list[Course]:
-    """For development: two photographs and painted stills."""
-    painted = [f"{painter}:{seed}" for seed in (3, 4) for painter in PAINTERS]
-    pictures = stills("tuning") or [f"{painter}:{seed}" for seed in (5, 6) for painter in PAINTERS]
-    return _varied([*pictures * 4, *painted]) + _special([*pictures, *painted], _TUNING_KINDS)
-
-
-def report() -> list[Course]:
-    """What counts: photographs that nothing was tuned on, and paintings of other seeds."""
-    painted = [f"{painter}:{seed}" for seed in (2003,) for painter in PAINTERS]
-    pictures = stills("report") or [f"{painter}:{seed}" for seed in (2004, 2005) for painter in PAINTERS]
-    panoramas = [scene for name in _PANORAMAS if (DATA / (scene := f"hdri_1k_cc0/{name}.hdr")).exists()]
+def courses(name: str) -> list[Course]:
+    """Those of the tuning or the report set, which share no picture: photographs, panoramas, and paintings."""
+    first = {"tuning": TUNING_PAINTING, "report": REPORT_PAINTING}[name]
+    painted = [f"{painter}:{first + place}" for place in range(PAINTINGS) for painter in PAINTERS]
+    photographs = stills(name) or [f"{painter}:{first + PAINTINGS}" for painter in PAINTERS]
+    panoramas = [scene for one in _PANORAMAS[name] if (DATA / (scene := f"hdri_1k_cc0/{one}.hdr")).exists()]
     # Twice, so that each kind has two scenes.
-    return _varied([*pictures * 3, *panoramas, *painted]) + _special([*pictures, *panoramas[::3]], _REPORT_KINDS * 2)
+    kinds = _KINDS if name == "tuning" else 2 * [*_KINDS, *_REPORT_KINDS]
+    return [
+        *_varied([*photographs * 3, *panoramas, *painted], first),
+        *_pans([*photographs, *painted], first),
+        *_dim([*photographs, *panoramas, *painted], first),
+        *_special([*photographs, *panoramas[::2]], kinds, first),
+    ]
 
 
-def quick(courses: list[Course]) -> list[Course]:
+def quick(every: list[Course]) -> list[Course]:
     """Six of a set, spread over it."""
-    return [courses[place] for place in np.linspace(0, len(courses) - 1, 6).round().astype(int)]
-
-
-SETS = {"tuning": tuning, "report": report}
-"""The sets by name. Nothing is chosen by the report set."""
+    return [every[place] for place in np.linspace(0, len(every) - 1, 6).round().astype(int)]

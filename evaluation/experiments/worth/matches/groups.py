@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from evaluation.experiments.experiment import Results, Table
 from evaluation.experiments.worth.matches.courses import Course
+from evaluation.experiments.worth.matches.scenes import is_panorama
 from evaluation.experiments.worth.matches.scoring import JUDGES
 from evaluation.experiments.worth.names import FIXED_IN_HINDSIGHT
-from evaluation.experiments.worth.tables import Verdicts
+from evaluation.experiments.worth.tables import Verdicts, claims_tables
 
 SHOWN = ("matches-orb-raw", "matches-orb-preprocessed", "pose-error-orb-raw", "klt-error-raw", "klt-error-preprocessed")
 """Of the judges, in tables by groups of courses."""
@@ -19,17 +21,36 @@ SHOWN = ("matches-orb-raw", "matches-orb-preprocessed", "pose-error-orb-raw", "k
 _BY: dict[str, Callable[[Course], str]] = {
     "light": lambda course: f"{course.lux:g} lux" if course.light == "steady" else f"step {course.light}",
     "speed": lambda course: f"{course.speed_px:g} px",
-    "camera": lambda course: course.kind,
+    "kind": lambda course: course.kind,
 }
 
 
 def matches_tables(
     results: Results, verdicts: Verdicts, rivals: Sequence[str], settings_of: Sequence[str]
 ) -> list[Table]:
-    """Tables by light, by speed and by camera, and of the settings that contenders chose."""
+    """Whether the default is inferior on hard courses; by light, speed and kind; the settings that contenders chose."""
     courses = courses_of(results)
     tables = [_by(verdicts, courses, kind, rivals) for kind in _BY]
-    return [*tables, _settings(results, courses, [*settings_of, FIXED_IN_HINDSIGHT])]
+    return [
+        *_claims(verdicts, courses, [*rivals, *settings_of]),
+        *tables,
+        _settings(results, courses, [*settings_of, FIXED_IN_HINDSIGHT]),
+    ]
+
+
+def _claims(verdicts: Verdicts, courses: Mapping[str, Course], rivals: Sequence[str]) -> list[Table]:
+    """The judges that decide, on the courses that are hardest for exposure."""
+    groups = {
+        "In dim light, turning": {name for name, course in courses.items() if course.kind == "dim, turning"},
+        "Pans over stills and paintings": {name for name, course in courses.items() if course.pan},
+        "Panoramas": {name for name, course in courses.items() if is_panorama(course.scene)},
+    }
+    return [
+        replace(table, caption=f"{title}: {table.caption}")
+        for title, names in groups.items()
+        if names
+        for table in claims_tables(verdicts.among(names), [one for one in rivals if one != DEFAULT_POLICY])
+    ]
 
 
 def courses_of(results: Results) -> dict[str, Course]:

@@ -14,7 +14,7 @@ from evaluation.experiments.worth.matches.rig import Film, Rig
 from evaluation.experiments.worth.matches.scoring import (
     CHECKED_EVERY,
     CHOICE_SEED,
-    JUDGES,
+    PAIR_JUDGES,
     SCORING_SEEDS,
     Scorer,
     mean_values,
@@ -42,10 +42,10 @@ def measure_bounds(*, course: dict[str, Any]) -> list[dict[str, Any]]:
     film = given.film()
     firsts = given.scored[:-1][::CHECKED_EVERY]
     tried = _try_all(film, Rig(film, given.eyes, CHOICE_SEED), firsts)
-    fixed = {judge: best(judge, [mean_values(tried[setting]) for setting in GRID]) for judge in JUDGES}
+    fixed = {judge: best(judge, [mean_values(tried[setting]) for setting in GRID]) for judge in PAIR_JUDGES}
     by_pair = {
         judge: [best(judge, [tried[setting][place] for setting in GRID]) for place in range(len(firsts))]
-        for judge in JUDGES
+        for judge in PAIR_JUDGES
     }
     rigs = [Rig(film, given.eyes, seed) for seed in SCORING_SEEDS]
     fixed_values = _score_fixed(given, film, rigs, fixed)
@@ -59,7 +59,7 @@ def measure_bounds(*, course: dict[str, Any]) -> list[dict[str, Any]]:
 
 def best(judge: str, values: Sequence[Pair]) -> int:
     """Index of the best by a judge; where several are equal, of those the one with the most matches."""
-    sign = 1.0 if JUDGES[judge] == "higher" else -1.0
+    sign = 1.0 if PAIR_JUDGES[judge] == "higher" else -1.0
     matches = "matches-orb-" + ("raw" if judge.endswith("raw") else "preprocessed")
     return max(range(len(values)), key=lambda place: (sign * values[place][judge], values[place][matches]))
 
@@ -96,7 +96,7 @@ def _score_fixed(course: Course, film: Film, rigs: Sequence[Rig], chosen: dict[s
 
 def _score_pairs(film: Film, rigs: Sequence[Rig], firsts: Sequence[int], chosen: dict[str, list[int]]) -> Pair:
     """The value of each judge with the settings chosen for it pair by pair, mean over the rigs."""
-    totals = dict.fromkeys(JUDGES, 0.0)
+    totals = dict.fromkeys(PAIR_JUDGES, 0.0)
     for place, first in enumerate(firsts):
         picks = {judge: of_pairs[place] for judge, of_pairs in chosen.items()}
         for rig in rigs:

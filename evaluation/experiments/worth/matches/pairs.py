@@ -166,6 +166,7 @@ def judged(first: Mapping[str, Seen], second: Mapping[str, Seen], truth: Truth, 
             f"lost-pairs-orb-{name}": orb.lost,
             f"klt-error-{name}": klt.error_px,
             f"lost-pairs-klt-{name}": klt.lost,
+            f"lost-pairs-{name}": (orb.lost + klt.lost) / 2,
         }
     if sift:
         values["matches-sift-raw"] = sift_inliers(first["raw"], second["raw"], truth)

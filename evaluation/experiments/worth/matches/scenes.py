@@ -56,6 +56,8 @@ class MovingView(Protocol):
 class StillView:
     """A still on a plane; the camera moves along a circle parallel to it, rolls a little, and comes and goes.
 
+    If it pans, along a flat ellipse instead, from one side of the still to the other and back.
+
     Parameters
     ----------
     still
@@ -64,19 +66,22 @@ class StillView:
         Of the image, in pixels of the view per 1/60 s.
     seed
         Decides where the circle lies.
+    pan
+        Whether it pans.
     """
 
-    def __init__(self, still: Radiance, speed_px: float, seed: int) -> None:
+    def __init__(self, still: Radiance, speed_px: float, seed: int, *, pan: bool = False) -> None:
         self.model: MotionModel = Similarity()
         self._still = still
         rng = np.random.default_rng([seed, 17])
         # What the view needs to either side of its centre, with its roll and its changes of size.
         room = np.array(still.shape[::-1]) / 2 - 0.55 * np.array(CANVAS) - 0.05 * np.array(CANVAS[::-1]) / 2
-        self._radius_px = float(np.clip(room.min(), 30.0, 200.0))
-        spare = np.maximum(room - self._radius_px, 0.0)
+        radius = float(np.clip(room.min(), 30.0, 200.0))
+        self._radii = np.array([max(float(room[0]), 30.0), 10.0]) if pan else np.array([radius, radius])
+        spare = np.maximum(room - self._radii, 0.0)
         self._middle = np.array(still.shape[::-1]) / 2 + rng.uniform(-1.0, 1.0, 2) * spare
         self._phase = float(rng.uniform(0.0, 2 * math.pi))
-        self._rate = speed_px * RATE_HZ / self._radius_px
+        self._rate = speed_px * RATE_HZ / self._radii[0]
 
     def radiance(self, time_s: float) -> Radiance:
         """See `MovingView`."""
@@ -96,7 +101,7 @@ class StillView:
     def _to_still(self, time_s: float) -> Homography:
         """From pixels of the left image to pixels of the still."""
         gone = self._rate * time_s
-        x, y = self._middle + self._radius_px * np.array([math.cos(gone + self._phase), math.sin(gone + self._phase)])
+        x, y = self._middle + self._radii * np.array([math.cos(gone + self._phase), math.sin(gone + self._phase)])
         roll, size = 0.05 * math.sin(0.7 * gone), 1.0 + 0.04 * math.sin(0.5 * gone)
         cos, sin = size * math.cos(roll), size * math.sin(roll)
         about = np.array([[1.0, 0.0, -CENTRE[0]], [0.0, 1.0, -CENTRE[1]], [0.0, 0.0, 1.0]])
@@ -149,15 +154,22 @@ class PanoramaView:
         return np.asarray(turned[0] @ turned[1] @ turned[2], np.float64)
 
 
-def moving_view(scene: str, speed_px: float, seed: int) -> MovingView:
-    """One of the `pictures`, by its name."""
-    return (PanoramaView if scene.startswith(_PANORAMAS) else StillView)(_shrunk(scene), speed_px, seed)
+def is_panorama(scene: str) -> bool:
+    """Whether one of the `pictures` goes all around."""
+    return scene.startswith(_PANORAMAS)
+
+
+def moving_view(scene: str, speed_px: float, seed: int, *, pan: bool = False) -> MovingView:
+    """One of the `pictures`, by its name; only stills are panned, since before panoramas a camera turns anyway."""
+    if is_panorama(scene):
+        return PanoramaView(_shrunk(scene), speed_px, seed)
+    return StillView(_shrunk(scene), speed_px, seed, pan=pan)
 
 
 def _shrunk(scene: str) -> Radiance:
     """A picture; photographed stills shrunk to `STILL_SPAN`."""
     found = picture(scene)
-    if ":" in scene or scene.startswith(_PANORAMAS):
+    if ":" in scene or is_panorama(scene):
         return found
     rows, columns = found.shape
     scale = STILL_SPAN * max(CANVAS[0] / columns, CANVAS[1] / rows)

@@ -13,16 +13,25 @@ from evaluation.experiments.worth.matches.courses import Course
 from evaluation.experiments.worth.matches.pairs import PREPARATIONS, Seen, judged, seen
 from evaluation.experiments.worth.matches.rig import Film
 
-JUDGES: dict[str, Literal["higher", "lower"]] = {"matches-sift-raw": "higher"}
+PAIR_JUDGES: dict[str, Literal["higher", "lower"]] = {"matches-sift-raw": "higher"}
 for _name in PREPARATIONS:
-    JUDGES |= {
+    PAIR_JUDGES |= {
         f"matches-orb-{_name}": "higher",
         f"repeatability-orb-{_name}": "higher",
         f"pose-error-orb-{_name}": "lower",
         f"lost-pairs-orb-{_name}": "lower",
         f"klt-error-{_name}": "lower",
         f"lost-pairs-klt-{_name}": "lower",
+        f"lost-pairs-{_name}": "lower",
     }
+
+BAD_FRAMES = "bad-frames"
+"""Share of frames of which more than half is white or black."""
+
+BLACK = 1
+"""What rounding and read noise make of no light at all."""
+
+JUDGES: dict[str, Literal["higher", "lower"]] = {**PAIR_JUDGES, BAD_FRAMES: "lower"}
 
 CHOICE_SEED = 0
 """Noise on which bounds are chosen ..."""
@@ -50,6 +59,7 @@ class Scorer:
         self.settings: list[ExposureSetting] = []
         self._scored, self._film = course.scored, film
         self._last: tuple[int, float, Mapping[str, Seen]] | None = None
+        self._bad: list[bool] = []
 
     def look(self, frame: Frame) -> None:
         """Take in the present frame of the film; one that odometry does not get is passed over."""
@@ -57,7 +67,9 @@ class Scorer:
         if number not in self._scored:
             return
         self.settings.append(frame.setting)
-        now = (number, frame.setting.exposure_time_us, seen(frame.grey8()))
+        grey = frame.grey8()
+        self._bad.append(bool(((grey <= BLACK) | (grey == 255)).mean() > 0.5))
+        now = (number, frame.setting.exposure_time_us, seen(grey))
         if self._last is not None:
             truth = self._film.truth(self._last[:2], now[:2])
             sift = len(self.pairs) % CHECKED_EVERY == 0
@@ -65,20 +77,21 @@ class Scorer:
         self._last = now
 
     def means(self) -> dict[str, float]:
-        """Each judge's mean over the pairs that it judged."""
-        return mean_values(self.pairs)
+        """Each judge's mean over the pairs that it judged, or over the frames."""
+        return {**mean_values(self.pairs), BAD_FRAMES: float(np.mean(self._bad))}
 
 
 def mean_values(pairs: list[dict[str, float]]) -> dict[str, float]:
     """Mean of each judge over the pairs that have its value."""
-    return {judge: float(np.mean([pair[judge] for pair in pairs if judge in pair])) for judge in JUDGES}
+    return {judge: float(np.mean([pair[judge] for pair in pairs if judge in pair])) for judge in PAIR_JUDGES}
 
 
 def rows(
     course: Course, policy: str, means: Mapping[str, float], more: Mapping[str, Mapping[str, Any]] | None = None
 ) -> list[dict[str, Any]]:
-    """One plain row for each judge; `more` has diagnostics by judge."""
+    """One plain row for each judge with a mean; `more` has diagnostics by judge."""
     return [
         {"judge": judge, "course": course.name, "policy": policy, "value": means[judge], **(more or {}).get(judge, {})}
         for judge in JUDGES
+        if judge in means
     ]

@@ -1,78 +1,85 @@
-"""Contenders in closed loop along a drive, side by side on the same frames, and the bounds' rows."""
+"""A contender in closed loop along a drive, and the best fixed setting in hindsight."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from calibration.response import ResponseFunction
 from drivers.exposure import ExposureSetting
-from evaluation.experiments.worth.contender import Contender, medians, policy
+from drivers.python310 import exp2
+from evaluation.experiments.worth.contender import Contender, medians
 from evaluation.experiments.worth.matches.pairs import PREPARATIONS
-from evaluation.experiments.worth.odometry.bounds import bounds
-from evaluation.experiments.worth.odometry.drives import SCORING, Drive
-from evaluation.experiments.worth.odometry.follower import Trial
+from evaluation.experiments.worth.names import FIXED_IN_HINDSIGHT
+from evaluation.experiments.worth.odometry.drives import CHOICE, SCORED, Drive
+from evaluation.experiments.worth.odometry.follower import Follower
 from evaluation.odometry.tracking import EVERY
 from evaluation.stage.camera import LIMITS
 from evaluation.stage.delayed_loop import DelayedLoop
 from evaluation.stage.oracle import Oracle, best_start
+from evaluation.stage.rendering import Stage
 
 DELAY_FRAMES = 2
 
+TRIED_STOPS = (-3.0, -1.5, 0.0, 1.5)
+"""Levels tried in hindsight, from the one at which a white wall in the first light is just below saturation."""
 
-def measure_policies(*, drive: dict[str, Any], policies: list[str]) -> list[dict[str, Any]]:
-    """Rows of policies by their ids."""
-    return run(Drive.of(drive), [policy(policy_id) for policy_id in policies])
+WHITE_US_LUX = 2000.0 * 150.0
+"""Such a wall: 2 ms at 150 lux."""
 
-
-def measure_bounds(*, drive: dict[str, Any]) -> list[dict[str, Any]]:
-    """Rows of `fixed-in-hindsight` and `oracle-per-frame`."""
-    given = Drive.of(drive)
-    found: list[dict[str, Any]] = []
-    for name, outcome in bounds(given).items():
-        found += rows(given, name, outcome.errors_mm, outcome.failed, outcome.more)
-    return found
+LONGEST_US = 3000.0
+"""Of these settings, unless the most gain needs more: hardly any blur."""
 
 
-def run(drive: Drive, contenders: Sequence[Contender]) -> list[dict[str, Any]]:
-    """Rows of contenders, which all start from the best exposure of the first frame.
+def run(drive: Drive, contender: Contender) -> list[dict[str, Any]]:
+    """Rows of a contender, which starts from the best exposure of the first frame.
 
-    They decide on frames with the noise of the first repeat; their settings are scored with that of each.
+    It decides on frames with one noise; its settings are scored with another.
     """
-    stage = drive.stage(SCORING[0])
+    stage = drive.stage()
     start = best_start(Oracle(stage))
-    loops = [_enter(contender, start) for contender in contenders]
-    trials = [Trial(stage, drive, SCORING) for _ in contenders]
+    loop = DelayedLoop(contender.make_loop(ResponseFunction.linear(), LIMITS, start), DELAY_FRAMES)
+    follower = Follower(stage, drive, SCORED)
     for frame in range(drive.frames):
         stage.go_to(frame)
-        for loop, trial in zip(loops, trials, strict=True):
-            pair = loop.step(stage.take)
-            if frame % EVERY == 0:
-                trial.look(pair.reference.setting)
-    found: list[dict[str, Any]] = []
-    for contender, loop, trial in zip(contenders, loops, trials, strict=True):
-        more = dict.fromkeys(PREPARATIONS, medians(loop.settings))
-        found += rows(drive, contender.name, trial.errors_mm(), trial.failed(), more)
-    return found
+        pair = loop.step(stage.take)
+        if frame % EVERY == 0:
+            follower.look(pair.reference.setting)
+    return _rows(drive, contender.name, dict.fromkeys(PREPARATIONS, follower), medians(loop.settings))
 
 
-def rows(
-    drive: Drive,
-    name: str,
-    errors_mm: Mapping[str, float],
-    failed: Mapping[str, float],
-    more: Mapping[str, Mapping[str, float]],
+def hindsight(drive: Drive) -> list[dict[str, Any]]:
+    """Rows of the fixed setting with the smallest error of those tried, chosen with other noise by preparation."""
+    stage = drive.stage()
+    levels = [float(np.log2(WHITE_US_LUX / drive.lux)) + stops for stops in TRIED_STOPS]
+    tried = [LIMITS.realise(level, min(exp2(level), LONGEST_US)) for level in levels]
+    chosen = _followed(stage, drive, CHOICE, tried)
+    best = {name: min(tried, key=lambda one: chosen[one].error_mm(name)) for name in PREPARATIONS}
+    scored = _followed(stage, drive, SCORED, list(best.values()))
+    return _rows(drive, FIXED_IN_HINDSIGHT, {name: scored[setting] for name, setting in best.items()}, {})
+
+
+def _followed(
+    stage: Stage, drive: Drive, repeat: int, settings: list[ExposureSetting]
+) -> dict[ExposureSetting, Follower]:
+    followers = {setting: Follower(stage, drive, repeat) for setting in settings}
+    for frame in range(0, drive.frames, EVERY):
+        stage.go_to(frame)
+        for setting, follower in followers.items():
+            follower.look(setting)
+    return followers
+
+
+def _rows(
+    drive: Drive, name: str, followers: Mapping[str, Follower], more: Mapping[str, float]
 ) -> list[dict[str, Any]]:
-    """One plain row for each judge, from what was found for each preparation."""
+    """One plain row for each judge, given who followed each preparation."""
     base = {"course": drive.name, "policy": name}
-    by_error = [
-        {"judge": f"odometry-{kind}", **base, "value": errors_mm[kind], "failed": failed[kind], **more.get(kind, {})}
-        for kind in PREPARATIONS
+    failed = {kind: follower.failed(kind) for kind, follower in followers.items()}
+    errors = [
+        {"judge": f"odometry-{kind}", **base, "value": follower.error_mm(kind), "failed": failed[kind], **more}
+        for kind, follower in followers.items()
     ]
-    return [*by_error, {"judge": "odometry-failures", **base, "value": float(np.mean(list(failed.values())))}]
-
-
-def _enter(contender: Contender, start: ExposureSetting) -> DelayedLoop:
-    return DelayedLoop(contender.make_loop(ResponseFunction.linear(), LIMITS, start), DELAY_FRAMES)
+    return [*errors, {"judge": "odometry-failures", **base, "value": float(np.mean(list(failed.values())))}]

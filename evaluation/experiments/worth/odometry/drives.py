@@ -1,4 +1,4 @@
-"""The courses of the odometry judge: drives through rooms with natural texture, at three speeds."""
+"""The courses of the odometry judge: short drives through rooms with natural texture, at three speeds."""
 
 from __future__ import annotations
 
@@ -7,6 +7,9 @@ from dataclasses import asdict, dataclass, replace
 from functools import cache
 from typing import Any, Literal
 
+import numpy as np
+
+from evaluation.committed import REPORT_ROOM, ROOMS, TUNING_ROOM
 from evaluation.experiments.worth.pictures import digest, picture, stills
 from evaluation.odometry.lap import illumination, lap
 from evaluation.scenes.natural_rooms import Feature, natural_room
@@ -15,24 +18,37 @@ from evaluation.scenes.stills import PAINTERS
 from evaluation.scenes.views import CAMERA
 from evaluation.stage.rendering import Stage
 from fake_camera.world.render.renderer import Renderer, Surface
+from fake_camera.world.scene.path import CameraPath
 from fake_camera.world.simulation import RoomView
 
-Surroundings = Literal["plain", "window", "lamps", "tunnel"]
-"""Even light; with a window to daylight; with lamps, around which it is brighter; with a dark stretch."""
+Kind = Literal["plain", "dim", "uneven", "window", "lamps", "tunnel"]
+
+LUX: dict[Kind, tuple[float, float]] = {
+    "plain": (10.0, 2000.0),
+    "dim": (1.0, 8.0),
+    "uneven": (1.0, 60.0),
+    "window": (2.0, 100.0),
+    "lamps": (2.0, 200.0),
+    "tunnel": (60.0, 2000.0),
+}
+"""Light on the walls where the drive begins, least and most."""
+
+THERE: dict[Kind, float] = {"uneven": 30.0, "lamps": 5.0, "tunnel": 1 / 60}
+"""The light ahead, as a share of that: a bright side, around lamps, and a dark stretch."""
+
+AHEAD_RAD: dict[Kind, float] = {"uneven": 1.5, "window": 1.0, "lamps": 1.2, "tunnel": 1.5}
+"""What is special lies so far to the left of the first view: it comes into view within the drive, even a slow one."""
 
 PERIODS_S = {"slow": 40.0, "medium": 15.0, "fast": 9.0}
 """Of a lap: at most 33, 86 and 143 mm and degrees a second, and 8, 21 and 36 pixels a frame; `medium` is fig12's."""
 
-AHEAD_RAD = 1.0
-"""The window, the lamps or the dark are this far to the left of the first view; slow drives get there within 4 s."""
+SOFT_START_S = 1.0
+"""From rest to full speed."""
 
-TUNNEL_FACTOR, LAMPS_FACTOR = 1 / 60, 5.0
-"""Of the light in the dark stretch (6 stops), and around the lamps."""
+SECONDS = 2.5
 
-SECONDS = 4.0
-
-CHOICE, SCORING = 0, (1, 2, 3, 4)
-"""Repeats (noise) on which bounds are chosen, and on which everyone is scored; policies see the first of these."""
+CHOICE, SEEN, SCORED = 0, 1, 2
+"""Repeats (noise): on which the best fixed setting is chosen, which policies see, and on which everyone is scored."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,10 +61,10 @@ class Drive:
         On the walls: photographs by their paths below `DATA`, or paintings by `painter:seed`.
     seed
         Of the room and of the heading.
+    kind
+        Of the room.
     lux
         Light on its walls.
-    surroundings
-        What else there is.
     speed
         One of `PERIODS_S`.
     seconds
@@ -59,8 +75,8 @@ class Drive:
 
     pictures: tuple[str, ...]
     seed: int
+    kind: Kind
     lux: float
-    surroundings: Surroundings
     speed: str
     seconds: float = SECONDS
     sha256: tuple[str, ...] = ()
@@ -68,21 +84,29 @@ class Drive:
     @property
     def name(self) -> str:
         """Unique, for people to read."""
-        return f"room {self.seed}, {self.lux:g} lux, {self.surroundings}, {self.speed}"
+        return f"room {self.seed}, {self.lux:g} lux, {self.kind}, {self.speed}"
 
     @property
     def frames(self) -> int:
         """How many, at 60 a second."""
         return round(self.seconds * RATE_HZ)
 
-    def stage(self, repeat: int) -> Stage:
-        """What the cameras see; the number of the repeat decides the noise."""
-        path = lap(self.seed, PERIODS_S[self.speed])
-        bearing_rad = path.heading_rad + AHEAD_RAD
-        renderer = Renderer(self._lit(bearing_rad), CAMERA)
-        left, right = (RoomView(renderer, path, side) for side in ("left", "right"))
+    @property
+    def path(self) -> CameraPath:
+        """Where the cameras go."""
+        return replace(lap(self.seed, PERIODS_S[self.speed]), soft_start_s=SOFT_START_S)
+
+    @property
+    def bearing_rad(self) -> float:
+        """Where that lies which is special, as seen from the middle of the room."""
+        return self.path.heading_rad + AHEAD_RAD.get(self.kind, 0.0)
+
+    def stage(self) -> Stage:
+        """What the cameras see, with the noise that policies see."""
+        renderer = Renderer(self._lit(), CAMERA)
+        left, right = (RoomView(renderer, self.path, side) for side in ("left", "right"))
         still = Course(steady(1.0), no_turn, 0)  # the light is baked in
-        return Stage({"left": left, "right": right}, still, self.noise_seed(repeat))
+        return Stage({"left": left, "right": right}, still, self.noise_seed(SEEN))
 
     def noise_seed(self, repeat: int) -> int:
         """Of the noise of a repeat."""
@@ -97,57 +121,35 @@ class Drive:
         """From a job's argument."""
         return cls(**{**plain, "pictures": tuple(plain["pictures"]), "sha256": tuple(plain["sha256"])})
 
-    def _lit(self, bearing_rad: float) -> list[Surface]:
-        feature: Feature = "plain" if self.surroundings == "tunnel" else self.surroundings
-        there = self.lux * {"tunnel": TUNNEL_FACTOR, "lamps": LAMPS_FACTOR}.get(self.surroundings, 1.0)
-        room = natural_room([_picture(picture) for picture in self.pictures], self.seed, feature, bearing_rad)
-        return [
-            replace(one, pattern=one.pattern * illumination(one, (self.lux, there), bearing_rad))
-            if one.follows_light else one
-            for one in room
-        ]  # fmt: skip
+    def _lit(self) -> list[Surface]:
+        feature: Feature = self.kind if self.kind in ("window", "lamps") else "plain"
+        room = natural_room([_picture(picture) for picture in self.pictures], self.seed, feature, self.bearing_rad)
+        return [replace(one, pattern=one.pattern * self._light(one)) if one.follows_light else one for one in room]
+
+    def _light(self, surface: Surface) -> Any:
+        if self.kind not in THERE:
+            return np.float32(self.lux)
+        return illumination(surface, (self.lux, self.lux * THERE[self.kind]), self.bearing_rad)
 
 
-def tuning() -> list[Drive]:
-    """For development."""
-    pictures = _pictures("tuning", first_painting=11)
-    return [
-        _drive(pictures, 1, 20.0, "plain", "medium"),
-        _drive(pictures, 2, 5.0, "window", "slow"),
-        _drive(pictures, 3, 200.0, "tunnel", "fast"),
-        _drive(pictures, 4, 10.0, "lamps", "medium"),
-    ]
+def drives(name: str) -> list[Drive]:
+    """Those of the tuning or the report set: all kinds at all speeds, each in light from its least to its most."""
+    first, first_painting = {"tuning": (TUNING_ROOM, 11), "report": (REPORT_ROOM, 2011)}[name]
+    pictures = tuple(stills(name)) or tuple(f"{one}:{first_painting + place}" for place, one in enumerate(PAINTERS))
+    sha256 = tuple(digest(picture) for picture in pictures)
+    kinds, speeds, each = list(LUX), list(PERIODS_S), ROOMS // len(LUX)
+    found = []
+    for place in range(ROOMS):
+        kind, step = kinds[place % len(kinds)], place // len(kinds)
+        low, high = LUX[kind]
+        lux = float(f"{low * (high / low) ** ((step + 0.5) / each):.2g}")
+        found.append(Drive(pictures, first + place, kind, lux, speeds[step % len(speeds)], sha256=sha256))
+    return found
 
 
-def report() -> list[Drive]:
-    """What counts: other pictures, other rooms."""
-    pictures = _pictures("report", first_painting=2011)
-    return [
-        _drive(pictures, 101, 2.0, "plain", "medium"),
-        _drive(pictures, 102, 6.0, "window", "slow"),
-        _drive(pictures, 103, 15.0, "lamps", "fast"),
-        _drive(pictures, 104, 50.0, "window", "medium"),
-        _drive(pictures, 105, 300.0, "tunnel", "slow"),
-        _drive(pictures, 106, 2000.0, "plain", "fast"),
-    ]
-
-
-SETS = {"tuning": tuning, "report": report}
-"""The sets by name. Rooms of the report have seeds from 100 on; nothing is chosen by them."""
-
-
-def quick(drives: Sequence[Drive]) -> list[Drive]:
-    """Half of the first drive."""
-    return [replace(drives[0], seconds=SECONDS / 2)]
-
-
-def _drive(pictures: tuple[str, ...], seed: int, lux: float, surroundings: Surroundings, speed: str) -> Drive:
-    return Drive(pictures, seed, lux, surroundings, speed, sha256=tuple(digest(picture) for picture in pictures))
-
-
-def _pictures(name: str, first_painting: int) -> tuple[str, ...]:
-    """The stills of a set; paintings where there are no data."""
-    return tuple(stills(name)) or tuple(f"{painter}:{first_painting + place}" for place, painter in enumerate(PAINTERS))
+def quick(courses: Sequence[Drive]) -> list[Drive]:
+    """Half of the first past a window."""
+    return [replace(next(drive for drive in courses if drive.kind == "window"), seconds=SECONDS / 2)]
 
 
 _picture = cache(picture)

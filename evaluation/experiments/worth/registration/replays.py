@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autoexpose_daemon.navigation.views.registration import Vote
+from evaluation.committed import REPORT_PARK, TUNING_PARK
 from evaluation.experiments.teach.cases import TILTS
 from evaluation.experiments.teach.daylight import REPLAYS, TEACHING, Daylight
 from evaluation.experiments.teach.judge import WITHIN_PX
@@ -121,13 +122,15 @@ _UPPER, _BEYOND, _HARDLY = TILTS
 
 def tuning() -> list[Replay]:
     """For development."""
-    return _around(11, [("clear", _UPPER), ("clear", _BEYOND), ("overcast", _UPPER), ("sunset", _BEYOND)], 60)
+    return _around(TUNING_PARK, [("clear", _UPPER), ("clear", _BEYOND), ("overcast", _UPPER), ("sunset", _BEYOND)], 60)
 
 
 def report() -> list[Replay]:
     """What counts: other parks."""
     clear = [("clear", _UPPER), ("clear", _BEYOND), ("clear", _HARDLY)]
-    return _around(101, [*clear, *clear[::2], ("overcast", _UPPER), ("overcast", _BEYOND), ("sunset", _UPPER)], 0)
+    return _around(
+        REPORT_PARK, [*clear, *clear[::2], ("overcast", _UPPER), ("overcast", _BEYOND), ("sunset", _UPPER)], 0
+    )
 
 
 def _around(seed: int, cases: Sequence[tuple[str, str]], first: int) -> list[Replay]:
@@ -138,7 +141,7 @@ def _around(seed: int, cases: Sequence[tuple[str, str]], first: int) -> list[Rep
 
 
 SETS = {"tuning": tuning, "report": report}
-"""The sets by name. Parks of the report have seeds from 100 on; nothing is chosen by them."""
+"""The sets by name."""
 
 
 def quick(replays: Sequence[Replay]) -> list[Replay]:
