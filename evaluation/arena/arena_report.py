@@ -33,6 +33,10 @@ applies from frame k + D; D = {MAIN_DELAY} unless stated otherwise.
   a mean, entropy or the like. So its row is in another unit than the rest: compare policies by the metric ratio.
 * **Metric ratio to the best time and gain**: the metric ratio when the oracle also tries six ways of splitting each
   level (times of at most 7500, 3750, 1875, 938, 469 and 234 us, the rest gain). It shows what a split costs.
+* **Pair ratio**: what two successive frames are worth to each other, as localization uses them: the information of
+  the difference between them, from the true radiance ([successive.py](../../evaluation/arena/successive.py)), as a
+  share of the most that one setting for both gives. All policies are in the same unit, and none maximises it. **Lost
+  pairs** have less than a tenth.
 * **Settled**: an objective ratio of at least 0.9 for 10 frames in a row. Frames count from the first one exposed
   entirely after the step (in scenarios without a step, from the first scored frame); 0 means immediately, `-` that most
   runs never settled. **Stuck**: the share of runs that never settled. The step falls at any time between two frames: a
@@ -91,6 +95,8 @@ def write_arena_report(runs: Sequence[Run], default_policy: str, folder: Path) -
         *section("Metric ratio, mean", "metric_ratio_mean", "{:.3f}"),
         *section("Metric ratio, worst 5 % of frames", "metric_ratio_p05", "{:.3f}"),
         *section("Metric ratio to the best time and gain, mean", "any_split_ratio_mean", "{:.3f}"),
+        *section("Pair ratio, mean", "pair_ratio_mean", "{:.3f}"),
+        *section("Lost pairs, share", "lost_pair_share", "{:.3f}"),
         *section("Frames to settle, median", "settle_frames", "{:.0f}"),
         *section("Stuck, share of runs", "stuck_share", "{:.2f}"),
         *section("Overshoot (stops)", "overshoot_stops", "{:.2f}"),

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from drivers.exposure import ExposureSetting
 from evaluation.arena.scores import Score, score
+from evaluation.arena.successive import SuccessiveFrames
 from evaluation.scenes.scenarios import SCENARIOS
 from evaluation.scenes.views import build_views
 from evaluation.stage.delayed_loop import DelayedLoop, Entrant
@@ -86,6 +87,8 @@ class Series:
         How its frames do by M_g, and by what its policy maximises; the same for all policies but `fisher-map`.
     by_any_split
         By M_g, against the best of all exposure times and gains.
+    pair_shares
+        Information of each frame and the one before it as a share of the most; NaN for the first.
     """
 
     entrant: Entrant
@@ -94,6 +97,7 @@ class Series:
     by_metric: Judgement
     by_objective: Judgement
     by_any_split: Judgement
+    pair_shares: list[float] = field(default_factory=list)
 
     @property
     def levels(self) -> NDArray[np.float64]:
@@ -133,6 +137,7 @@ class Series:
             ratios=self.ratios,
             metric_ratios=self.by_metric.ratios,
             any_split_ratios=self.by_any_split.ratios,
+            pair_ratios=np.array(self.pair_shares),
             clipped_shares=self.clipped_shares,
             gains_db=self.gains_db,
             first_scored=self.first_scored,
@@ -195,6 +200,7 @@ def race(
     start = best_start(oracle)
     any_split: dict[int, Best | None] = {}
     race = [_enter(entrant, start, first_scored, informed, any_split) for entrant in entrants]
+    pairs = SuccessiveFrames(stage)
     for frame in range(frames):
         stage.go_to(frame)
         always = frame == frames - 1 or _light_jumps_at(stage, frame, frames)
@@ -203,6 +209,7 @@ def race(
             any_split[frame] = oracle.best_of_all()
         for series in race:
             taken = series.delayed.step(stage.take).reference.setting
+            series.pair_shares.append(pairs.share(series.delayed.settings[-2], taken) if frame else math.nan)
             judges = [(series.by_metric, oracle)]
             if informed is not None and series.by_objective is not series.by_metric:
                 judges.append((series.by_objective, informed))

@@ -22,6 +22,8 @@ MEANS = (
     "objective_ratio_mean",
     "objective_ratio_p05",
     "any_split_ratio_mean",
+    "pair_ratio_mean",
+    "lost_pair_share",
 )
 
 

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from evaluation.arena.successive import LOST
+
 SETTLED_RATIO = 0.9
 SETTLED_FRAMES = 10
 """Settled: at least this share of the oracle's objective for this many frames in a row."""
@@ -43,6 +45,10 @@ class Score:
         Mean and fifth percentile of what the policy maximises as a share of the oracle's; M_g for all but `fisher-map`.
     any_split_ratio_mean
         Mean of M_g as a share of the best of all exposure times and gains, however the policy splits.
+    pair_ratio_mean
+        Mean information of two successive frames, as a share of the most that one setting for both gives.
+    lost_pair_share
+        Share of pairs with less than a tenth of it.
     """
 
     settle_frames: int | None
@@ -55,6 +61,8 @@ class Score:
     objective_ratio_mean: float
     objective_ratio_p05: float
     any_split_ratio_mean: float
+    pair_ratio_mean: float
+    lost_pair_share: float
 
 
 def score(
@@ -64,20 +72,21 @@ def score(
     ratios: NDArray[np.float64],
     metric_ratios: NDArray[np.float64],
     any_split_ratios: NDArray[np.float64],
+    pair_ratios: NDArray[np.float64],
     clipped_shares: NDArray[np.float64],
     gains_db: NDArray[np.float64],
     first_scored: int,
 ) -> Score:
     """The scores of a run; all arrays have shape (frames,), and frames before `first_scored` do not count.
 
-    `ratios` and `oracle_levels` are by what the policy maximises, `metric_ratios` and
-    `any_split_ratios` by M_g. Frames whose ratio is NaN (no
-    exposure shows anything) neither count as settled nor enter the ratios.
+    `ratios` and `oracle_levels` are by what the policy maximises, `metric_ratios` and `any_split_ratios` by M_g,
+    `pair_ratios` by the information of pairs. Frames whose ratio is NaN (no exposure shows anything) neither count as
+    settled nor enter the ratios.
     """
     scored = slice(first_scored, None)
     settle = frames_to_settle(ratios[scored])
-    by_objective, by_metric, by_any_split = (
-        each[scored][~np.isnan(each[scored])] for each in (ratios, metric_ratios, any_split_ratios)
+    by_objective, by_metric, by_any_split, pairs = (
+        each[scored][~np.isnan(each[scored])] for each in (ratios, metric_ratios, any_split_ratios, pair_ratios)
     )
     return Score(
         settle_frames=settle,
@@ -90,6 +99,8 @@ def score(
         objective_ratio_mean=_mean(by_objective),
         objective_ratio_p05=_worst(by_objective),
         any_split_ratio_mean=_mean(by_any_split),
+        pair_ratio_mean=_mean(pairs),
+        lost_pair_share=float(np.mean(pairs < LOST)) if pairs.size else 1.0,
     )
 
 

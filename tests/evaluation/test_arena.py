@@ -34,12 +34,14 @@ FIGURES = {
     "objective_ratio_mean": float,
     "objective_ratio_p05": float,
     "any_split_ratio_mean": float,
+    "pair_ratio_mean": float,
+    "lost_pair_share": float,
 }
 COMMON = {"policy": str, "scenario": str, "delay_frames": int, "split": str, **FIGURES}
 
 
 def made_up(policy: str, scenario: str, settle: int | None, ratio: float, *, delay: int = 2, seed: int = 1000) -> Run:
-    score = Score(settle, 0.1, 0.05, ratio, ratio / 2, 0.0, 12.0, ratio, ratio / 2, ratio)
+    score = Score(settle, 0.1, 0.05, ratio, ratio / 2, 0.0, 12.0, ratio, ratio / 2, ratio, ratio, 0.0)
     return Run(policy, scenario, "room", seed, delay, "heldout", score)
 
 
@@ -162,7 +164,7 @@ def test_results_are_of_held_out_runs_with_two_frames_of_delay() -> None:
         made_up("a", "pan", 3, 0.8),
         made_up("a", "pan", 3, 0.6, seed=1001),
         made_up("a", "pan", 3, 0.1, delay=3),
-        Run("a", "pan", "room", 7, 2, "tune", Score(1, 0.0, 0.0, 0.2, 0.2, 0.0, 0.0, 0.2, 0.2, 0.2)),
+        Run("a", "pan", "room", 7, 2, "tune", Score(1, 0.0, 0.0, 0.2, 0.2, 0.0, 0.0, 0.2, 0.2, 0.2, 0.2, 0.0)),
     ]
     figures = document(runs, "a")
 

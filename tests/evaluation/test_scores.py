@@ -17,6 +17,7 @@ def scored(
         ratios=np.array(ratios),
         metric_ratios=np.array(ratios) / 2,
         any_split_ratios=np.array(ratios) / 4,
+        pair_ratios=np.array(ratios) / 8,
         clipped_shares=np.array(clipped),
         gains_db=np.arange(len(levels), dtype=float),
         first_scored=first,
@@ -78,10 +79,11 @@ def test_frames_without_anything_to_see_do_not_count_in_ratios() -> None:
     assert figures.objective_ratio_mean == 0.75
     assert figures.metric_ratio_mean == 0.375
     assert figures.any_split_ratio_mean == 0.1875
+    assert figures.pair_ratio_mean == 0.09375 and figures.lost_pair_share == 0.5
     assert figures.settle_frames is None
 
 
 def test_a_course_without_anything_to_see_is_stuck_with_ratio_0() -> None:
     figures = scored([1.0] * 12, [np.nan] * 12, [np.nan] * 12, [1.0] * 12)
 
-    assert figures == Score(None, 0.0, 0.0, 0.0, 0.0, 1.0, 5.5, 0.0, 0.0, 0.0)
+    assert figures == Score(None, 0.0, 0.0, 0.0, 0.0, 1.0, 5.5, 0.0, 0.0, 0.0, 0.0, 1.0)

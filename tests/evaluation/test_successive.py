@@ -1,0 +1,64 @@
+"""Pairs of successive frames: what both must show, and what a change of light between them costs."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from drivers.exposure import ExposureSetting, linear_gain
+from evaluation.arena.race import course_of, run_course
+from evaluation.arena.successive import LOG2_RADIANCES, SuccessiveFrames, energy_by_radiance, information, variances
+from evaluation.scenes.scenarios import WARM_UP_FRAMES
+from evaluation.stage.camera import LIMITS
+from evaluation.stage.delayed_loop import Entrant
+from fake_camera.imaging import ImageSettings
+from fake_camera.world.sensor import Sensor, SensorModel
+
+
+def of(setting: ExposureSetting) -> np.ndarray:
+    return variances(np.array([setting.exposure_time_us * 1e-6]), np.array([linear_gain(setting.gain_db)]))
+
+
+@pytest.mark.parametrize(("time_us", "gain_db"), [(2000.0, 6.0), (2000.0, 18.0), (7500.0, 0.0)])
+def test_variances_are_those_of_the_fake_camera(time_us: float, gain_db: float) -> None:
+    """A patch of known radiance, exposed by the simulated sensor and shrunk; without what detectors need."""
+    settings = ImageSettings(time_us, gain_db, 0.0, 1.0, "Mono8", 0, 0, 720, 540, 1, 1)
+    image = Sensor(SensorModel(), 1).expose(np.full((540, 720), 8.0, np.float32), settings, 3).astype(np.float64)
+    small = image.reshape(270, 2, 360, 2).mean(axis=(1, 3))
+    found = of(ExposureSetting(time_us, gain_db))[0, LOG2_RADIANCES.tolist().index(3.0)]
+    assert found * (small.mean() * np.log(2)) ** 2 - 36.0 == pytest.approx(small.var() + 1 / 12, rel=0.1)
+
+
+def test_energy_is_kept_by_cell_and_by_the_brightest_neighbour() -> None:
+    radiance = np.full((540, 720), 8.0, np.float32)
+    radiance[:, 362:] = 32.0  # an edge of two stops, in the first cells right of the middle
+    energy = energy_by_radiance(radiance)
+    assert energy.sum() * 268 * 358 / 64 == pytest.approx(2 * 268 * 1.0, rel=0.02)
+    assert LOG2_RADIANCES[energy.sum(axis=0).argmax()] == 5.0 and (energy.sum(axis=0) > 0).sum() == 1
+
+
+def test_a_pair_is_worth_what_both_frames_show() -> None:
+    rng = np.random.default_rng(1)
+    energy = energy_by_radiance(np.exp2(rng.normal(5.0, 1.0, (540, 720))).astype(np.float32))
+    good, dark, white = ExposureSetting(1000.0, 0.0), ExposureSetting(250.0, 0.0), ExposureSetting(7500.0, 30.0)
+    both, one, none = (float(information(energy, of(good), of(other))[0]) for other in (good, dark, white))
+    assert both > one > none and none < 0.01 * both
+    assert information(energy, of(dark), of(good))[0] == pytest.approx(one)
+
+
+def test_across_a_step_a_pair_is_lost_unless_brightness_is_held() -> None:
+    stage, first = course_of("step_up", "leaves", 3)
+    pairs = SuccessiveFrames(stage)
+    stage.go_to(first - 5)
+    best = max((LIMITS.realise(level, 2000.0) for level in np.arange(5.0, 18.0)), key=lambda one: pairs.share(one, one))
+    held = LIMITS.realise(best.level - np.log2(150.0), 2000.0)
+    assert pairs.share(best, best) > 0.8
+    stage.go_to(first)
+    assert pairs.share(best, best) < 0.1 and pairs.share(best, held) > 0.5
+
+
+def test_a_run_is_scored_by_its_pairs() -> None:
+    (series,) = run_course("step_up", "leaves", 3, [Entrant.of("fixed")], frames=WARM_UP_FRAMES + 5)
+    shares = np.array(series.pair_shares)
+    assert len(shares) == WARM_UP_FRAMES + 5 and np.isnan(shares[0]) and np.all(shares[1:] >= 0.0)
+    assert series.score().pair_ratio_mean == pytest.approx(shares[WARM_UP_FRAMES:].mean())
