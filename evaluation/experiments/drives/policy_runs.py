@@ -33,19 +33,29 @@ SCENES = (UNEVEN, *LOW_SCENES)
 
 
 class PolicyRuns:
-    """Results of jobs, all with the same policies."""
+    """Results of jobs: each policy of a scene has driven through the same rooms.
+
+    Attributes
+    ----------
+    policies
+        In the order of their first runs.
+    room
+        The first one.
+    """
 
     def __init__(self, results: Results) -> None:
-        self._results = results
-        self.first: Mapping[str, Any] = results[0][0]
-        policies: Any = self.first["policies"]
-        self.policies: list[str] = policies
+        self._runs: dict[tuple[Any, Any], dict[str, list[Run]]] = {}
+        for case, runs in results:
+            of_scene = self._runs.setdefault((case["light"], case["lens_f_number"]), {})
+            policies: Any = case["policies"]
+            for policy, run in zip(policies, runs, strict=True):
+                of_scene.setdefault(policy, []).append(run)
+        self.policies = list(dict.fromkeys(policy for of_scene in self._runs.values() for policy in of_scene))
+        self.room: Any = results[0][0]["room"]
 
     def of(self, scene: Scene, policy: str) -> list[Run]:
         """All runs of a policy, in the order of their jobs: one for each room."""
-        place = self.policies.index(policy)
-        wanted = scene.light, scene.lens_f_number
-        return [run[place] for case, run in self._results if (case["light"], case["lens_f_number"]) == wanted]
+        return self._runs.get((scene.light, scene.lens_f_number), {}).get(policy, [])
 
     def rooms(self, scene: Scene) -> int:
         """How many rooms were driven through."""

@@ -25,6 +25,8 @@ MARGINS = {
     "matches-sift-raw": FEATURE_MARGIN,
     "lost-pairs-raw": ERROR_MARGIN,
     "bad-frames": ERROR_MARGIN,
+    "fig12 (a)": ERROR_MARGIN,
+    "fig12 (b)": ERROR_MARGIN,
 }
 """The judges by which a policy is inferior or not, most important first, and by how much it may be worse."""
 
