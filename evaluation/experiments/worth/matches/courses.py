@@ -36,6 +36,9 @@ STEADY_FRAMES = 72
 STEP_AT, STEP_FRAMES = 36, 84
 """A step is scored with three pairs before it, and 0.8 s after it."""
 
+PAN_FRAMES, PAN_SPEEDS_PX = 150, (5.0, 10.0)
+"""Over the width of a still, once to twice."""
+
 EVERY = 2
 """Odometry gets every second frame, 30 a second."""
 
@@ -112,6 +115,8 @@ class Course:
     @property
     def frames(self) -> int:
         """Number of frames."""
+        if self.pan:
+            return PAN_FRAMES
         return STEADY_FRAMES if self.light == "steady" else STEP_FRAMES
 
     @property
@@ -168,7 +173,7 @@ def _varied(scenes: list[str], first_seed: int) -> list[Course]:
 def _pans(scenes: list[str], first_seed: int) -> list[Course]:
     """From side to side of each still, slower and faster, in the light of rooms and outdoors."""
     return [
-        Course(scene, LUX[1 + place // 2 % 4], "steady", SPEEDS_PX[1 + place % 2], seed=first_seed + place,
+        Course(scene, LUX[1 + place // 2 % 4], "steady", PAN_SPEEDS_PX[place % 2], seed=first_seed + place,
                sha256=digest(scene), pan=True)
         for place, scene in enumerate(scenes)
     ]  # fmt: skip
