@@ -110,6 +110,21 @@ def test_the_code_of_the_policies_that_run_counts_and_of_no_other(monkeypatch: p
     assert {policies for policies in jobs if before[policies] != after[policies]} == {("mehta2020",), None}
 
 
+def test_another_policy_in_the_table_changes_no_result_of_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    """That another is the default does: quick runs and tables may ask for it."""
+    keys = cache.ResultCache(Path())
+    job = Job(measure_policies, {}, policies=("begin2022",))
+    before = keys.key(job)
+    read = Path.read_bytes
+    monkeypatch.setattr(Path, "read_bytes", lambda path: read(path) + b"#" * (path.name == "ids.py"))
+    cache._digest.cache_clear()
+    assert keys.key(job) == before
+    monkeypatch.setattr(cache, "DEFAULT_POLICY", "begin2022")
+    cache._digest.cache_clear()
+    assert keys.key(job) != before
+    cache._digest.cache_clear()
+
+
 def test_a_damaged_file_counts_as_none(tmp_path: Path) -> None:
     kept, job = ResultCache(tmp_path), Job(square, {"number": 2})
     kept.put(job, 4)

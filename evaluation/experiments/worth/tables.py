@@ -216,20 +216,6 @@ def _failures_table(verdicts: Verdicts, rivals: Sequence[str], subject: str) -> 
     return [Table(caption, heads, rows)] if rows else []
 
 
-def gains_tables(verdicts: Verdicts) -> list[Table]:
-    """How much better than the default each policy is, paired by course."""
-
-    def cell(judge: str, policy: str) -> str:
-        gain = _gain(verdicts, judge, policy)
-        return "-" if gain is None or policy == DEFAULT_POLICY else _percent(gain)
-
-    caption = (
-        f"How much better than `{DEFAULT_POLICY}`, paired by course, in % of what it has (`{FAILURES}`: of all runs); "
-        f"below 0: worse. 95 % intervals draw pictures, rooms or parks. {_FEW}"
-    )
-    return _tables(verdicts, caption, cell)
-
-
 def _gain(verdicts: Verdicts, judge: str, policy: str) -> Interval | None:
     found = verdicts.compare(judge, policy, DEFAULT_POLICY)
     return Interval(-found.worse.value, -found.worse.high, -found.worse.low) if found else None

@@ -16,7 +16,7 @@ from evaluation.experiments.worth.matches.worst import plot_worst, worst_courses
 from evaluation.experiments.worth.names import NOT_COUNTED
 from evaluation.experiments.worth.odometry.setting import SETTING as ODOMETRY_SETTING
 from evaluation.experiments.worth.registration.setting import SETTING as REGISTRATION_SETTING
-from evaluation.experiments.worth.tables import Verdicts, claims_tables, gains_tables, means_tables, plot_gains
+from evaluation.experiments.worth.tables import Verdicts, claims_tables, means_tables, plot_gains
 
 _MODULES = (matches_judge, odometry_judge, registration_judge)
 
@@ -36,7 +36,7 @@ def verdicts_of(results: Results) -> Verdicts:
 
 
 def section(results: Results, folder: Path, *, name: str = "worth") -> Section:
-    """Means, differences to the default policy, and who beats it."""
+    """Whether the default is inferior to anyone, the means of all, and where it loses most."""
     verdicts = verdicts_of(results)
     plot_gains(verdicts, folder / f"{name}.png")
     figure = Figure(
@@ -52,7 +52,6 @@ def section(results: Results, folder: Path, *, name: str = "worth") -> Section:
         *claims_tables(verdicts, [*(one for one in ours if one != DEFAULT_POLICY), *rivals]),
         figure,
         *means_tables(verdicts),
-        *gains_tables(verdicts),
         *matches_tables(results, verdicts, rivals, ours),
         worst_table(worst, verdicts),
         Figure(f"{name}_worst.png", "Frames of these courses: number, exposure time and gain."),

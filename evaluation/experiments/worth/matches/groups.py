@@ -1,8 +1,8 @@
-"""What only the judge of matches can say: results by light, speed and camera, and the settings behind them."""
+"""What only the judge of matches can say: results on hard courses, and the settings that contenders chose."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -16,24 +16,16 @@ from evaluation.experiments.worth.names import FIXED_IN_HINDSIGHT
 from evaluation.experiments.worth.tables import Verdicts, claims_tables
 
 SHOWN = ("matches-orb-raw", "matches-orb-preprocessed", "pose-error-orb-raw", "klt-error-raw", "klt-error-preprocessed")
-"""Of the judges, in tables by groups of courses."""
-
-_BY: dict[str, Callable[[Course], str]] = {
-    "light": lambda course: f"{course.lux:g} lux" if course.light == "steady" else f"step {course.light}",
-    "speed": lambda course: f"{course.speed_px:g} px",
-    "kind": lambda course: course.kind,
-}
+"""Of the judges, where the default loses most."""
 
 
 def matches_tables(
     results: Results, verdicts: Verdicts, rivals: Sequence[str], settings_of: Sequence[str]
 ) -> list[Table]:
-    """Whether the default is inferior on hard courses; by light, speed and kind; the settings that contenders chose."""
+    """Whether the default is inferior on hard courses, and the settings that contenders chose."""
     courses = courses_of(results)
-    tables = [_by(verdicts, courses, kind, rivals) for kind in _BY]
     return [
         *_claims(verdicts, courses, [*rivals, *settings_of]),
-        *tables,
         _settings(results, courses, [*settings_of, FIXED_IN_HINDSIGHT]),
     ]
 
@@ -58,27 +50,6 @@ def courses_of(results: Results) -> dict[str, Course]:
     mine = [arguments for arguments, found in results if found and found[0]["judge"] in JUDGES]
     courses = [Course(**arguments["course"]) for arguments in mine if isinstance(arguments["course"], dict)]
     return {course.name: course for course in courses}
-
-
-def _by(verdicts: Verdicts, courses: Mapping[str, Course], kind: str, rivals: Sequence[str]) -> Table:
-    groups: dict[str, list[str]] = {}
-    for name, course in sorted(courses.items(), key=lambda item: (item[1].light, item[1].lux, item[1].speed_px)):
-        groups.setdefault(_BY[kind](course), []).append(name)
-    rows = []
-    for group, names in groups.items():
-        cells = []
-        for judge in SHOWN:
-            means = {policy: verdicts.mean(judge, policy, names) for policy in (DEFAULT_POLICY, *rivals)}
-            sign = 1.0 if JUDGES[judge] == "higher" else -1.0
-            best = max(rivals, key=lambda policy: sign * means[policy])
-            gain = 100 * sign * (means[best] - means[DEFAULT_POLICY]) / (means[DEFAULT_POLICY] or 1.0)
-            cells.append(f"{gain:+.1f} % ({best})")
-        rows.append([group, str(len(names)), *cells])
-    caption = (
-        f"By {kind}: how much better than `{DEFAULT_POLICY}` the best published or learned policy of that row is, with "
-        "its name; below 0: none is better. The best of so many is partly luck."
-    )
-    return Table(caption, [kind, "courses", *(f"`{judge}`" for judge in SHOWN)], rows)
 
 
 def _settings(results: Results, courses: Mapping[str, Course], policies: Sequence[str]) -> Table:
