@@ -183,13 +183,19 @@ def test_everyone_takes_part() -> None:
     assert names >= set(POLICY_IDS) - {"majer2018-fixed"}
     assert names >= {"metric-map, exposure priority", "metric-map, at most 3 ms"}
     for quick in (True, False):
-        jobs = matches_judge.jobs(quick)
+        jobs = matches_judge.jobs_of("report", quick)
         by_course: dict[str, set[str]] = {}
         for job in jobs:
             course = job.arguments["course"]
             assert isinstance(course, dict)
             by_course.setdefault(Course(**course).name, set()).add(str(job.arguments.get("contender", "bounds")))
         assert all(taking_part == {*names, "bounds"} for taking_part in by_course.values())
+
+
+def test_a_quick_run_opens_no_scene_of_the_report() -> None:
+    opened = [json.dumps(job.arguments) for job in worth.EXPERIMENT.jobs(True)]
+    assert set(opened) == {json.dumps(job.arguments) for job in worth.TUNING.jobs(True)}
+    assert not set(opened) & {json.dumps(job.arguments) for job in worth.EXPERIMENT.jobs(False)}
 
 
 def test_a_cap_holds_and_fixed_stays_where_it_was_put() -> None:

@@ -20,7 +20,7 @@ from evaluation.experiments.worth.names import BOUNDS
 from evaluation.experiments.worth.registration import bounds, replays
 from evaluation.experiments.worth.registration.closed_loop import TEACHER, measure_bounds, measure_policies
 from evaluation.experiments.worth.registration.replays import CHOICE, SCORING, SETS, Look, Replay
-from evaluation.experiments.worth.registration_judge import JUDGES, jobs
+from evaluation.experiments.worth.registration_judge import JUDGES, jobs_of
 from fake_camera.world.render.renderer import Surface
 from fake_camera.world.scene.shapes import upright
 
@@ -106,6 +106,6 @@ def test_tuning_and_report_share_no_park() -> None:
 def test_every_job_that_meets_the_foreign_map_depends_on_its_teacher() -> None:
     assert TEACHER in {one.policy_id for one in PUBLISHED}
     for quick in (True, False):
-        work = jobs(quick)
+        work = jobs_of("report", quick)
         assert all(job.policies is not None and TEACHER in job.policies for job in work)
         assert sum("contender" in job.arguments for job in work) == len(APART) * len(work) // (len(APART) + 2)

@@ -14,12 +14,7 @@ from evaluation.experiments.worth.matches.courses import quick as some_of
 from evaluation.experiments.worth.matches.hindsight import measure_bounds
 from evaluation.experiments.worth.matches.scoring import JUDGES
 
-__all__ = ["JUDGES", "jobs"]
-
-
-def jobs(quick: bool) -> list[Job]:
-    """The report set."""
-    return jobs_of("report", quick)
+__all__ = ["JUDGES", "jobs_of"]
 
 
 def jobs_of(name: str, quick: bool) -> list[Job]:

@@ -25,11 +25,6 @@ SET_UP_S, COST_PER_S = 2.0, 3.5
 """Seconds of one core to build a room, and for a second of a drive with one contender."""
 
 
-def jobs(quick: bool) -> list[Job]:
-    """The report set."""
-    return jobs_of("report", quick)
-
-
 def jobs_of(name: str, quick: bool) -> list[Job]:
     """The jobs of the tuning or the report set: for each group of drives the best in hindsight, and each contender."""
     courses = some_of(drives(name)) if quick else drives(name)

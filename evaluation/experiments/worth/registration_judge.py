@@ -25,11 +25,6 @@ _COST_S = 1.0
 """Of one contender and one map (s of one core)."""
 
 
-def jobs(quick: bool) -> list[Job]:
-    """The report set."""
-    return jobs_of("report", quick)
-
-
 def jobs_of(name: str, quick: bool) -> list[Job]:
     """The jobs of one of `SETS`: by replay its bounds, the published policies together, and all others apart."""
     replays = SETS[name]()

@@ -99,8 +99,8 @@ a policy may do better than either."""
 
 
 def jobs(quick: bool) -> list[Job]:
-    """The jobs of all judges, on the scenes of the report (`evaluation.committed`)."""
-    return [job for module in _MODULES for job in module.jobs(quick)]
+    """The jobs of all judges, on the scenes of the report; a quick run, which anyone may make, opens none of them."""
+    return tuning_jobs(quick) if quick else [job for module in _MODULES for job in module.jobs_of("report", quick)]
 
 
 def tuning_jobs(quick: bool) -> list[Job]:

@@ -134,8 +134,8 @@ class Drive:
 
 def drives(name: str) -> list[Drive]:
     """Those of the tuning or the report set: all kinds at all speeds, each in light from its least to its most."""
-    first, first_painting = {"tuning": (TUNING_ROOM, 11), "report": (REPORT_ROOM, 2011)}[name]
-    pictures = tuple(stills(name)) or tuple(f"{one}:{first_painting + place}" for place, one in enumerate(PAINTERS))
+    first = {"tuning": TUNING_ROOM, "report": REPORT_ROOM}[name]
+    pictures = tuple(stills(name)) or tuple(f"{painter}:{first}" for painter in PAINTERS)
     sha256 = tuple(digest(picture) for picture in pictures)
     kinds, speeds, each = list(LUX), list(PERIODS_S), ROOMS // len(LUX)
     found = []
