@@ -38,11 +38,11 @@ class Unmoved:
 
 
 @contextmanager
-def quick(experiment: Experiment, folder: Path) -> Iterator[tuple[Any, Section]]:
-    """The section, and the results of the last quick job, which stand for those of all jobs; all figures are there."""
+def quick(experiment: Experiment, folder: Path, last: int = 1) -> Iterator[tuple[Any, Section]]:
+    """The section, and results of the last quick jobs, which stand for those of all in turn; all figures are there."""
     jobs = [replace(job, arguments={**job.arguments, "frames": FRAMES}) for job in experiment.jobs(True)]
-    (measured,) = run_jobs(jobs[-1:], ResultCache(folder / "jobs"), 1, lambda _job, _took_s: None)
-    results = [(job.arguments, measured) for job in jobs]
+    measured = run_jobs(jobs[-last:], ResultCache(folder / "jobs"), 1, lambda _job, _took_s: None)
+    results = [(job.arguments, measured[place % last]) for place, job in enumerate(jobs)]
     section = experiment.section(results, folder)
     check_no_prose(section)
     for part in section.parts:
@@ -79,7 +79,7 @@ def test_laws_by_gradients_blur_less_than_the_built_in_exposure_and_both_reading
 ) -> None:
     """By their exposures; odometry, the same as in fig7, takes most of the time and is left out here."""
     monkeypatch.setattr(policy_drives, "in_house", Unmoved)
-    with quick(fig12.EXPERIMENT, tmp_path) as (results, section):
+    with quick(fig12.EXPERIMENT, tmp_path, last=4) as (results, section):
         runs = PolicyRuns(results)
         (ours,), (coded,), (printed,), (built_in,) = (runs.of(LOW, policy) for policy in runs.policies)
         for law in (coded, printed):
