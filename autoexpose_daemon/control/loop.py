@@ -295,6 +295,7 @@ class ControlLoop:
             flicker_hz=self.flicker_hz,
             light_ahead=light_ahead,
             steering=self.steering,
+            ev_stops=0.0 if self._compensation is not None else self.override.ev_stops,
         )
 
     def _split(self, target: Target, level: float, observation: Observation) -> ExposureSetting:

@@ -74,6 +74,8 @@ class Look:
     relative_light
         What the lens lets through to each of the 8x8 cells of the picture, row by row, float64, shape (64,), to a
         quarter of a stop; None: not known.
+    setting
+        Exposure time and gain that the frame was taken with; None: as the reference frame.
     """
 
     side: Side
@@ -84,6 +86,7 @@ class Look:
     scale: float = 1.0
     averaged: float = 1.0
     relative_light: NDArray[np.float64] | None = None
+    setting: ExposureSetting | None = None
 
     @property
     def unfiltered(self) -> NDArray[np.uint8]:
@@ -136,6 +139,8 @@ class Observation:
         What an earlier drive saw; None: nothing is known.
     steering
         Where consumers track well; None: nothing is known.
+    ev_stops
+        The EV compensation by which frames will differ from targets.
     """
 
     looks: Sequence[Look]
@@ -153,6 +158,7 @@ class Observation:
     flicker_hz: float | None = None
     light_ahead: LightAhead | None = None
     steering: Steering | None = None
+    ev_stops: float = 0.0
 
     @property
     def side(self) -> Side:

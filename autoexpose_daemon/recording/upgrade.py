@@ -61,7 +61,7 @@ def _with_foresight(state: dict[str, Any]) -> dict[str, Any]:
         return state
     if "policy" in policy:
         return {**state, "policy": _with_foresight(policy)}
-    if "registration" not in policy:
+    if not {"registration", "memory"} <= policy.keys():
         return state
     unproven = {"belief": UNPROVEN, "untold_frames": 0}
     nothing: dict[str, Any] = {"differences": [], "leap": None, "left": 0.0, "waited": 0, "proven": 0}

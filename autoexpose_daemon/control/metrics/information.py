@@ -67,7 +67,7 @@ class InformationPrediction:
         greys = np.arange(GREY_LEVELS)
         self.bins = GreyBins(response)
         black, saturated = self.bins.black, self.bins.saturated
-        levels, slopes = response.inverse(greys), _slopes(response)
+        levels, slopes = response.inverse(greys), response_slopes(response)
         predicted = response.intensity(levels[:, None] + deltas)
         predicted_slopes = np.interp(predicted, greys, slopes)
         readable = (greys > black) & (greys < saturated)
@@ -147,7 +147,7 @@ class InformationPrediction:
         readable, shot_now, read_now = self._now
         noise = variance_of(shot_now * gain + read_now * gain**2, pixels)
         weight, expected, by_cell = (seen.count @ np.stack([readable, noise * readable, np.ones_like(noise)], 1)).T
-        share = _share_of_noise(seen.energy @ readable / 4, expected, weight, by_cell)
+        share = share_of_noise(seen.energy @ readable / 4, expected, weight, by_cell)
         signal = seen.energy / 4
         signal -= seen.count * (share * noise)
         information = self._information(signal, share, pixels, gains, relative_light)
@@ -185,7 +185,7 @@ class InformationPrediction:
         return information
 
 
-def _share_of_noise(
+def share_of_noise(
     shown: NDArray[np.float64],
     expected: NDArray[np.float64],
     weight: NDArray[np.float64],
@@ -228,7 +228,7 @@ def variance_of(noise_dn2: NDArray[np.float64], pixels: float) -> NDArray[np.flo
     return averaged + QUANTISATION if pixels > 1 else averaged
 
 
-def _slopes(response: ResponseFunction) -> NDArray[np.float64]:
+def response_slopes(response: ResponseFunction) -> NDArray[np.float64]:
     """dI/dE of each grey level, in grey levels per stop; those beyond black and saturation are as at these."""
     low, high = response.black_level, response.saturation
     light = np.exp2(response.log2_exposure[low : high + 1])

@@ -29,6 +29,7 @@ PLACES = {
     "zhang2024": "learned.zhang2024.Zhang2024",
     "metric-map": "metric_map.policy.MetricMap",
     DEFAULT_POLICY: "fisher_map.policy.FisherMap",
+    "belief": "belief.policy.Belief",
 }
 """Where the class of each policy is, below this package."""
 

@@ -27,7 +27,7 @@ KINDS = ("neves2009", "majer2018-full", "zhang2017", "begin2022", "shim2018", "m
 """One of each kind of law."""
 SEARCHING = ("lu2010", "kim2018", "shin2019")
 """Where they end depends on the frames that they happened to try, to a stop or so."""
-COMPENSATED_UP = ("fixed", "neves2009", "metric-map", "fisher-map")
+COMPENSATED_UP = ("fixed", "neves2009", "metric-map", "fisher-map", "belief")
 
 Ask = Callable[[int, list[Decision]], Override]
 

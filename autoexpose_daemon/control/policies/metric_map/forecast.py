@@ -51,8 +51,17 @@ class Forecast:
 
     changes: deque[float] = field(default_factory=lambda: deque(maxlen=HISTORY))
 
-    def add(self, change: float) -> None:
-        """One more frame, whose light differs by `change` stops from the frame before."""
+    def add(self, change: float, frames: int = 1) -> None:
+        """One more frame, whose light differs by `change` stops from the frame before, which was `frames` ago.
+
+        Frames that are missing between them are filled in: as the period foretells, or evenly.
+        """
+        missing = min(frames, HISTORY) - 1
+        period = self.period() if missing else None
+        for left in range(missing, 0, -1):
+            filled = change / (left + 1) if period is None else self.changes[-period]
+            self.changes.append(filled)
+            change -= filled
         self.changes.append(change)
 
     def ahead(self, frames: int, steady: bool) -> float:

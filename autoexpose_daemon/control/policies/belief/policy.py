@@ -1,0 +1,266 @@
+"""Policy `belief`: what light the scene sends is remembered, and the exposures of the next frames are planned by it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from autoexpose_daemon.control.balance import Balance, whole_periods_us
+from autoexpose_daemon.control.metrics.contrast import CELLS, Contrast, contrast
+from autoexpose_daemon.control.metrics.information import blur_length_px, sharpness
+from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
+from autoexpose_daemon.control.policies.belief.cadence import Cadence
+from autoexpose_daemon.control.policies.belief.optics import Optics
+from autoexpose_daemon.control.policies.belief.plan import HORIZON, Prospects, values
+from autoexpose_daemon.control.policies.belief.scene_belief import BIN, Hypothesis, SceneBelief
+from autoexpose_daemon.control.policies.fisher_map.balance import BlurPhotonBalance
+from autoexpose_daemon.control.policies.fisher_map.policy import BEATING_STOPS, SPARE_GAIN_DB, USUAL_SHARE
+from autoexpose_daemon.control.policies.metric_map.forecast import SWING_FRAMES, Forecast
+from autoexpose_daemon.control.policies.metric_map.loop_delay import LoopDelay
+from autoexpose_daemon.control.policy import ExposurePolicy, Look, Objective, Observation, PolicySetup, Target
+from autoexpose_daemon.control.registration import LightChange, Registration
+from calibration.response import ResponseFunction
+from drivers.exposure import ExposureLimits, linear_gain
+from drivers.frames import Side
+from drivers.python310 import Self
+
+Array = NDArray[np.float64]
+
+SERVED_FRAMES = 120.0
+"""Frames for which a camera at rest will have use of what a look reveals ..."""
+
+PASSING_PX = 50.0
+"""... and fewer for one that moves: half if the picture moves by 50/120 px per 1/60 s, one if by 50 px."""
+
+LARGE_CHANGE = 0.5
+"""Stops. Flow across such a change is wrong, and if the light has changed by more and by how much cannot be told, what
+was believed is of no use."""
+
+STILL_PX, SLOW_PX = 1.0, 8.0
+"""Pixels per 1/60 s: less is no motion, and from 8 on content causes slopes that look like ramps of the light."""
+
+MOST_MOVED = 0.8
+"""Of a cell from frame to frame: something always stays."""
+
+VOTE_S = 0.5
+"""Time constant with which the vote of a camera fades that shows nothing new."""
+
+LEAST_CAMERA = 0.5
+"""A camera's best counts as at least this share of the other's: one that sees hardly anything does not decide."""
+
+FRAMES_PER_S = 60.0
+
+
+class Belief(ExposurePolicy):
+    """Remembers what light the scene sends, and plans exposures that make successive frames worth most to each other.
+
+    What each camera's scene is like is a `SceneBelief`; it tells what frames of any exposure time and gain would be
+    worth. A plan over the next frames weighs that against the changes of brightness on the way, and against what
+    a look into white or black would reveal.
+    """
+
+    STATE: ClassVar[tuple[str, ...]] = (
+        "registration", "forecast", "cadence", "latency", "beliefs", "motion_px", "seen_ns",
+    )  # fmt: skip
+    OBJECTIVE: ClassVar[Objective] = "information"
+    compensated = "targets"
+    registration: Registration
+    forecast: Forecast
+    cadence: Cadence
+    latency: LoopDelay
+    beliefs: dict[Side, SceneBelief]
+    motion_px: float
+    seen_ns: int | None
+
+    def __init__(
+        self, responses: Mapping[Side, ResponseFunction], balance: Balance, noise: SensorNoise, native: bool
+    ) -> None:
+        self.balance = balance
+        self._native = native
+        self.registration = Registration(responses)
+        self.forecast = Forecast()
+        self.cadence = Cadence()
+        self.latency = LoopDelay()
+        self.beliefs = {side: SceneBelief(Optics(response, noise)) for side, response in responses.items()}
+        self.motion_px = 0.0
+        self.seen_ns = None
+
+    @classmethod
+    def build(cls, setup: PolicySetup) -> Self:
+        """With its own balance, unless another is configured."""
+        noise = SensorNoise(setup.parameters.full_well_e, setup.parameters.read_noise_e)
+        return cls(setup.responses, setup.balance(BlurPhotonBalance(noise)), noise, setup.metric.native)
+
+    def balance_for(self, look: Look) -> Balance:
+        """Its own balance follows what is left of blur and noise in the shrunk image."""
+        balance = self.balance
+        if isinstance(balance, BlurPhotonBalance) and (balance.scale, balance.averaged) != (look.scale, look.averaged):
+            return replace(balance, scale=look.scale, averaged=look.averaged)
+        return balance
+
+    @property
+    def uncounted(self) -> dict[Side, str]:
+        """The cameras that show nothing, unless that is all of them."""
+        found = {side: remark for side, belief in self.beliefs.items() if (remark := belief.remark())}
+        return found if len(found) < len(self.beliefs) else {}
+
+    def decide(self, observation: Observation) -> Target:
+        """The first level of the best plan, for the frame that will show this decision."""
+        balance = self.balance_for(observation.looks[0])
+        if isinstance(balance, BlurPhotonBalance):
+            balance = replace(balance, longest_us=self._longest_us(observation))
+        self.balance = balance
+        self.latency.see(observation.setting.level, (past.setting.level for past in observation.past))
+        self._see(observation)
+        return self._planned(observation)
+
+    def _longest_us(self, observation: Observation) -> float:
+        """Bound on the exposure time (us) while the light beats with the frame rate, otherwise infinite.
+
+        An exposure of some milliseconds sees the light change within it, so a longer one would not only see more of the
+        same light. With the same time in each frame of a phase, and the gain following the light, that is no matter.
+        """
+        if not observation.past or self.forecast.swing() < BEATING_STOPS:
+            return math.inf
+        past = [step.setting for step in observation.past][-SWING_FRAMES:]
+        usual_us = sorted(setting.exposure_time_us for setting in past)[int(USUAL_SHARE * len(past))]
+        spare_db = min(setting.gain_db for setting in past) - observation.limits.min_gain_db
+        return 2.0 * usual_us if spare_db > SPARE_GAIN_DB else usual_us
+
+    def _see(self, observation: Observation) -> None:
+        """Take in what the frames show."""
+        seen = [(look, self._contrast(look)) for look in observation.looks]
+        news = [(look, each) for look, each in seen if self.beliefs[look.side].is_news(each)]
+        showing = [each for each in news if each[1].count[:, 1:-1].any()]
+        light = self._light_change(*(showing or seen)[0], observation)
+        seconds = 0.0 if self.seen_ns is None else (observation.device_time_ns - self.seen_ns) * 1e-9
+        self.seen_ns = observation.device_time_ns
+        self.forecast.add(light.stops, self.cadence.frames(seconds))
+        if not light.measured and abs(light.stops) > LARGE_CHANGE:
+            for belief in self.beliefs.values():
+                belief.forget()
+        for belief in self.beliefs.values():
+            belief.pass_time(seconds, self._moved_cells(observation.looks[0], seconds), light.stops)
+        for look, each in news:
+            setting = look.setting or observation.setting
+            self.beliefs[look.side].see(each, setting.level, linear_gain(setting.gain_db), look.averaged)
+
+    def _contrast(self, look: Look) -> Contrast:
+        return contrast(look.unfiltered, self.beliefs[look.side].optics.bins, look.weights, self._native)
+
+    def _light_change(self, look: Look, seen: Contrast, observation: Observation) -> LightChange:
+        """By how much the light has changed; and is the motion that was measured to be believed?"""
+        level_change = observation.setting.level - self.registration.previous_level
+        light = self.registration.change(look, observation.setting.level) or LightChange(0.0, measured=False)
+        if not light.measured:  # no less than that if the picture is white, no more if it is black
+            white = seen.count[:, -1].sum() > seen.count[:, 0].sum()
+            light = LightChange(max(light.stops, 0.0) if white else min(light.stops, 0.0), measured=False)
+        calm = light.measured and max(abs(light.stops), abs(level_change)) < LARGE_CHANGE
+        if calm or not observation.by_flow:
+            self.motion_px = observation.motion_px
+        return light
+
+    def _moved_cells(self, look: Look, seconds: float) -> float:
+        """By which share of a cell the picture has moved."""
+        if self.motion_px < STILL_PX:
+            return 0.0
+        cell_px = look.image.shape[1] * look.scale / CELLS
+        return float(min(self.motion_px * FRAMES_PER_S * seconds / cell_px, MOST_MOVED))
+
+    def _planned(self, observation: Observation) -> Target:
+        limits, level = observation.limits, observation.setting.level
+        levels = _levels(limits)
+        light = self._light_ahead()
+        times_us = self._times_us(levels, observation)
+        gains = np.exp2(levels) / times_us
+        sharp = self._sharper(times_us, observation)
+        beliefs = [belief for belief in self.beliefs.values() if belief.by_cell.any()]
+        worths, looks = self._prospects(beliefs, levels, light[1:], gains, sharp)
+        before = observation.past[-1].setting.level if self.latency.frames > 1 and observation.past else level
+        before -= observation.ev_stops
+        value = values(Prospects(levels, worths, light, before, looks))
+        best = int(value.argmax())
+        return Target(float(levels[best]), _reason(levels[best] - before, looks[best]))
+
+    def _light_ahead(self) -> Array:
+        """Stops by which the light will have risen until the last frame under way, and each of those planned."""
+        steady, delay = self.motion_px < SLOW_PX, self.latency.frames
+        return np.array([self.forecast.ahead(frame, steady=steady) for frame in range(delay - 1, delay + HORIZON)])
+
+    def _times_us(self, levels: Array, observation: Observation) -> Array:
+        """Exposure time (us) at each level."""
+        limits, flicker_hz = observation.limits, observation.flicker_hz
+        if isinstance(self.balance, BlurPhotonBalance):
+            times_us = self.balance.exposure_times_us(levels, self.motion_px, limits)
+        else:
+            times_us = np.array([self.balance.exposure_time_us(each, self.motion_px, limits) for each in levels])
+        if flicker_hz is None:
+            return times_us
+        wanted = zip(levels.tolist(), times_us.tolist(), strict=True)
+        return np.array([whole_periods_us(time_us, each, limits, flicker_hz) for each, time_us in wanted])
+
+    def _sharper(self, times_us: Array, observation: Observation) -> Array:
+        """What blur leaves of the information at other exposure times, as a multiple of that at the present one."""
+        scale = observation.looks[0].scale
+        then = sharpness(blur_length_px(self.motion_px, times_us, scale))
+        now = sharpness(blur_length_px(self.motion_px, observation.setting.exposure_time_us, scale))
+        return np.asarray(np.sqrt(then / now))
+
+    def _prospects(
+        self, beliefs: Sequence[SceneBelief], levels: Array, light: Array, gains: Array, sharp: Array
+    ) -> tuple[Array, Array]:
+        """What levels are worth in each light, (len(light), n), and for what they would reveal in the first, (n,).
+
+        A mean over cameras of shares of their best, so that a lamp in one does not outvote the other.
+        """
+        rises, of = np.unique(np.round(light, 3), return_inverse=True)
+        cameras = [self._of_camera(belief, levels, rises, gains, sharp) for belief in beliefs]
+        expected = [
+            np.tensordot([each.probability for each in guesses], information, 1) for guesses, information in cameras
+        ]
+        best = np.array([each.max(axis=1) for each in expected])
+        scale = np.maximum(best, np.maximum(LEAST_CAMERA * best.max(axis=0), 1e-9))[:, :, None]
+        votes = np.array([math.exp(-belief.age_s / VOTE_S) for belief in beliefs])
+        votes /= votes.sum()
+        shares = [vote * each / one for vote, each, one in zip(votes, expected, scale, strict=True)]
+        worths = np.sum(shares, axis=0)[of]
+        first, now = of[0], int(worths[0].argmax())
+        looks = np.zeros(levels.size)
+        for belief, (guesses, information), share, vote, one in zip(
+            beliefs, cameras, shares, votes, scale, strict=True
+        ):
+            visible = belief.visible(levels + light[0])
+            for guess, each in zip(guesses, information[:, first], strict=True):
+                if_right = worths[0] - share[first] + vote * each / max(float(each.max()), float(one[first, 0]))
+                revealed = (visible @ guess.mass) / max(float(guess.mass.sum()), 1e-9)
+                looks += guess.probability * (if_right.max() - if_right[now]) * revealed
+        served = SERVED_FRAMES / (1.0 + SERVED_FRAMES * min(self.motion_px / PASSING_PX, 1.0))
+        return worths, served * looks
+
+    @staticmethod
+    def _of_camera(
+        belief: SceneBelief, levels: Array, rises: Array, gains: Array, sharp: Array
+    ) -> tuple[list[Hypothesis], Array]:
+        """Hypotheses, and the information of levels by each and after each rise, (hypotheses, rises, n)."""
+        hypotheses = list(belief.hypotheses())
+        worths = [belief.worth(levels + rise, gains) for rise in rises]
+        information = [[sharp * belief.information(worth, each.energy) for worth in worths] for each in hypotheses]
+        return hypotheses, np.array(information)
+
+
+def _reason(change: float, look: float) -> str:
+    if look > 0.5:
+        return f"looks at {'more' if change > 0 else 'less'} exposure"
+    if abs(change) < BIN / 2:
+        return "held: the best of the plan"
+    return f"plan: {'more' if change > 0 else 'less'} exposure"
+
+
+def _levels(limits: ExposureLimits) -> Array:
+    low, high = limits.darkest.level, limits.brightest.level
+    return np.linspace(low, high, max(round((high - low) / BIN), 1) + 1)

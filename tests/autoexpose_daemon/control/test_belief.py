@@ -1,0 +1,148 @@
+"""The policy `belief`: what it remembers of a scene, what it plans, and both in closed loop."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from autoexpose_daemon.control.loop import ControlLoop
+from autoexpose_daemon.control.metrics.contrast import contrast
+from autoexpose_daemon.control.metrics.information import InformationPrediction
+from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
+from autoexpose_daemon.control.policies.belief.cadence import Cadence
+from autoexpose_daemon.control.policies.belief.optics import Optics
+from autoexpose_daemon.control.policies.belief.plan import BRIGHTNESS_LOSS, Prospects, values
+from autoexpose_daemon.control.policies.belief.scene_belief import BIN, NOTHING, SceneBelief
+from calibration.response import ResponseFunction
+from drivers.exposure import ExposureSetting
+from drivers.frames import StereoPair
+
+from .scene import FRAME_NS, LIMITS, at_time, expose, radiance, run
+
+LINEAR = ResponseFunction.linear()
+NOISE = SensorNoise(10_500.0, 3.0)
+START = ExposureSetting(1000.0, 0.0)
+SCENE = radiance(1, 1.0)
+MIDDLE = 11.0
+
+
+def frame_at(level: float) -> NDArray[np.uint8]:
+    """The scene's frame at an exposure level."""
+    return expose(SCENE, ExposureSetting(2.0**level, 0.0), MIDDLE).pixels.astype(np.uint8)
+
+
+def belief_after(*levels: float) -> SceneBelief:
+    belief = SceneBelief(Optics(LINEAR, NOISE))
+    for level in levels:
+        belief.pass_time(FRAME_NS * 1e-9, 0.0, 0.0)
+        belief.see(contrast(frame_at(level), belief.optics.bins), level, 1.0, 1.0)
+    return belief
+
+
+def foretold(belief: SceneBelief, levels: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Expected information at levels, at a gain of 1."""
+    worth = belief.worth(levels, np.ones(levels.size))
+    return np.asarray(sum(each.probability * belief.information(worth, each.energy) for each in belief.hypotheses()))
+
+
+def test_what_is_remembered_of_a_frame_foretells_others_as_the_prediction_from_that_frame_does() -> None:
+    """Two ways to the same number: by radiance, and by the grey levels of the frame."""
+    belief, deltas = belief_after(10.0), np.linspace(-2.0, 0.0, 9)
+    prediction = InformationPrediction(LINEAR, NOISE, deltas)
+    seen = contrast(frame_at(10.0), prediction.bins)
+    expected = prediction.curve(seen, 1.0, 1.0, np.ones(deltas.size), np.ones(deltas.size))
+    assert foretold(belief, 10.0 + deltas) == pytest.approx(expected, rel=0.08)
+
+
+def test_frames_of_two_exposures_are_remembered_together() -> None:
+    """Neither alone knows both ends of the scene; what is true is what a frame of that level shows."""
+    levels = np.array([7.0, 9.0, 11.0, 12.5])
+    truth = np.array([foretold(belief_after(level), np.array([level]))[0] for level in levels])
+    both = foretold(belief_after(12.5, 7.0), levels)
+    assert both == pytest.approx(truth, rel=0.15)
+
+
+@given(st.floats(-8.0, 8.0))
+def test_a_change_of_light_moves_what_is_believed_and_changes_nothing_else(stops: float) -> None:
+    before, after = belief_after(10.0), belief_after(10.0)
+    after.pass_time(0.0, 0.0, stops)
+    levels = np.array([9.0, 10.0, 11.0])
+    assert abs(after.drift) <= BIN / 2 + 1e-9
+    assert foretold(after, levels - stops) == pytest.approx(foretold(before, levels), rel=0.03)
+
+
+def test_mass_is_neither_made_nor_lost() -> None:
+    for level in (4.0, 9.0, 14.0, 19.0):
+        belief = belief_after(9.0, level)
+        hidden = sum(each.mass for each in belief.hidden)
+        assert belief.mass.sum(axis=1) + hidden == pytest.approx(belief.by_cell, rel=0.05, abs=2.0)
+
+
+def test_looks_that_find_nothing_make_it_unlikely_that_there_is_something() -> None:
+    belief = SceneBelief(Optics(LINEAR, NOISE))
+    for level in (9.0, 12.0, 15.0, 18.0):
+        belief.see(contrast(np.zeros(SCENE.shape, np.uint8), belief.optics.bins), level, 1.0, 1.0)
+    assert belief.nothing > 2 * NOTHING
+    assert sum(each.probability for each in belief.hypotheses()) == pytest.approx(1.0)
+
+
+def prospects(worth: NDArray[np.float64], before: float, light: float = 0.0) -> NDArray[np.float64]:
+    levels = np.arange(float(worth.size))
+    frames = 8
+    rises = light * np.arange(frames + 1)
+    worths = np.array([np.interp(levels + rise, levels, worth) for rise in rises[1:]])
+    return values(Prospects(levels, worths, rises, before, np.zeros(levels.size)))
+
+
+def test_a_plan_leaps_and_does_not_climb() -> None:
+    worth = np.array([0.0, 0.05, 0.1, 0.2, 0.4, 0.8, 1.0, 0.8])
+    assert prospects(worth, before=1.0).argmax() == 6
+
+
+def test_a_plan_stays_where_little_is_to_be_gained() -> None:
+    worth = np.array([0.9, 0.94, 0.97, 0.98, 1.0])
+    assert prospects(worth, before=3.0).argmax() in {3, 4}
+    assert 1.0 - np.exp(-BRIGHTNESS_LOSS) > 0.4
+
+
+def test_a_plan_follows_a_ramp_of_light() -> None:
+    worth = np.exp(-((np.arange(12.0) - 6.0) ** 2) / 8.0)
+    assert prospects(worth, before=6.0, light=-0.5).argmax() > prospects(worth, before=6.0, light=0.5).argmax()
+
+
+def test_lost_frames_are_counted_by_their_stamps() -> None:
+    cadence = Cadence()
+    assert [cadence.frames(interval) for interval in (0.02, 0.02, 0.0201, 0.06, 0.0199, 0.04)] == [1, 1, 1, 3, 1, 2]
+    assert cadence.frames(0.0) == 1
+
+
+@pytest.mark.parametrize("half_scale_level", [6.0, 10.0, 15.0])
+@pytest.mark.parametrize("delay", [1, 3])
+def test_it_settles_within_a_few_frames_and_stays(half_scale_level: float, delay: int) -> None:
+    loop = ControlLoop("belief", LINEAR, LIMITS, START)
+    levels = run(loop, [half_scale_level] * 40, START, delay=delay, scene=SCENE)
+    assert np.ptp(levels[20:]) <= 0.3
+    assert abs(levels[-1] - half_scale_level) < 1.5
+
+
+@pytest.mark.parametrize("change", [-7.2, 7.2])
+def test_a_step_of_light_is_followed(change: float) -> None:
+    after = MIDDLE + change / 2
+    lights = [MIDDLE - change / 2] * 20 + [after] * 20
+    levels = run(ControlLoop("belief", LINEAR, LIMITS, START), lights, START, scene=SCENE)
+    assert abs(levels[-1] - after) < 1.5
+    assert np.ptp(levels[32:]) <= 0.3
+
+
+def test_each_camera_is_seen_with_its_own_setting() -> None:
+    """The right one's frame has another exposure: it is no other scene for that."""
+    loop, same = (ControlLoop("belief", LINEAR, LIMITS, START) for _ in range(2))
+    other = ExposureSetting(4000.0, 0.0)
+    for index in range(4):
+        left, right = (at_time(expose(SCENE, setting, 10.0), index) for setting in (START, other))
+        decision = loop.step(StereoPair(index, {"left": left, "right": right}))
+        expected = same.step(StereoPair(index, {"left": left, "right": left}))
+    assert decision.setting.level == pytest.approx(expected.setting.level, abs=0.6)
