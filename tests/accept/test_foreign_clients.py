@@ -158,6 +158,35 @@ def test_lost_packets_are_requested_again(kind: type[ForeignClient]) -> None:
         assert stream.resent() >= 10
 
 
+@CLIENTS
+def test_a_second_controller_is_refused(kind: type[ForeignClient]) -> None:
+    with examined(kind) as (_, client):
+        for second in (Telegenic, kind):
+            with pytest.raises(Exception, match=r"held by another application|ACCESS_DENIED"):
+                second(client.address)
+        client.set("ExposureTime", 1234.0)
+        assert float(client.get("ExposureTime")) == 1234.0
+
+
+def test_the_end_of_each_exposure_is_told_and_acknowledged() -> None:
+    with first_address() as address, gige_camera(address, unique("FC")) as fake:
+        client = Viva(address)
+        with contextlib.closing(client), client.camera.events(["ExposureEnd"]) as events, client.streaming() as stream:
+            frame = stream.next_frame()
+            event = events.next_event(5000)
+            while event.block_id < frame.block_id:
+                event = events.next_event(5000)
+            assert event.block_id == frame.block_id
+            assert event.ts_dev == frame.device_time_ns + 5_000_000
+            told = client.camera.event_features(event)
+            assert told == {
+                "EventExposureEnd": str(0x9001),
+                "EventExposureEndTimestamp": str(event.ts_dev),
+                "EventExposureEndFrameID": str(frame.block_id),
+            }
+        assert fake.features.get("EventNotification") == "On"
+
+
 def test_actions_reach_the_cameras_that_they_are_for() -> None:
     module = viva_module()
     with examined(Viva, "--ptp", "10319") as (_, client):

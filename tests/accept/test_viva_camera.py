@@ -24,8 +24,6 @@ from drivers.frames import Frame
 from tests.fake_camera.gige.foreign_clients import viva_module
 from tests.fakes import first_address
 
-pytestmark = [pytest.mark.realtime]  # alone: while it listens on all addresses no other camera can have one
-
 SERIAL = "FAKE-001"
 PATIENCE_S = 20.0
 FREE_RUN = CameraSetup(TriggerSetup("free_run", rate_hz=30.0))
