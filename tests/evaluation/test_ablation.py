@@ -164,7 +164,7 @@ def fake_judge(policy: str, course: Course, taken: dict[str, Decisions], frames:
     scores = {}
     for name, level in [(policy, 5), *((name, decisions[0]["level"]) for name, decisions in taken.items())]:
         settle = None if (level, course[0]) == (8, "pan") else 3
-        scores[name] = Score(settle, *[0.0] * 6, level / 10, level / 20, 0.0)
+        scores[name] = Score(settle, *[0.0] * 6, level / 10, level / 20, *[0.0] * 3)
     return scores
 
 

@@ -18,6 +18,7 @@ COLUMNS: dict[str, tuple[str, str]] = {
     "worst 5 %": ("objective_ratio_p05", "{:.3f}"),
     "settle": ("settle_frames", "{:.0f}"),
     "stuck": ("stuck_share", "{:.2f}"),
+    "lost pairs": ("lost_pair_share", "{:.3f}"),
 }
 """By title: a name in the rows of `results`, and how it is shown."""
 
