@@ -195,7 +195,7 @@ def test_table_has_a_row_for_each_alteration(tmp_path: Path) -> None:
     lines = write_ablation(ablation, tmp_path).read_text().splitlines()
     rows = {line.split(" | ")[0]: line for line in lines if line.startswith("| ")}
     assert all(line.replace("\\|", "").count("|") == rows["| constant"].count("|") for line in rows.values())
-    assert "0.500 | 0.250 | 3 | 0.00 | 0.500 / 0.250 | 0.500 / 0.250" in rows["| unaltered"]
+    assert "0.500 | 0.250 | 3 | 0.00 | 0.000 | 0.500 / 0.250 | 0.500 / 0.250" in rows["| unaltered"]
     assert "Frames \\| idle." in rows["| `made_up.IDLE`"] and " = " in rows["| `made_up.IDLE`"]
     print_ablation(ablation, console)
     shown = console.export_text()
