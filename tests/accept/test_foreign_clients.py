@@ -160,12 +160,17 @@ def test_lost_packets_are_requested_again(kind: type[ForeignClient]) -> None:
 
 @CLIENTS
 def test_a_second_controller_is_refused(kind: type[ForeignClient]) -> None:
-    with examined(kind) as (_, client):
+    with contextlib.ExitStack() as stack:
+        address = stack.enter_context(first_address()) if kind is Viva else loopback_address()
+        fake = stack.enter_context(gige_camera(address, unique("FC")))
+        client = kind(address)
+        stack.callback(client.close)
+        client.set("ExposureAuto", "Off")
         for second in (Telegenic, kind):
             with pytest.raises(Exception, match=r"held by another application|ACCESS_DENIED"):
-                second(client.address)
+                second(address)
         client.set("ExposureTime", 1234.0)
-        assert float(client.get("ExposureTime")) == 1234.0
+        assert fake.features.get("ExposureTime") == 1234.0
 
 
 def test_the_end_of_each_exposure_is_told_and_acknowledged() -> None:
