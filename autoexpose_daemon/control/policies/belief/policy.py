@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import ClassVar
@@ -18,9 +17,8 @@ from autoexpose_daemon.control.policies.belief.cadence import Cadence
 from autoexpose_daemon.control.policies.belief.optics import Optics
 from autoexpose_daemon.control.policies.belief.plan import HORIZON, Prospects, values
 from autoexpose_daemon.control.policies.belief.scene_belief import BIN, Hypothesis, SceneBelief
-from autoexpose_daemon.control.policies.fisher_map.balance import BlurPhotonBalance
-from autoexpose_daemon.control.policies.fisher_map.policy import BEATING_STOPS, SPARE_GAIN_DB, USUAL_SHARE
-from autoexpose_daemon.control.policies.metric_map.forecast import SWING_FRAMES, Forecast
+from autoexpose_daemon.control.policies.fisher_map.balance import BlurPhotonBalance, fitted, longest_us
+from autoexpose_daemon.control.policies.metric_map.forecast import Forecast
 from autoexpose_daemon.control.policies.metric_map.loop_delay import LoopDelay
 from autoexpose_daemon.control.policy import ExposurePolicy, Look, Objective, Observation, PolicySetup, Target
 from autoexpose_daemon.control.registration import LightChange, Registration
@@ -98,10 +96,7 @@ class Belief(ExposurePolicy):
 
     def balance_for(self, look: Look) -> Balance:
         """Its own balance follows what is left of blur and noise in the shrunk image."""
-        balance = self.balance
-        if isinstance(balance, BlurPhotonBalance) and (balance.scale, balance.averaged) != (look.scale, look.averaged):
-            return replace(balance, scale=look.scale, averaged=look.averaged)
-        return balance
+        return fitted(self.balance, look)
 
     @property
     def uncounted(self) -> dict[Side, str]:
@@ -113,24 +108,11 @@ class Belief(ExposurePolicy):
         """The first level of the best plan, for the frame that will show this decision."""
         balance = self.balance_for(observation.looks[0])
         if isinstance(balance, BlurPhotonBalance):
-            balance = replace(balance, longest_us=self._longest_us(observation))
+            balance = replace(balance, longest_us=longest_us(observation, self.forecast))
         self.balance = balance
         self.latency.see(observation.setting.level, (past.setting.level for past in observation.past))
         self._see(observation)
         return self._planned(observation)
-
-    def _longest_us(self, observation: Observation) -> float:
-        """Bound on the exposure time (us) while the light beats with the frame rate, otherwise infinite.
-
-        An exposure of some milliseconds sees the light change within it, so a longer one would not only see more of the
-        same light. With the same time in each frame of a phase, and the gain following the light, that is no matter.
-        """
-        if not observation.past or self.forecast.swing() < BEATING_STOPS:
-            return math.inf
-        past = [step.setting for step in observation.past][-SWING_FRAMES:]
-        usual_us = sorted(setting.exposure_time_us for setting in past)[int(USUAL_SHARE * len(past))]
-        spare_db = min(setting.gain_db for setting in past) - observation.limits.min_gain_db
-        return 2.0 * usual_us if spare_db > SPARE_GAIN_DB else usual_us
 
     def _see(self, observation: Observation) -> None:
         """Take in what the frames show."""
@@ -225,7 +207,8 @@ class Belief(ExposurePolicy):
         ]
         best = np.array([each.max(axis=1) for each in expected])
         scale = np.maximum(best, np.maximum(LEAST_CAMERA * best.max(axis=0), 1e-9))[:, :, None]
-        votes = np.array([math.exp(-belief.age_s / VOTE_S) for belief in beliefs])
+        ages_s = np.array([belief.age_s for belief in beliefs])
+        votes = np.exp((ages_s.min() - ages_s) / VOTE_S)
         votes /= votes.sum()
         shares = [vote * each / one for vote, each, one in zip(votes, expected, scale, strict=True)]
         worths = np.sum(shares, axis=0)[of]

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
+from autoexpose_daemon.control.balance import Balance
 from autoexpose_daemon.control.metrics.extension import extension as _native
 from autoexpose_daemon.control.metrics.information import FRONT_END_DN, PER_US, blur_length_px, sharpness, variance_of
 from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
+from autoexpose_daemon.control.policies.metric_map.forecast import SWING_FRAMES, Forecast
+from autoexpose_daemon.control.policy import Look, Observation
 from drivers.exposure import DB_PER_STOP, ExposureLimits
 
 MIDDLE = 0.25
@@ -19,6 +22,15 @@ MIDDLE = 0.25
 
 TIMES = 33
 """Exposure times that are compared, evenly spaced in stops; 20 us to 7.5 ms then lie 0.27 stop apart."""
+
+BEATING_STOPS = 4.0
+"""The light beats if it rises and falls again by so much within 12 frames: a third of a stop a frame."""
+
+USUAL_SHARE = 0.75
+"""While it beats, the exposure time stays within what this share of the last 12 frames had ..."""
+
+SPARE_GAIN_DB = 6.0
+"""... or twice that, if all of them had more than this to spare."""
 
 _STEPS = np.linspace(0.0, 1.0, TIMES)[:, None]
 
@@ -80,6 +92,28 @@ class BlurPhotonBalance:
         if math.isinf(self.longest_us):
             return times_us
         return np.minimum(times_us, np.maximum(self.longest_us, np.exp2(levels - greatest_gain)))
+
+
+def fitted(balance: Balance, look: Look) -> Balance:
+    """A `BlurPhotonBalance` for what is left of blur and noise in the shrunk image of a look; any other as it is."""
+    if isinstance(balance, BlurPhotonBalance) and (balance.scale, balance.averaged) != (look.scale, look.averaged):
+        return replace(balance, scale=look.scale, averaged=look.averaged)
+    return balance
+
+
+def longest_us(observation: Observation, forecast: Forecast) -> float:
+    """Bound on the exposure time (us) while the light beats with the frame rate, otherwise infinite.
+
+    An exposure of some milliseconds sees the light change within it, so a longer one would not only see more of the
+    same light, as predictions suppose. With the same time in each frame of a phase, and the gain following the
+    light, they are right.
+    """
+    if not observation.past or forecast.swing() < BEATING_STOPS:
+        return math.inf
+    past = [step.setting for step in observation.past][-SWING_FRAMES:]
+    usual_us = sorted(setting.exposure_time_us for setting in past)[int(USUAL_SHARE * len(past))]
+    spare_db = min(setting.gain_db for setting in past) - observation.limits.min_gain_db
+    return 2.0 * usual_us if spare_db > SPARE_GAIN_DB else usual_us
 
 
 @lru_cache(maxsize=1)

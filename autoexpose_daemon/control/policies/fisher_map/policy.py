@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import ClassVar
@@ -15,9 +14,8 @@ from autoexpose_daemon.control.metrics.contrast import CELLS, contrast
 from autoexpose_daemon.control.metrics.information import InformationPrediction, blur_length_px, sharpness
 from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
 from autoexpose_daemon.control.picture.steering import Steering
-from autoexpose_daemon.control.policies.fisher_map.balance import BlurPhotonBalance
+from autoexpose_daemon.control.policies.fisher_map.balance import BlurPhotonBalance, fitted, longest_us
 from autoexpose_daemon.control.policies.metric_map.exposure_map import ExposureMap
-from autoexpose_daemon.control.policies.metric_map.forecast import SWING_FRAMES
 from autoexpose_daemon.control.policies.metric_map.search import Probes
 from autoexpose_daemon.control.policies.metric_map.view import DELTAS, MetricView, Tones
 from autoexpose_daemon.control.policy import Look, Objective, Observation, PolicySetup, Target
@@ -25,15 +23,6 @@ from calibration.response import ResponseFunction
 from drivers.exposure import linear_gain
 from drivers.frames import Side
 from drivers.python310 import Self
-
-BEATING_STOPS = 4.0
-"""The light beats if it rises and falls again by so much within 12 frames: a third of a stop a frame."""
-
-USUAL_SHARE = 0.75
-"""While it beats, the exposure time stays within what this share of the last 12 frames had ..."""
-
-SPARE_GAIN_DB = 6.0
-"""... or twice that, if all of them had more than this to spare."""
 
 
 class FisherMap(ExposureMap):
@@ -70,32 +59,15 @@ class FisherMap(ExposureMap):
 
     def balance_for(self, look: Look) -> Balance:
         """Its own balance follows what is left of blur and noise in the shrunk image."""
-        balance = self.balance
-        if isinstance(balance, BlurPhotonBalance) and (balance.scale, balance.averaged) != (look.scale, look.averaged):
-            return replace(balance, scale=look.scale, averaged=look.averaged)
-        return balance
+        return fitted(self.balance, look)
 
     def decide(self, observation: Observation) -> Target:
         """The level that promises most, for the frame that will show this decision."""
         balance = self.balance_for(observation.looks[0])
         if isinstance(balance, BlurPhotonBalance):
-            balance = replace(balance, longest_us=self._longest_us(observation))
+            balance = replace(balance, longest_us=longest_us(observation, self.forecast))
         self.balance = balance
         return super().decide(observation)
-
-    def _longest_us(self, observation: Observation) -> float:
-        """Bound on the exposure time (us) while the light beats with the frame rate, otherwise infinite.
-
-        An exposure of some milliseconds sees the light change within it, so a longer one would not only see more of the
-        same light, as predictions suppose. With the same time in each frame of a phase, and the gain following the
-        light, they are right.
-        """
-        if not observation.past or self.forecast.swing() < BEATING_STOPS:
-            return math.inf
-        past = [step.setting for step in observation.past][-SWING_FRAMES:]
-        usual_us = sorted(setting.exposure_time_us for setting in past)[int(USUAL_SHARE * len(past))]
-        spare_db = min(setting.gain_db for setting in past) - observation.limits.min_gain_db
-        return 2.0 * usual_us if spare_db > SPARE_GAIN_DB else usual_us
 
     def _views(self, observation: Observation) -> tuple[MetricView, ...]:
         times_us, gains = self._splits(observation)
