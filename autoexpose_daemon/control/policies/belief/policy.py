@@ -16,7 +16,7 @@ from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
 from autoexpose_daemon.control.policies.belief.cadence import Cadence
 from autoexpose_daemon.control.policies.belief.optics import Optics
 from autoexpose_daemon.control.policies.belief.plan import HORIZON, Prospects, values
-from autoexpose_daemon.control.policies.belief.scene_belief import BIN, Hypothesis, SceneBelief
+from autoexpose_daemon.control.policies.belief.scene_belief import BIN, SceneBelief
 from autoexpose_daemon.control.policies.fisher_map.balance import BlurPhotonBalance, fitted, longest_us
 from autoexpose_daemon.control.policies.metric_map.forecast import Forecast
 from autoexpose_daemon.control.policies.metric_map.loop_delay import LoopDelay
@@ -155,19 +155,49 @@ class Belief(ExposurePolicy):
         return float(min(self.motion_px * FRAMES_PER_S * seconds / cell_px, MOST_MOVED))
 
     def _planned(self, observation: Observation) -> Target:
-        limits, level = observation.limits, observation.setting.level
-        levels = _levels(limits)
-        light = self._light_ahead()
-        times_us = self._times_us(levels, observation)
-        gains = np.exp2(levels) / times_us
+        levels, light = _levels(observation.limits), self._light_ahead()
+        shown = levels + light[1:, None]
+        as_now = _reaching(levels, float(np.abs(light).max()))
+        worth, look = self._prospects(as_now, observation)
+        worths, looks = np.interp(shown, as_now, worth), np.interp(shown[0], as_now, look)
+        level, past = observation.setting.level, observation.past
+        before = past[-1].setting.level if self.latency.frames > 1 and past else level
+        before -= observation.ev_stops
+        best = int(values(Prospects(levels, worths, light, before, looks)).argmax())
+        return Target(float(levels[best]), _reason(levels[best] - before, looks[best]))
+
+    def _prospects(self, levels: Array, observation: Observation) -> tuple[Array, Array]:
+        """What levels are worth in the present light, and for what they would reveal, both of shape (n,).
+
+        A mean over cameras of shares of their best, so that a lamp in one does not outvote the other.
+        """
+        reachable = np.clip(levels, observation.limits.darkest.level, observation.limits.brightest.level)
+        times_us = self._times_us(reachable, observation)
         sharp = self._sharper(times_us, observation)
         beliefs = [belief for belief in self.beliefs.values() if belief.by_cell.any()]
-        worths, looks = self._prospects(beliefs, levels, light[1:], gains, sharp)
-        before = observation.past[-1].setting.level if self.latency.frames > 1 and observation.past else level
-        before -= observation.ev_stops
-        value = values(Prospects(levels, worths, light, before, looks))
-        best = int(value.argmax())
-        return Target(float(levels[best]), _reason(levels[best] - before, looks[best]))
+        outlooks = [belief.outlook(levels, np.exp2(reachable) / times_us) for belief in beliefs]
+        expected = np.array([sharp * outlook.expected for outlook in outlooks])
+        best = expected.max(axis=1)
+        scale = np.maximum(best, max(LEAST_CAMERA * best.max(), 1e-9))
+        votes = self._votes(beliefs)
+        shares = votes[:, None] * expected / scale[:, None]
+        worth = shares.sum(axis=0)
+        now = int(worth.argmax())
+        look = np.zeros(levels.size)
+        for outlook, vote, share, one in zip(outlooks, votes, shares, scale, strict=True):
+            information = sharp * outlook.information
+            if_right = worth - share + vote * information / np.maximum(information.max(axis=1), one)[:, None]
+            gained = if_right.max(axis=1) - if_right[:, now]
+            look += (outlook.probability * gained) @ outlook.revealed
+        served = SERVED_FRAMES / (1.0 + SERVED_FRAMES * min(self.motion_px / PASSING_PX, 1.0))
+        return worth, served * look
+
+    @staticmethod
+    def _votes(beliefs: Sequence[SceneBelief]) -> Array:
+        """The say of each camera; they sum to 1. A belief that grows old loses it."""
+        ages_s = np.array([belief.age_s for belief in beliefs])
+        votes = np.exp((ages_s.min() - ages_s) / VOTE_S)
+        return np.asarray(votes / votes.sum())
 
     def _light_ahead(self) -> Array:
         """Stops by which the light will have risen until the last frame under way, and each of those planned."""
@@ -193,48 +223,6 @@ class Belief(ExposurePolicy):
         now = sharpness(blur_length_px(self.motion_px, observation.setting.exposure_time_us, scale))
         return np.asarray(np.sqrt(then / now))
 
-    def _prospects(
-        self, beliefs: Sequence[SceneBelief], levels: Array, light: Array, gains: Array, sharp: Array
-    ) -> tuple[Array, Array]:
-        """What levels are worth in each light, (len(light), n), and for what they would reveal in the first, (n,).
-
-        A mean over cameras of shares of their best, so that a lamp in one does not outvote the other.
-        """
-        rises, of = np.unique(np.round(light, 3), return_inverse=True)
-        cameras = [self._of_camera(belief, levels, rises, gains, sharp) for belief in beliefs]
-        expected = [
-            np.tensordot([each.probability for each in guesses], information, 1) for guesses, information in cameras
-        ]
-        best = np.array([each.max(axis=1) for each in expected])
-        scale = np.maximum(best, np.maximum(LEAST_CAMERA * best.max(axis=0), 1e-9))[:, :, None]
-        ages_s = np.array([belief.age_s for belief in beliefs])
-        votes = np.exp((ages_s.min() - ages_s) / VOTE_S)
-        votes /= votes.sum()
-        shares = [vote * each / one for vote, each, one in zip(votes, expected, scale, strict=True)]
-        worths = np.sum(shares, axis=0)[of]
-        first, now = of[0], int(worths[0].argmax())
-        looks = np.zeros(levels.size)
-        for belief, (guesses, information), share, vote, one in zip(
-            beliefs, cameras, shares, votes, scale, strict=True
-        ):
-            visible = belief.visible(levels + light[0])
-            for guess, each in zip(guesses, information[:, first], strict=True):
-                if_right = worths[0] - share[first] + vote * each / max(float(each.max()), float(one[first, 0]))
-                revealed = (visible @ guess.mass) / max(float(guess.mass.sum()), 1e-9)
-                looks += guess.probability * (if_right.max() - if_right[now]) * revealed
-        served = SERVED_FRAMES / (1.0 + SERVED_FRAMES * min(self.motion_px / PASSING_PX, 1.0))
-        return worths, served * looks
-
-    @staticmethod
-    def _of_camera(
-        belief: SceneBelief, levels: Array, rises: Array, gains: Array, sharp: Array
-    ) -> tuple[list[Hypothesis], Array]:
-        """Hypotheses, and the information of levels by each and after each rise, (hypotheses, rises, n)."""
-        hypotheses = list(belief.hypotheses())
-        worths = [belief.worth(levels + rise, gains) for rise in rises]
-        information = [[sharp * belief.information(worth, each.energy) for worth in worths] for each in hypotheses]
-        return hypotheses, np.array(information)
-
 
 def _reason(change: float, look: float) -> str:
     if look > 0.5:
@@ -247,3 +235,10 @@ def _reason(change: float, look: float) -> str:
 def _levels(limits: ExposureLimits) -> Array:
     low, high = limits.darkest.level, limits.brightest.level
     return np.linspace(low, high, max(round((high - low) / BIN), 1) + 1)
+
+
+def _reaching(levels: Array, stops: float) -> Array:
+    """The levels continued at both ends by at least so many stops."""
+    step = BIN if levels.size == 1 else levels[1] - levels[0]
+    more = step * np.arange(1, np.ceil(stops / step) + 1)
+    return np.concatenate([levels[0] - more[::-1], levels, levels[-1] + more])

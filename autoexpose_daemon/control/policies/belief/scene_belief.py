@@ -88,22 +88,27 @@ class Hidden:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Hypothesis:
-    """What may be hidden in white and black.
+class Outlook:
+    """What frames at some levels are expected to hold, under each hypothesis about what is hidden; see `SceneBelief`.
 
     Attributes
     ----------
     probability
-        0 to 1.
-    mass
-        Pixels by bin, shape (BINS,), of all cells.
-    energy
-        Their squared contrast (stops^2) by cell and bin, shape (64, BINS).
+        Of each hypothesis, shape (h,); they sum to 1.
+    information
+        Of frames at each level, shape (h, n).
+    revealed
+        Share of what is hidden that such a frame would show, shape (h, n).
     """
 
-    probability: float
-    mass: Array
-    energy: Array
+    probability: Array
+    information: Array
+    revealed: Array
+
+    @property
+    def expected(self) -> Array:
+        """Information of frames at each level, shape (n,)."""
+        return self.probability @ self.information
 
 
 class SceneBelief:
@@ -120,7 +125,7 @@ class SceneBelief:
     energy, precision
         Squared contrast per pixel (stops^2) times the precision with which it is known, and that precision.
     seen
-        How surely each bin has been looked at, 0 to 1.
+        How surely each bin has been looked at, 0 to 1, shape (BINS,).
     drift
         Stops by which the light has risen beyond the bins' shifts, within half a bin.
     nothing
@@ -149,7 +154,8 @@ class SceneBelief:
 
     def __init__(self, optics: Optics) -> None:
         self.optics = optics
-        self.mass, self.energy, self.precision, self.seen = np.zeros((4, CELLS * CELLS, BINS))
+        self.mass, self.energy, self.precision = np.zeros((3, CELLS * CELLS, BINS))
+        self.seen = np.zeros(BINS)
         self.drift = 0.0
         self.usual_richness = 0.0
         self.nothing = NOTHING
@@ -175,7 +181,7 @@ class SceneBelief:
         self.nothing = NOTHING + kept * (self.nothing - NOTHING)
         self.age_s += seconds
         if moved_cells > 0:
-            for array in self._arrays:
+            for array in (self.mass, self.energy, self.precision):
                 _diffuse(array, moved_cells)
             self.energy *= 1.0 - moved_cells
             self.precision *= 1.0 - moved_cells
@@ -245,9 +251,11 @@ class SceneBelief:
 
     def _judge_guess(self, visible: Array, found: Array) -> None:
         """Was there contrast where it was guessed, in what has not been looked at before?"""
-        new = visible * (1.0 - self.seen).min(axis=0)
-        guessed = sum(each.probability * each.energy for each in list(self.hypotheses())[1:])
-        total, expected = float(np.sum(guessed)), float(np.sum(guessed @ new)) if np.ndim(guessed) else 0.0
+        new = visible * (1.0 - self.seen)
+        if not (self.hidden and new.any()):
+            return
+        guessed = sum(probability * energy.sum(axis=0) for probability, _, energy in self._guesses())
+        total, expected = float(guessed.sum()), float(guessed @ new)
         if expected < LEAST_LOOK * total or total == 0.0:
             return
         share = float((found @ new).sum()) / expected
@@ -280,15 +288,29 @@ class SceneBelief:
         richness = (energy + usual * self.usual_richness) / np.maximum(mass + usual, 1e-9)
         return Hidden(bound, side, hidden, tail, richness)
 
-    def hypotheses(self) -> Iterator[Hypothesis]:
-        """What may be hidden; probabilities sum to 1."""
+    def outlook(self, levels: Array, gains: Array) -> Outlook:
+        """What frames at these levels, and with these linear gains, are expected to hold."""
+        worth = self._worth(levels, gains).T
+        visible = self._visible(levels)
+        known = (self.mass * self._richness()) @ worth
+        cells = max(int(np.count_nonzero(self.by_cell)), 1)
+        per_pixel = cells / max(float(self.by_cell.sum()), 1.0)
+        guesses = list(self._guesses())
+        probability, information, revealed = np.empty(len(guesses)), *np.empty((2, len(guesses), levels.size))
+        for place, (probability[place], mass, energy) in enumerate(guesses):
+            found = known + energy @ worth
+            information[place] = np.sqrt(np.maximum(found, 0.0) * per_pixel).sum(axis=0) / cells
+            revealed[place] = visible @ mass / max(float(mass.sum()), 1e-9)
+        return Outlook(probability, information, revealed)
+
+    def _guesses(self) -> Iterator[tuple[float, Array, Array]]:
+        """Hypotheses about what is hidden: probability, pixels by bin, and squared contrast by cell and bin."""
         continues = self._share_that_continues()
         mass, energy = self._placed(None)
-        yield Hypothesis(self.nothing, mass, np.zeros_like(energy))
-        yield Hypothesis((1.0 - self.nothing) * continues, mass, energy)
+        yield self.nothing, mass, np.zeros_like(energy)
+        yield (1.0 - self.nothing) * continues, mass, energy
         for away in DETACHED:
-            mass, energy = self._placed(away)
-            yield Hypothesis((1.0 - self.nothing) * (1.0 - continues) / len(DETACHED), mass, energy)
+            yield (1.0 - self.nothing) * (1.0 - continues) / len(DETACHED), *self._placed(away)
 
     def _share_that_continues(self) -> float:
         hidden = sum(float(each.mass.sum()) for each in self.hidden)
@@ -304,28 +326,19 @@ class SceneBelief:
             tail = DETACHED_TAIL if away is not None else np.minimum(hidden.tail, LONGEST_TAIL)[:, None]
             likely = _falling(beyond - (away or 0.0), tail) * (1.0 - self.seen)
             likely = likely + 1e-9 * _falling(beyond, LONGEST_TAIL)  # it must be there, though all has been looked at
+            likely = np.atleast_2d(likely)
             mass = hidden.mass[:, None] * likely / likely.sum(axis=1, keepdims=True)
             masses += mass.sum(axis=0)
             energies += mass * hidden.richness[:, None]
         return masses, energies
 
-    def worth(self, levels: Array, gains: Array) -> Array:
+    def _worth(self, levels: Array, gains: Array) -> Array:
         """What a pixel's squared contrast in each bin is worth at these levels and gains, shape (n, BINS)."""
         within = (np.arange(_SAMPLES) + 0.5) / _SAMPLES * BIN
         exposures = levels[:, None, None] + self.drift + EDGES[:-1, None] + within
         return np.asarray(self.optics.worth(exposures, gains, self.averaged, self.noise_share).mean(axis=2))
 
-    def information(self, worth: Array, hidden: Array) -> Array:
-        """Information of frames for which bins are worth so much (`worth`), shape (n,), with `hidden` energy added.
-
-        The mean over cells of the root of what their pixels hold on the mean.
-        """
-        energy = self.mass * self._richness() + hidden
-        cells = max(int(np.count_nonzero(self.by_cell)), 1)
-        per_pixel = cells / max(float(self.by_cell.sum()), 1.0)
-        return np.asarray(np.sqrt(np.maximum(energy @ worth.T, 0.0) * per_pixel).sum(axis=0) / cells)
-
-    def visible(self, levels: Array) -> NDArray[np.bool_]:
+    def _visible(self, levels: Array) -> NDArray[np.bool_]:
         """Which bins are neither black nor saturated at these levels, shape (n, BINS)."""
         exposures = MIDDLES + levels[:, None] + self.drift
         return np.asarray((exposures > self.optics.black) & (exposures < self.optics.saturated))
@@ -353,8 +366,8 @@ def _diffuse(array: Array, share: float) -> None:
 
 def _shift(array: Array, bins: int) -> None:
     """Move what is known of each bin, shape (64, BINS), to one of more radiance."""
-    array[:] = np.roll(array, bins, axis=1)
+    array[:] = np.roll(array, bins, axis=-1)
     if bins > 0:
-        array[:, :bins] = 0.0
+        array[..., :bins] = 0.0
     else:
-        array[:, bins:] = 0.0
+        array[..., bins:] = 0.0
