@@ -44,8 +44,7 @@ def belief_after(*levels: float) -> SceneBelief:
 
 def foretold(belief: SceneBelief, levels: NDArray[np.float64]) -> NDArray[np.float64]:
     """Expected information at levels, at a gain of 1."""
-    worth = belief.worth(levels, np.ones(levels.size))
-    return np.asarray(sum(each.probability * belief.information(worth, each.energy) for each in belief.hypotheses()))
+    return belief.outlook(levels, np.ones(levels.size)).expected
 
 
 def test_what_is_remembered_of_a_frame_foretells_others_as_the_prediction_from_that_frame_does() -> None:
@@ -86,7 +85,7 @@ def test_looks_that_find_nothing_make_it_unlikely_that_there_is_something() -> N
     for level in (9.0, 12.0, 15.0, 18.0):
         belief.see(contrast(np.zeros(SCENE.shape, np.uint8), belief.optics.bins), level, 1.0, 1.0)
     assert belief.nothing > 2 * NOTHING
-    assert sum(each.probability for each in belief.hypotheses()) == pytest.approx(1.0)
+    assert belief.outlook(np.array([9.0]), np.ones(1)).probability.sum() == pytest.approx(1.0)
 
 
 def prospects(worth: NDArray[np.float64], before: float, light: float = 0.0) -> NDArray[np.float64]:

@@ -65,7 +65,9 @@ class Optics:
         """Variance of grey levels by bin, in the image that control sees, shape (bins.count,)."""
         return variance_of(self._shot * gain + self._read * gain**2, averaged)
 
-    def worth(self, exposures: Array, gains: Array, averaged: float, noise_share: float) -> Array:
+    def worth(
+        self, exposures: Array, gains: Array, averaged: float, noise_share: float, relative_light: float = 1.0
+    ) -> Array:
         """What squared contrast, in stops, is worth: squared slope over the variance of noise and front end.
 
         Parameters
@@ -78,10 +80,14 @@ class Optics:
             Samples of the sensor averaged into a pixel of the image that control sees.
         noise_share
             The noise as a share of what is expected of the sensor.
+        relative_light
+            What the lens lets through: consumers divide it out, which scales contrast and noise alike.
         """
         places = np.rint(exposures / _STEP).astype(np.int64) - self._first
         within = (places >= 0) & (places < self._slope2_at.size)
         places = np.clip(places, 0, self._slope2_at.size - 1)
         gain = gains.reshape(-1, *[1] * (exposures.ndim - 1))
         noise = variance_of(self._shot_at[places] * gain + self._read_at[places] * gain**2, averaged)
-        return np.where(within, self._slope2_at[places], 0.0) / (noise_share * noise + FRONT_END_DN**2)
+        return np.where(within, self._slope2_at[places], 0.0) / (
+            noise_share * noise + (relative_light * FRONT_END_DN) ** 2
+        )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from typing import ClassVar
 
@@ -13,10 +13,11 @@ from autoexpose_daemon.control.balance import Balance, whole_periods_us
 from autoexpose_daemon.control.metrics.contrast import CELLS, Contrast, contrast
 from autoexpose_daemon.control.metrics.information import blur_length_px, sharpness
 from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
+from autoexpose_daemon.control.picture.steering import STEERING_SHARE
 from autoexpose_daemon.control.policies.belief.cadence import Cadence
 from autoexpose_daemon.control.policies.belief.optics import Optics
 from autoexpose_daemon.control.policies.belief.plan import HORIZON, Prospects, values
-from autoexpose_daemon.control.policies.belief.scene_belief import BIN, SceneBelief
+from autoexpose_daemon.control.policies.belief.scene_belief import BIN, Outlook, SceneBelief
 from autoexpose_daemon.control.policies.fisher_map.balance import BlurPhotonBalance, fitted, longest_us
 from autoexpose_daemon.control.policies.metric_map.forecast import Forecast
 from autoexpose_daemon.control.policies.metric_map.loop_delay import LoopDelay
@@ -66,6 +67,7 @@ class Belief(ExposurePolicy):
         "registration", "forecast", "cadence", "latency", "beliefs", "motion_px", "seen_ns",
     )  # fmt: skip
     OBJECTIVE: ClassVar[Objective] = "information"
+    STEERED: ClassVar[bool] = True
     compensated = "targets"
     registration: Registration
     forecast: Forecast
@@ -130,7 +132,9 @@ class Belief(ExposurePolicy):
             belief.pass_time(seconds, self._moved_cells(observation.looks[0], seconds), light.stops)
         for look, each in news:
             setting = look.setting or observation.setting
-            self.beliefs[look.side].see(each, setting.level, linear_gain(setting.gain_db), look.averaged)
+            self.beliefs[look.side].see(
+                each, setting.level, linear_gain(setting.gain_db), look.averaged, look.relative_light
+            )
 
     def _contrast(self, look: Look) -> Contrast:
         return contrast(look.unfiltered, self.beliefs[look.side].optics.bins, look.weights, self._native)
@@ -169,18 +173,16 @@ class Belief(ExposurePolicy):
     def _prospects(self, levels: Array, observation: Observation) -> tuple[Array, Array]:
         """What levels are worth in the present light, and for what they would reveal, both of shape (n,).
 
-        A mean over cameras of shares of their best, so that a lamp in one does not outvote the other.
+        Where consumers steer, what the favoured parts of the picture are worth, as far as the whole can afford it.
         """
         reachable = np.clip(levels, observation.limits.darkest.level, observation.limits.brightest.level)
         times_us = self._times_us(reachable, observation)
         sharp = self._sharper(times_us, observation)
-        beliefs = [belief for belief in self.beliefs.values() if belief.by_cell.any()]
-        outlooks = [belief.outlook(levels, np.exp2(reachable) / times_us) for belief in beliefs]
-        expected = np.array([sharp * outlook.expected for outlook in outlooks])
-        best = expected.max(axis=1)
-        scale = np.maximum(best, max(LEAST_CAMERA * best.max(), 1e-9))
-        votes = self._votes(beliefs)
-        shares = votes[:, None] * expected / scale[:, None]
+        gains = np.exp2(reachable) / times_us
+        beliefs = {side: belief for side, belief in self.beliefs.items() if belief.by_cell.any()}
+        outlooks = [belief.outlook(levels, gains) for belief in beliefs.values()]
+        votes = self._votes(beliefs.values())
+        shares, scale = _shares_of_best(outlooks, sharp, votes)
         worth = shares.sum(axis=0)
         now = int(worth.argmax())
         look = np.zeros(levels.size)
@@ -190,10 +192,15 @@ class Belief(ExposurePolicy):
             gained = if_right.max(axis=1) - if_right[:, now]
             look += (outlook.probability * gained) @ outlook.revealed
         served = SERVED_FRAMES / (1.0 + SERVED_FRAMES * min(self.motion_px / PASSING_PX, 1.0))
+        if observation.steering is not None:
+            favours = {side: observation.steering.weights(side, CELLS, CELLS).ravel() for side in beliefs}
+            favoured = [belief.outlook(levels, gains, favours[side]) for side, belief in beliefs.items()]
+            afforded = worth > (1.0 - STEERING_SHARE) * worth.max()
+            worth = np.where(afforded, _shares_of_best(favoured, sharp, votes)[0].sum(axis=0), 0.0)
         return worth, served * look
 
     @staticmethod
-    def _votes(beliefs: Sequence[SceneBelief]) -> Array:
+    def _votes(beliefs: Collection[SceneBelief]) -> Array:
         """The say of each camera; they sum to 1. A belief that grows old loses it."""
         ages_s = np.array([belief.age_s for belief in beliefs])
         votes = np.exp((ages_s.min() - ages_s) / VOTE_S)
@@ -222,6 +229,17 @@ class Belief(ExposurePolicy):
         then = sharpness(blur_length_px(self.motion_px, times_us, scale))
         now = sharpness(blur_length_px(self.motion_px, observation.setting.exposure_time_us, scale))
         return np.asarray(np.sqrt(then / now))
+
+
+def _shares_of_best(outlooks: Sequence[Outlook], sharp: Array, votes: Array) -> tuple[Array, Array]:
+    """What is expected of levels by each camera, (cameras, n), as shares of its best; and what counts as that.
+
+    So a lamp that one camera sees does not outvote the other.
+    """
+    expected = np.array([sharp * outlook.expected for outlook in outlooks])
+    best = expected.max(axis=1)
+    scale = np.maximum(best, max(LEAST_CAMERA * best.max(), 1e-9))
+    return votes[:, None] * expected / scale[:, None], scale
 
 
 def _reason(change: float, look: float) -> str:

@@ -26,6 +26,9 @@ whatever a camera can expose for, from 20 us to seconds, and ten stops beyond ei
 MEMORY_S = 10.0
 """Time constant with which what was seen is forgotten by a camera at rest."""
 
+RENEWED = 0.2
+"""Share of what was known of the contrast in a bin that a frame replaces which shows that bin."""
+
 LONGEST_TAIL = 5.0
 """Stops: what is clipped continues what is seen beside it, the more slowly the more of it there is, up to this."""
 
@@ -136,7 +139,7 @@ class SceneBelief:
 
     STATE: ClassVar[tuple[str, ...]] = (
         "mass", "energy", "precision", "seen", "drift", "usual_richness", "nothing", "age_s", "latest", "hidden",
-        "by_cell", "noise_share", "averaged",
+        "by_cell", "noise_share", "averaged", "relative_light",
     )  # fmt: skip
     mass: Array
     energy: Array
@@ -151,6 +154,7 @@ class SceneBelief:
     by_cell: Array
     noise_share: float
     averaged: float
+    relative_light: Array
 
     def __init__(self, optics: Optics) -> None:
         self.optics = optics
@@ -164,6 +168,7 @@ class SceneBelief:
         self.by_cell = np.zeros(CELLS * CELLS)
         self.noise_share = 1.0
         self.averaged = 1.0
+        self.relative_light = np.ones(CELLS * CELLS)
         self.hidden = []
 
     def forget(self) -> None:
@@ -209,7 +214,9 @@ class SceneBelief:
             return None
         return "is white" if self.latest[:, -1].any() else "is black"
 
-    def see(self, seen: Contrast, level: float, gain: float, averaged: float) -> None:
+    def see(
+        self, seen: Contrast, level: float, gain: float, averaged: float, relative_light: Array | None = None
+    ) -> None:
         """Take in a frame.
 
         Parameters
@@ -222,8 +229,11 @@ class SceneBelief:
             Its linear gain.
         averaged
             Samples of the sensor averaged into a pixel of it.
+        relative_light
+            What the lens lets through to each cell, shape (64,), with few distinct values; None: the same to all.
         """
         optics, self.averaged = self.optics, averaged
+        self.relative_light = np.ones(CELLS * CELLS) if relative_light is None else relative_light
         level += self.drift
         noise = optics.noise_dn2(gain, averaged)
         readable = optics.readable
@@ -244,8 +254,9 @@ class SceneBelief:
         self._judge_guess(visible, energy)
         self.age_s = 0.0
         self.mass += visible * (mass - self.mass)
-        self.energy += precision * energy / np.maximum(mass, 1e-9)
-        self.precision += precision
+        renewed = 1.0 - RENEWED * visible
+        self.energy = renewed * self.energy + precision * energy / np.maximum(mass, 1e-9)
+        self.precision = renewed * self.precision + precision
         self.seen = np.maximum(self.seen, visible)
         self._bound(black, saturated, seen.count[:, 0], seen.count[:, -1])
 
@@ -288,20 +299,25 @@ class SceneBelief:
         richness = (energy + usual * self.usual_richness) / np.maximum(mass + usual, 1e-9)
         return Hidden(bound, side, hidden, tail, richness)
 
-    def outlook(self, levels: Array, gains: Array) -> Outlook:
-        """What frames at these levels, and with these linear gains, are expected to hold."""
-        worth = self._worth(levels, gains).T
-        visible = self._visible(levels)
-        known = (self.mass * self._richness()) @ worth
-        cells = max(int(np.count_nonzero(self.by_cell)), 1)
-        per_pixel = cells / max(float(self.by_cell.sum()), 1.0)
+    def outlook(self, levels: Array, gains: Array, cell_weights: Array | None = None) -> Outlook:
+        """What frames at these levels, and with these linear gains, are expected to hold.
+
+        Information is the mean over cells, as far as `cell_weights`, shape (64,), favours them, of the root of what
+        their mean pixel holds.
+        """
+        of_light = [(self.relative_light == light, light) for light in np.unique(self.relative_light)]
+        worths = [self._worth(levels, gains, light).T for _, light in of_light]
+        visible, known = self._visible(levels), self.mass * self._richness()
+        cells = (self.by_cell > 0) * (1.0 if cell_weights is None else cell_weights)
+        per_pixel = np.count_nonzero(self.by_cell) / max(float(self.by_cell.sum()), 1.0)
         guesses = list(self._guesses())
-        probability, information, revealed = np.empty(len(guesses)), *np.empty((2, len(guesses), levels.size))
+        probability, information, revealed = np.empty(len(guesses)), *np.zeros((2, len(guesses), levels.size))
         for place, (probability[place], mass, energy) in enumerate(guesses):
-            found = known + energy @ worth
-            information[place] = np.sqrt(np.maximum(found, 0.0) * per_pixel).sum(axis=0) / cells
+            for (of, _), worth in zip(of_light, worths, strict=True):
+                found = (known[of] + energy[of]) @ worth
+                information[place] += cells[of] @ np.sqrt(np.maximum(found, 0.0) * per_pixel)
             revealed[place] = visible @ mass / max(float(mass.sum()), 1e-9)
-        return Outlook(probability, information, revealed)
+        return Outlook(probability, information / max(float(cells.sum()), 1e-9), revealed)
 
     def _guesses(self) -> Iterator[tuple[float, Array, Array]]:
         """Hypotheses about what is hidden: probability, pixels by bin, and squared contrast by cell and bin."""
@@ -332,11 +348,14 @@ class SceneBelief:
             energies += mass * hidden.richness[:, None]
         return masses, energies
 
-    def _worth(self, levels: Array, gains: Array) -> Array:
-        """What a pixel's squared contrast in each bin is worth at these levels and gains, shape (n, BINS)."""
+    def _worth(self, levels: Array, gains: Array, light: float) -> Array:
+        """What a pixel's squared contrast is worth at these levels and gains, where the lens passes so much light.
+
+        Shape (n, BINS).
+        """
         within = (np.arange(_SAMPLES) + 0.5) / _SAMPLES * BIN
         exposures = levels[:, None, None] + self.drift + EDGES[:-1, None] + within
-        return np.asarray(self.optics.worth(exposures, gains, self.averaged, self.noise_share).mean(axis=2))
+        return np.asarray(self.optics.worth(exposures, gains, self.averaged, self.noise_share, light).mean(axis=2))
 
     def _visible(self, levels: Array) -> NDArray[np.bool_]:
         """Which bins are neither black nor saturated at these levels, shape (n, BINS)."""
