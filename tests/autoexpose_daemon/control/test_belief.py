@@ -73,6 +73,16 @@ def test_a_change_of_light_moves_what_is_believed_and_changes_nothing_else(stops
     assert foretold(after, levels - stops) == pytest.approx(foretold(before, levels), rel=0.03)
 
 
+def test_contrast_that_is_there_no_longer_is_soon_not_believed_in() -> None:
+    """As when a lamp goes on that one camera sees: what the other one measures says nothing of that."""
+    belief, levels = belief_after(*[10.0] * 100), np.array([10.0])
+    before = foretold(belief, levels)
+    flat = contrast(np.full_like(frame_at(10.0), 128), belief.optics.bins)
+    for _ in range(15):
+        belief.see(flat, 10.0, 1.0, 1.0)
+    assert foretold(belief, levels) < 0.2 * before
+
+
 def test_mass_is_neither_made_nor_lost() -> None:
     for level in (4.0, 9.0, 14.0, 19.0):
         belief = belief_after(9.0, level)

@@ -255,12 +255,12 @@ def test_points_are_counted_in_the_cell_they_lie_in() -> None:
 
 
 @pytest.mark.parametrize("policy_id", POLICY_IDS)
-def test_only_the_default_policy_is_steered(policy_id: str) -> None:
+def test_only_maps_of_information_and_the_belief_are_steered(policy_id: str) -> None:
     loops = [ControlLoop(policy_id, LINEAR, LIMITS, START) for _ in range(2)]
     steering = steer_to(RIGHT)
     same = followed(loops[0], None, 12) == followed(loops[1], steering, 12)
     assert [loop.steered for loop in loops] == [False, not same]
-    assert same == (policy_id != "fisher-map")
+    assert same == (policy_id not in ("belief", "fisher-map"))
 
 
 @pytest.mark.parametrize("override", [Override(held=START), Override(shot=START), Override(held=START, unseen=True)])
@@ -363,9 +363,10 @@ def test_steering_that_ends_leaves_nothing_behind() -> None:
     assert rest.setting.level == pytest.approx(never.setting.level, abs=0.6)
 
 
-def test_the_reason_of_a_decision_says_that_it_was_steered() -> None:
+@pytest.mark.parametrize("policy_id", ["belief", "fisher-map"])
+def test_the_reason_of_a_decision_says_that_it_was_steered(policy_id: str) -> None:
     reasons = [
-        followed(ControlLoop("fisher-map", LINEAR, LIMITS, START), steer, 3)[-1].reason
+        followed(ControlLoop(policy_id, LINEAR, LIMITS, START), steer, 3)[-1].reason
         for steer in (None, steer_to(RIGHT))
     ]
     assert [reason.endswith("; steered") for reason in reasons] == [False, True]

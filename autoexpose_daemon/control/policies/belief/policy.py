@@ -168,7 +168,8 @@ class Belief(ExposurePolicy):
         before = past[-1].setting.level if self.latency.frames > 1 and past else level
         before -= observation.ev_stops
         best = int(values(Prospects(levels, worths, light, before, looks)).argmax())
-        return Target(float(levels[best]), _reason(levels[best] - before, looks[best]))
+        steered = "" if observation.steering is None else "; steered"
+        return Target(float(levels[best]), _reason(levels[best] - before, looks[best]) + steered)
 
     def _prospects(self, levels: Array, observation: Observation) -> tuple[Array, Array]:
         """What levels are worth in the present light, and for what they would reveal, both of shape (n,).

@@ -38,7 +38,7 @@ NOTHING = 0.2
 FAINT = 0.05
 """Contrast that is found where there is none, as a share of what is expected where there is some."""
 
-DETACHED = (0.5, 2.5, 5.0)
+DETACHED = 2.5
 """Stops beyond what is seen at which clipped mass may begin that does not continue it: a window, a lamp, a sky."""
 
 DETACHED_TAIL = 1.5
@@ -325,8 +325,7 @@ class SceneBelief:
         mass, energy = self._placed(None)
         yield self.nothing, mass, np.zeros_like(energy)
         yield (1.0 - self.nothing) * continues, mass, energy
-        for away in DETACHED:
-            yield (1.0 - self.nothing) * (1.0 - continues) / len(DETACHED), *self._placed(away)
+        yield (1.0 - self.nothing) * (1.0 - continues), *self._placed(DETACHED)
 
     def _share_that_continues(self) -> float:
         hidden = sum(float(each.mass.sum()) for each in self.hidden)
