@@ -219,6 +219,12 @@ def blur_length_px(motion_px: float, exposure_time_us: Number, scale: float) -> 
     return motion_px * PER_US * exposure_time_us / scale
 
 
+def sharper(motion_px: float, time_us: float, times_us: NDArray[np.float64], scale: float) -> NDArray[np.float64]:
+    """`sharpness` at other exposure times (us), as a multiple of that at `time_us`, shape (n,)."""
+    then = sharpness(blur_length_px(motion_px, times_us, scale))
+    return np.asarray(then / sharpness(blur_length_px(motion_px, time_us, scale)))
+
+
 def variance_of(noise_dn2: NDArray[np.float64], pixels: float) -> NDArray[np.float64]:
     """Variance of the image that control sees, each pixel of which is the rounded mean of `pixels` of the sensor's.
 

@@ -17,7 +17,7 @@ from autoexpose_daemon.control.policies.belief.optics import Optics
 from autoexpose_daemon.control.policies.belief.plan import BRIGHTNESS_LOSS, Prospects, values
 from autoexpose_daemon.control.policies.belief.scene_belief import BIN, NOTHING, SceneBelief
 from calibration.response import ResponseFunction
-from drivers.exposure import ExposureSetting
+from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import StereoPair
 
 from .scene import FRAME_NS, LIMITS, at_time, expose, radiance, run
@@ -44,7 +44,7 @@ def belief_after(*levels: float) -> SceneBelief:
 
 def foretold(belief: SceneBelief, levels: NDArray[np.float64]) -> NDArray[np.float64]:
     """Expected information at levels, at a gain of 1."""
-    return belief.outlook(levels, np.ones(levels.size)).expected
+    return belief.outlook(levels, np.ones(levels.size)).expected()
 
 
 def test_what_is_remembered_of_a_frame_foretells_others_as_the_prediction_from_that_frame_does() -> None:
@@ -144,6 +144,12 @@ def test_a_step_of_light_is_followed(change: float) -> None:
     levels = run(ControlLoop("belief", LINEAR, LIMITS, START), lights, START, scene=SCENE)
     assert abs(levels[-1] - after) < 1.5
     assert np.ptp(levels[32:]) <= 0.3
+
+
+def test_limits_may_leave_a_single_exposure() -> None:
+    loop = ControlLoop("belief", LINEAR, ExposureLimits(1000.0, 1000.0, 0.0, 0.0), START)
+    levels = run(loop, [9.0 + 0.3 * frame for frame in range(10)], START, scene=SCENE)
+    assert set(levels) == {START.level}
 
 
 def test_each_camera_is_seen_with_its_own_setting() -> None:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import ClassVar
 
 REMEMBERED = 9
-"""Intervals, whose median is that of frames of which none was lost in between, as long as most were not."""
+"""Intervals. Their median is the one between successive frames, unless most frames are lost."""
 
 
 @dataclass(slots=True)

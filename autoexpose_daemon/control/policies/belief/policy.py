@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from autoexpose_daemon.control.balance import Balance, whole_periods_us
+from autoexpose_daemon.control.balance import Balance
 from autoexpose_daemon.control.metrics.contrast import CELLS, Contrast, contrast
-from autoexpose_daemon.control.metrics.information import blur_length_px, sharpness
+from autoexpose_daemon.control.metrics.information import blur_length_px, sharper
 from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
 from autoexpose_daemon.control.picture.steering import STEERING_SHARE
 from autoexpose_daemon.control.policies.belief.cadence import Cadence
 from autoexpose_daemon.control.policies.belief.optics import Optics
 from autoexpose_daemon.control.policies.belief.plan import HORIZON, Prospects, values
-from autoexpose_daemon.control.policies.belief.scene_belief import BIN, Outlook, SceneBelief
-from autoexpose_daemon.control.policies.fisher_map.balance import BlurPhotonBalance, fitted, longest_us
+from autoexpose_daemon.control.policies.belief.scene_belief import BIN, SceneBelief
+from autoexpose_daemon.control.policies.fisher_map.balance import BlurPhotonBalance, bounded, fitted, times_of_levels
 from autoexpose_daemon.control.policies.metric_map.forecast import Forecast
 from autoexpose_daemon.control.policies.metric_map.loop_delay import LoopDelay
 from autoexpose_daemon.control.policy import ExposurePolicy, Look, Objective, Observation, PolicySetup, Target
@@ -37,8 +36,8 @@ PASSING_PX = 50.0
 """... and fewer for one that moves: half if the picture moves by 50/120 px per 1/60 s, one if by 50 px."""
 
 LARGE_CHANGE = 0.5
-"""Stops. Flow across such a change is wrong, and if the light has changed by more and by how much cannot be told, what
-was believed is of no use."""
+"""Stops. Flow across a larger change is wrong; after a larger change of light that cannot be measured, nothing is
+believed any more."""
 
 STILL_PX, SLOW_PX = 1.0, 8.0
 """Pixels per 1/60 s: less is no motion, and from 8 on content causes slopes that look like ramps of the light."""
@@ -47,12 +46,10 @@ MOST_MOVED = 0.8
 """Of a cell from frame to frame: something always stays."""
 
 VOTE_S = 0.5
-"""Time constant with which the vote of a camera fades that shows nothing new."""
+"""Time constant with which a camera that shows nothing new loses its vote."""
 
 LEAST_CAMERA = 0.5
 """A camera's best counts as at least this share of the other's: one that sees hardly anything does not decide."""
-
-FRAMES_PER_S = 60.0
 
 
 class Belief(ExposurePolicy):
@@ -108,10 +105,7 @@ class Belief(ExposurePolicy):
 
     def decide(self, observation: Observation) -> Target:
         """The first level of the best plan, for the frame that will show this decision."""
-        balance = self.balance_for(observation.looks[0])
-        if isinstance(balance, BlurPhotonBalance):
-            balance = replace(balance, longest_us=longest_us(observation, self.forecast))
-        self.balance = balance
+        self.balance = bounded(self.balance, observation, self.forecast)
         self.latency.see(observation.setting.level, (past.setting.level for past in observation.past))
         self._see(observation)
         return self._planned(observation)
@@ -155,8 +149,8 @@ class Belief(ExposurePolicy):
         """By which share of a cell the picture has moved."""
         if self.motion_px < STILL_PX:
             return 0.0
-        cell_px = look.image.shape[1] * look.scale / CELLS
-        return float(min(self.motion_px * FRAMES_PER_S * seconds / cell_px, MOST_MOVED))
+        cell_px = look.image.shape[1] / CELLS
+        return float(min(blur_length_px(self.motion_px, 1e6 * seconds, look.scale) / cell_px, MOST_MOVED))
 
     def _planned(self, observation: Observation) -> Target:
         levels, light = _levels(observation.limits), self._light_ahead()
@@ -177,25 +171,26 @@ class Belief(ExposurePolicy):
         Where consumers steer, what the favoured parts of the picture are worth, as far as the whole can afford it.
         """
         reachable = np.clip(levels, observation.limits.darkest.level, observation.limits.brightest.level)
-        times_us = self._times_us(reachable, observation)
-        sharp = self._sharper(times_us, observation)
+        times_us = times_of_levels(self.balance, reachable, self.motion_px, observation)
+        now_us, scale = observation.setting.exposure_time_us, observation.looks[0].scale
+        sharp = np.sqrt(sharper(self.motion_px, now_us, times_us, scale))
         gains = np.exp2(reachable) / times_us
         beliefs = {side: belief for side, belief in self.beliefs.items() if belief.by_cell.any()}
         outlooks = [belief.outlook(levels, gains) for belief in beliefs.values()]
         votes = self._votes(beliefs.values())
-        shares, scale = _shares_of_best(outlooks, sharp, votes)
+        shares, best = _shares_of_best([outlook.expected() for outlook in outlooks], sharp, votes)
         worth = shares.sum(axis=0)
         now = int(worth.argmax())
         look = np.zeros(levels.size)
-        for outlook, vote, share, one in zip(outlooks, votes, shares, scale, strict=True):
-            information = sharp * outlook.information
+        for outlook, vote, share, one in zip(outlooks, votes, shares, best, strict=True):
+            information = sharp * outlook.information()
             if_right = worth - share + vote * information / np.maximum(information.max(axis=1), one)[:, None]
             gained = if_right.max(axis=1) - if_right[:, now]
             look += (outlook.probability * gained) @ outlook.revealed
         served = SERVED_FRAMES / (1.0 + SERVED_FRAMES * min(self.motion_px / PASSING_PX, 1.0))
         if observation.steering is not None:
-            favours = {side: observation.steering.weights(side, CELLS, CELLS).ravel() for side in beliefs}
-            favoured = [belief.outlook(levels, gains, favours[side]) for side, belief in beliefs.items()]
+            favours = [observation.steering.weights(side, CELLS, CELLS).ravel() for side in beliefs]
+            favoured = [outlook.expected(each) for outlook, each in zip(outlooks, favours, strict=True)]
             afforded = worth > (1.0 - STEERING_SHARE) * worth.max()
             worth = np.where(afforded, _shares_of_best(favoured, sharp, votes)[0].sum(axis=0), 0.0)
         return worth, served * look
@@ -212,35 +207,16 @@ class Belief(ExposurePolicy):
         steady, delay = self.motion_px < SLOW_PX, self.latency.frames
         return np.array([self.forecast.ahead(frame, steady=steady) for frame in range(delay - 1, delay + HORIZON)])
 
-    def _times_us(self, levels: Array, observation: Observation) -> Array:
-        """Exposure time (us) at each level."""
-        limits, flicker_hz = observation.limits, observation.flicker_hz
-        if isinstance(self.balance, BlurPhotonBalance):
-            times_us = self.balance.exposure_times_us(levels, self.motion_px, limits)
-        else:
-            times_us = np.array([self.balance.exposure_time_us(each, self.motion_px, limits) for each in levels])
-        if flicker_hz is None:
-            return times_us
-        wanted = zip(levels.tolist(), times_us.tolist(), strict=True)
-        return np.array([whole_periods_us(time_us, each, limits, flicker_hz) for each, time_us in wanted])
 
-    def _sharper(self, times_us: Array, observation: Observation) -> Array:
-        """What blur leaves of the information at other exposure times, as a multiple of that at the present one."""
-        scale = observation.looks[0].scale
-        then = sharpness(blur_length_px(self.motion_px, times_us, scale))
-        now = sharpness(blur_length_px(self.motion_px, observation.setting.exposure_time_us, scale))
-        return np.asarray(np.sqrt(then / now))
-
-
-def _shares_of_best(outlooks: Sequence[Outlook], sharp: Array, votes: Array) -> tuple[Array, Array]:
-    """What is expected of levels by each camera, (cameras, n), as shares of its best; and what counts as that.
+def _shares_of_best(expected: Sequence[Array], sharp: Array, votes: Array) -> tuple[Array, Array]:
+    """What each camera expects of levels, (cameras, n), as shares of its best; and what counts as that, (cameras,).
 
     So a lamp that one camera sees does not outvote the other.
     """
-    expected = np.array([sharp * outlook.expected for outlook in outlooks])
-    best = expected.max(axis=1)
-    scale = np.maximum(best, max(LEAST_CAMERA * best.max(), 1e-9))
-    return votes[:, None] * expected / scale[:, None], scale
+    information = sharp * np.array(expected)
+    best = information.max(axis=1)
+    best = np.maximum(best, max(LEAST_CAMERA * best.max(), 1e-9))
+    return votes[:, None] * information / best[:, None], best
 
 
 def _reason(change: float, look: float) -> str:
@@ -258,6 +234,6 @@ def _levels(limits: ExposureLimits) -> Array:
 
 def _reaching(levels: Array, stops: float) -> Array:
     """The levels continued at both ends by at least so many stops."""
-    step = BIN if levels.size == 1 else levels[1] - levels[0]
+    step = float(levels[1] - levels[0]) or BIN  # both limits may be the same
     more = step * np.arange(1, np.ceil(stops / step) + 1)
     return np.concatenate([levels[0] - more[::-1], levels, levels[-1] + more])

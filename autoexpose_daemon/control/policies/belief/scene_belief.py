@@ -27,7 +27,7 @@ MEMORY_S = 10.0
 """Time constant with which what was seen is forgotten by a camera at rest."""
 
 RENEWED = 0.2
-"""Share of what was known of the contrast in a bin that a frame replaces which shows that bin."""
+"""Share of what was known of a bin's contrast that each frame showing that bin replaces."""
 
 LONGEST_TAIL = 5.0
 """Stops: what is clipped continues what is seen beside it, the more slowly the more of it there is, up to this."""
@@ -36,16 +36,16 @@ NOTHING = 0.2
 """Probability that there is no contrast in what is clipped, before anything is known of a scene."""
 
 FAINT = 0.05
-"""Contrast that is found where there is none, as a share of what is expected where there is some."""
+"""Contrast that noise feigns in an empty region, as a share of what a rich one is expected to have."""
 
 DETACHED = 2.5
-"""Stops beyond what is seen at which clipped mass may begin that does not continue it: a window, a lamp, a sky."""
+"""Clipped mass that does not continue what is seen (a window, a lamp, a sky) may begin so many stops beyond it."""
 
 DETACHED_TAIL = 1.5
 """Stops over which such mass is spread."""
 
 UNLIKELY = 0.8
-"""A camera all of whose picture is clipped shows nothing if it is so likely that there is nothing to be seen."""
+"""A wholly clipped picture shows nothing from this probability of `nothing` on."""
 
 FROZEN_S = 0.2
 """A picture that repeats itself to the last pixel for so long is frozen."""
@@ -98,20 +98,27 @@ class Outlook:
     ----------
     probability
         Of each hypothesis, shape (h,); they sum to 1.
-    information
-        Of frames at each level, shape (h, n).
+    of_cells
+        Information of each cell of frames at each level, shape (h, 64, n).
+    cells
+        Which cells count, bool, shape (64,).
     revealed
         Share of what is hidden that such a frame would show, shape (h, n).
     """
 
     probability: Array
-    information: Array
+    of_cells: Array
+    cells: NDArray[np.bool_]
     revealed: Array
 
-    @property
-    def expected(self) -> Array:
-        """Information of frames at each level, shape (n,)."""
-        return self.probability @ self.information
+    def information(self, favours: Array | None = None) -> Array:
+        """Mean over the cells, as far as `favours`, shape (64,), weights them, shape (h, n)."""
+        weights = self.cells * (1.0 if favours is None else favours)
+        return np.asarray(weights @ self.of_cells / max(float(weights.sum()), 1e-9))
+
+    def expected(self, favours: Array | None = None) -> Array:
+        """The mean of that over the hypotheses, shape (n,)."""
+        return self.probability @ self.information(favours)
 
 
 class SceneBelief:
@@ -299,25 +306,24 @@ class SceneBelief:
         richness = (energy + usual * self.usual_richness) / np.maximum(mass + usual, 1e-9)
         return Hidden(bound, side, hidden, tail, richness)
 
-    def outlook(self, levels: Array, gains: Array, cell_weights: Array | None = None) -> Outlook:
+    def outlook(self, levels: Array, gains: Array) -> Outlook:
         """What frames at these levels, and with these linear gains, are expected to hold.
 
-        Information is the mean over cells, as far as `cell_weights`, shape (64,), favours them, of the root of what
-        their mean pixel holds.
+        Information of a cell is the root of what its mean pixel holds.
         """
         of_light = [(self.relative_light == light, light) for light in np.unique(self.relative_light)]
         worths = [self._worth(levels, gains, light).T for _, light in of_light]
         visible, known = self._visible(levels), self.mass * self._richness()
-        cells = (self.by_cell > 0) * (1.0 if cell_weights is None else cell_weights)
         per_pixel = np.count_nonzero(self.by_cell) / max(float(self.by_cell.sum()), 1.0)
         guesses = list(self._guesses())
-        probability, information, revealed = np.empty(len(guesses)), *np.zeros((2, len(guesses), levels.size))
+        probability, revealed = np.empty(len(guesses)), np.empty((len(guesses), levels.size))
+        of_cells = np.empty((len(guesses), CELLS * CELLS, levels.size))
         for place, (probability[place], mass, energy) in enumerate(guesses):
             for (of, _), worth in zip(of_light, worths, strict=True):
                 found = (known[of] + energy[of]) @ worth
-                information[place] += cells[of] @ np.sqrt(np.maximum(found, 0.0) * per_pixel)
+                of_cells[place, of] = np.sqrt(np.maximum(found, 0.0) * per_pixel)
             revealed[place] = visible @ mass / max(float(mass.sum()), 1e-9)
-        return Outlook(probability, information / max(float(cells.sum()), 1e-9), revealed)
+        return Outlook(probability, of_cells, self.by_cell > 0, revealed)
 
     def _guesses(self) -> Iterator[tuple[float, Array, Array]]:
         """Hypotheses about what is hidden: probability, pixels by bin, and squared contrast by cell and bin."""

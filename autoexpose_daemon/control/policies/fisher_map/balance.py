@@ -9,7 +9,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from autoexpose_daemon.control.balance import Balance
+from autoexpose_daemon.control.balance import Balance, whole_periods_us
 from autoexpose_daemon.control.metrics.extension import extension as _native
 from autoexpose_daemon.control.metrics.information import FRONT_END_DN, PER_US, blur_length_px, sharpness, variance_of
 from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
@@ -99,6 +99,32 @@ def fitted(balance: Balance, look: Look) -> Balance:
     if isinstance(balance, BlurPhotonBalance) and (balance.scale, balance.averaged) != (look.scale, look.averaged):
         return replace(balance, scale=look.scale, averaged=look.averaged)
     return balance
+
+
+def bounded(balance: Balance, observation: Observation, forecast: Forecast) -> Balance:
+    """The balance for this decision: `fitted`, and within `longest_us` while the light beats; any other as it is."""
+    balance = fitted(balance, observation.looks[0])
+    if isinstance(balance, BlurPhotonBalance):
+        return replace(balance, longest_us=longest_us(observation, forecast))
+    return balance
+
+
+def times_of_levels(
+    balance: Balance, levels: NDArray[np.float64], motion_px: float, observation: Observation
+) -> NDArray[np.float64]:
+    """Exposure time (us) that each level (stops, within the limits) would get, shape (n,)."""
+    limits, flicker_hz = observation.limits, observation.flicker_hz
+    if isinstance(balance, BlurPhotonBalance):
+        times_us = balance.exposure_times_us(levels, motion_px, limits)
+        if flicker_hz is None:  # already within the limits
+            return times_us
+        wanted_us = times_us.tolist()
+    else:
+        wanted_us = [balance.exposure_time_us(level, motion_px, limits) for level in levels.tolist()]
+    wanted = list(zip(levels.tolist(), wanted_us, strict=True))
+    if flicker_hz is not None:
+        wanted = [(level, whole_periods_us(time_us, level, limits, flicker_hz)) for level, time_us in wanted]
+    return np.array([limits.realise(*each).exposure_time_us for each in wanted])
 
 
 def longest_us(observation: Observation, forecast: Forecast) -> float:

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from autoexpose_daemon.control.balance import Balance, whole_periods_us
+from autoexpose_daemon.control.balance import Balance
 from autoexpose_daemon.control.metrics.contrast import CELLS, contrast
-from autoexpose_daemon.control.metrics.information import InformationPrediction, blur_length_px, sharpness
+from autoexpose_daemon.control.metrics.information import InformationPrediction, sharper
 from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
 from autoexpose_daemon.control.picture.steering import Steering
-from autoexpose_daemon.control.policies.fisher_map.balance import BlurPhotonBalance, fitted, longest_us
+from autoexpose_daemon.control.policies.fisher_map.balance import BlurPhotonBalance, bounded, fitted, times_of_levels
 from autoexpose_daemon.control.policies.metric_map.exposure_map import ExposureMap
 from autoexpose_daemon.control.policies.metric_map.search import Probes
 from autoexpose_daemon.control.policies.metric_map.view import DELTAS, MetricView, Tones
@@ -63,45 +62,28 @@ class FisherMap(ExposureMap):
 
     def decide(self, observation: Observation) -> Target:
         """The level that promises most, for the frame that will show this decision."""
-        balance = self.balance_for(observation.looks[0])
-        if isinstance(balance, BlurPhotonBalance):
-            balance = replace(balance, longest_us=longest_us(observation, self.forecast))
-        self.balance = balance
+        self.balance = bounded(self.balance, observation, self.forecast)
         return super().decide(observation)
 
     def _views(self, observation: Observation) -> tuple[MetricView, ...]:
         times_us, gains = self._splits(observation)
-        sharper = {
-            scale: self._sharper(observation.setting.exposure_time_us, times_us, scale)
+        sharper_at = {
+            scale: sharper(self.motion_px, observation.setting.exposure_time_us, times_us, scale)
             for scale in {look.scale for look in observation.looks}
         }
         return tuple(
-            self._view(look, linear_gain(observation.setting.gain_db), gains, sharper[look.scale], observation.steering)
+            self._view(
+                look, linear_gain(observation.setting.gain_db), gains, sharper_at[look.scale], observation.steering
+            )
             for look in observation.looks
         )
 
     def _splits(self, observation: Observation) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Exposure time (us) and linear gain at each of `DELTAS`, even beyond the limits."""
-        limits, flicker_hz = observation.limits, observation.flicker_hz
-        levels = observation.setting.level + DELTAS
+        levels, limits = observation.setting.level + DELTAS, observation.limits
         within = np.minimum(np.maximum(levels, limits.darkest.level), limits.brightest.level)
-        if isinstance(self.balance, BlurPhotonBalance):
-            times_us = self.balance.exposure_times_us(within, self.motion_px, limits)
-            if flicker_hz is None:  # already within the limits
-                return times_us, np.exp2(levels) / times_us
-            wanted_us = times_us.tolist()
-        else:
-            wanted_us = [self.balance.exposure_time_us(level, self.motion_px, limits) for level in within.tolist()]
-        wanted = list(zip(within.tolist(), wanted_us, strict=True))
-        if flicker_hz is not None:
-            wanted = [(level, whole_periods_us(time_us, level, limits, flicker_hz)) for level, time_us in wanted]
-        times_us = np.array([limits.realise(*each).exposure_time_us for each in wanted])
+        times_us = times_of_levels(self.balance, within, self.motion_px, observation)
         return times_us, np.exp2(levels) / times_us
-
-    def _sharper(self, time_us: float, times_us: NDArray[np.float64], scale: float) -> NDArray[np.float64]:
-        """`sharpness` at other exposure times, as a multiple of that at the present one."""
-        then = sharpness(blur_length_px(self.motion_px, times_us, scale))
-        return np.asarray(then / sharpness(blur_length_px(self.motion_px, time_us, scale)))
 
     def _view(
         self,
