@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autoexpose_daemon.control.balance import Balance
+from autoexpose_daemon.control.light_ahead import LightAhead
 from autoexpose_daemon.control.metrics.contrast import CELLS, Contrast, contrast
 from autoexpose_daemon.control.metrics.information import blur_length_px, sharper
 from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
@@ -19,6 +20,7 @@ from autoexpose_daemon.control.policies.belief.plan import HORIZON, Prospects, v
 from autoexpose_daemon.control.policies.belief.scene_belief import BIN, SceneBelief
 from autoexpose_daemon.control.policies.fisher_map.balance import BlurPhotonBalance, bounded, fitted, times_of_levels
 from autoexpose_daemon.control.policies.metric_map.forecast import Forecast
+from autoexpose_daemon.control.policies.metric_map.foresight import Foresight
 from autoexpose_daemon.control.policies.metric_map.loop_delay import LoopDelay
 from autoexpose_daemon.control.policy import ExposurePolicy, Look, Objective, Observation, PolicySetup, Target
 from autoexpose_daemon.control.registration import LightChange, Registration
@@ -45,6 +47,10 @@ STILL_PX, SLOW_PX = 1.0, 8.0
 MOST_MOVED = 0.8
 """Of a cell from frame to frame: something always stays."""
 
+VIEW_STOPS = 2.0
+"""Where the levels that served on an earlier drive changed by so much more than the light did, which changed by less,
+it was the view that changed, as at a window: that is planned for like a change of light."""
+
 VOTE_S = 0.5
 """Time constant with which a camera that shows nothing new loses its vote."""
 
@@ -61,13 +67,14 @@ class Belief(ExposurePolicy):
     """
 
     STATE: ClassVar[tuple[str, ...]] = (
-        "registration", "forecast", "cadence", "latency", "beliefs", "motion_px", "seen_ns",
+        "registration", "forecast", "foresight", "cadence", "latency", "beliefs", "motion_px", "seen_ns",
     )  # fmt: skip
     OBJECTIVE: ClassVar[Objective] = "information"
     STEERED: ClassVar[bool] = True
     compensated = "targets"
     registration: Registration
     forecast: Forecast
+    foresight: Foresight
     cadence: Cadence
     latency: LoopDelay
     beliefs: dict[Side, SceneBelief]
@@ -81,6 +88,7 @@ class Belief(ExposurePolicy):
         self._native = native
         self.registration = Registration(responses)
         self.forecast = Forecast()
+        self.foresight = Foresight()
         self.cadence = Cadence()
         self.latency = LoopDelay()
         self.beliefs = {side: SceneBelief(Optics(response, noise)) for side, response in responses.items()}
@@ -96,6 +104,11 @@ class Belief(ExposurePolicy):
     def balance_for(self, look: Look) -> Balance:
         """Its own balance follows what is left of blur and noise in the shrunk image."""
         return fitted(self.balance, look)
+
+    @property
+    def light_belief(self) -> float | None:
+        """How far light ahead is believed, 0 to 1."""
+        return self.foresight.belief
 
     @property
     def uncounted(self) -> dict[Side, str]:
@@ -153,11 +166,13 @@ class Belief(ExposurePolicy):
         return float(min(blur_length_px(self.motion_px, 1e6 * seconds, look.scale) / cell_px, MOST_MOVED))
 
     def _planned(self, observation: Observation) -> Target:
-        levels, light = _levels(observation.limits), self._light_ahead()
-        shown = levels + light[1:, None]
-        as_now = _reaching(levels, float(np.abs(light).max()))
+        levels, (paths, chances) = _levels(observation.limits), self._light_ahead(observation.light_ahead)
+        shown = levels + paths[:, 1:, None]
+        as_now = _reaching(levels, float(np.abs(paths).max()))
         worth, look = self._prospects(as_now, observation)
-        worths, looks = np.interp(shown, as_now, worth), np.interp(shown[0], as_now, look)
+        worths = np.tensordot(chances, np.interp(shown, as_now, worth), 1)
+        looks = chances @ np.interp(shown[:, 0], as_now, look)
+        light = chances @ paths
         level, past = observation.setting.level, observation.past
         before = past[-1].setting.level if self.latency.frames > 1 and past else level
         before -= observation.ev_stops
@@ -202,10 +217,28 @@ class Belief(ExposurePolicy):
         votes = np.exp((ages_s.min() - ages_s) / VOTE_S)
         return np.asarray(votes / votes.sum())
 
-    def _light_ahead(self) -> Array:
-        """Stops by which the light will have risen until the last frame under way, and each of those planned."""
+    def _light_ahead(self, told: LightAhead | None) -> tuple[Array, Array]:
+        """Paths that the light may take, and their probabilities, which sum to 1.
+
+        Stops by which it will have risen until the last frame under way, and each of those planned, shape
+        (paths, HORIZON + 1): as its own pattern has it, and as an earlier drive saw it from each place where the rig
+        may be.
+        """
         steady, delay = self.motion_px < SLOW_PX, self.latency.frames
-        return np.array([self.forecast.ahead(frame, steady=steady) for frame in range(delay - 1, delay + HORIZON)])
+        frames = np.arange(delay - 1, delay + HORIZON)
+        by_itself = np.array([[self.forecast.ahead(int(frame), steady=steady) for frame in frames]])
+        if told is None:
+            self.foresight.rest()
+            return by_itself, np.ones(1)
+        share = self.foresight.weigh(told, self.forecast.changes)
+        here = self.foresight.here[:, None]
+        risen, served = (
+            stops.take(here + frames, mode="clip") - stops.take(here, mode="clip")
+            for stops in (np.array(told.risen), -np.array(told.levels))
+        )
+        turned = (np.abs(risen) < VIEW_STOPS) & (np.abs(served - risen) > VIEW_STOPS)
+        again = np.where(turned, served, risen)
+        return np.concatenate([by_itself, again]), np.append(1.0 - share, share * self.foresight.places)
 
 
 def _shares_of_best(expected: Sequence[Array], sharp: Array, votes: Array) -> tuple[Array, Array]:

@@ -62,6 +62,35 @@ class Foresight:
         if self.untold_frames >= FORGOTTEN_FRAMES:
             self.belief = UNPROVEN
 
+    def weigh(self, ahead: LightAhead, changes: Collection[float]) -> float:
+        """The probability that what the earlier drive saw comes again; sets that of each place, `places`.
+
+        Parameters
+        ----------
+        ahead
+            What the earlier drive saw.
+        changes
+            Of the light from frame to frame so far, stops, oldest first.
+        """
+        self.untold_frames = 0
+        reach = math.ceil(SPREADS * ahead.spread_frames)
+        aside = np.arange(-reach, reach + 1)
+        here = ahead.now + aside
+        risen = np.array(ahead.risen)
+        prior = np.exp(-0.5 * (aside / max(ahead.spread_frames, NARROWEST_FRAMES)) ** 2)
+        window = max(min(WINDOW_FRAMES, len(changes), ahead.now - reach), 0)
+        misfits, otherwise_misfit = _misfits(risen, here, changes, window)
+
+        fits = np.log(prior / prior.sum()) - misfits
+        likeliest = float(fits.max())
+        explained = np.exp(fits - likeliest)
+        self.here, self.places = here, explained / explained.sum()
+        evidence = likeliest + math.log(explained.sum()) + otherwise_misfit
+        share = _shifted(self.belief, evidence)
+        # Every change stays in the window for as many frames as it has, but counts once.
+        self.belief = min(max(_shifted(self.belief, evidence / WINDOW_FRAMES), LEAST_BELIEF), MOST_BELIEF)
+        return share
+
     def rises(
         self, ahead: LightAhead, changes: Collection[float], frames: int, otherwise: float
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -82,25 +111,9 @@ class Foresight:
         -------
             Rises in stops, and probabilities that sum to 1; float64, both of the same length.
         """
-        self.untold_frames = 0
-        reach = math.ceil(SPREADS * ahead.spread_frames)
-        aside = np.arange(-reach, reach + 1)
-        here = ahead.now + aside
+        share = self.weigh(ahead, changes)
         risen = np.array(ahead.risen)
-        prior = np.exp(-0.5 * (aside / max(ahead.spread_frames, NARROWEST_FRAMES)) ** 2)
-        window = max(min(WINDOW_FRAMES, len(changes), ahead.now - reach), 0)
-        misfits, otherwise_misfit = _misfits(risen, here, changes, window)
-
-        fits = np.log(prior / prior.sum()) - misfits
-        likeliest = float(fits.max())
-        explained = np.exp(fits - likeliest)
-        self.here, self.places = here, explained / explained.sum()
-        evidence = likeliest + math.log(explained.sum()) + otherwise_misfit
-        share = _shifted(self.belief, evidence)
-        # Every change stays in the window for as many frames as it has, but counts once.
-        self.belief = min(max(_shifted(self.belief, evidence / WINDOW_FRAMES), LEAST_BELIEF), MOST_BELIEF)
-
-        now, then = (risen.take(here + shift, mode="clip") for shift in (0, frames))
+        now, then = (risen.take(self.here + shift, mode="clip") for shift in (0, frames))
         rises, which = np.unique(np.round((then - now) / RISE_STOPS) * RISE_STOPS, return_inverse=True)
         probabilities = np.bincount(which, share * self.places, len(rises))
         return np.append(rises, otherwise), np.append(probabilities, 1.0 - share)

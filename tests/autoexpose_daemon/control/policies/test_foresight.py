@@ -154,21 +154,23 @@ def bad_frames(loop: ControlLoop, first: int = 60) -> int:
     return sum(abs(level - light) > 2.0 for level, light in zip(levels[first:], WAY[first:], strict=True))
 
 
+@pytest.mark.parametrize("policy", ["fisher-map", "belief"])
 @pytest.mark.parametrize("off_frames", [-2, 0, 2])
-def test_on_a_second_lap_less_than_half_the_frames_are_lost_at_the_mouths(off_frames: int) -> None:
+def test_on_a_second_lap_less_than_half_the_frames_are_lost_at_the_mouths(off_frames: int, policy: str) -> None:
     responses = ResponseFunction.linear()
-    told = ToldLoop("fisher-map", responses, LIMITS, START)
+    told = ToldLoop(policy, responses, LIMITS, START)
     told.off_frames = off_frames
-    untold = bad_frames(ControlLoop("fisher-map", responses, LIMITS, START), TUNNEL)
+    untold = bad_frames(ControlLoop(policy, responses, LIMITS, START), TUNNEL)
     assert untold >= 16
     assert bad_frames(told, TUNNEL) < 0.5 * untold
 
 
-def test_to_be_told_of_another_place_costs_no_frame_before_it_was_right_somewhere() -> None:
+@pytest.mark.parametrize("policy", ["fisher-map", "belief"])
+def test_to_be_told_of_another_place_costs_no_frame_before_it_was_right_somewhere(policy: str) -> None:
     responses = ResponseFunction.linear()
-    told = ToldLoop("fisher-map", responses, LIMITS, START)
+    told = ToldLoop(policy, responses, LIMITS, START)
     told.off_frames = 200
-    assert bad_frames(told) <= bad_frames(ControlLoop("fisher-map", responses, LIMITS, START))
+    assert bad_frames(told) <= bad_frames(ControlLoop(policy, responses, LIMITS, START))
 
 
 @given(
