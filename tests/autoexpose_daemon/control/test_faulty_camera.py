@@ -20,7 +20,7 @@ from drivers.frames import SIDES, Frame, Side, StereoPair
 
 from .scene import FRAME_NS, LIMITS, radiance
 
-STEREO_POLICIES = ["metric-map", "fisher-map"]
+STEREO_POLICIES = ["fisher-map", "belief"]
 """Those that look at both cameras."""
 
 SEARCHES = ["lu2010", "kim2018", "shin2019"]
@@ -157,8 +157,11 @@ def test_of_two_cameras_8_stops_apart_the_brighter_is_exposed_well(policy_id: st
 @moving_or_still
 @pytest.mark.parametrize("side", SIDES)
 @pytest.mark.parametrize("fault", FAULTS)
-def test_a_camera_that_recovers_is_counted_again_and_disturbs_nothing(fault: str, side: Side, moving: bool) -> None:
-    rig, good = Rig("metric-map", moving), other_of(side)
+@pytest.mark.parametrize("policy_id", ["metric-map", "belief"])
+def test_a_camera_that_recovers_is_counted_again_and_disturbs_nothing(
+    policy_id: str, fault: str, side: Side, moving: bool
+) -> None:
+    rig, good = Rig(policy_id, moving), other_of(side)
     rig.run(10)
     rig.run(FRAMES, side, fault=FAULTS[fault])
     if fault == "frozen":  # found when exposure moves
@@ -183,10 +186,11 @@ def test_in_a_dark_room_both_cameras_have_a_vote_and_jump(moving: bool) -> None:
     assert min(rig.metrics("left", -5)) > 0.9 * healthy_metric("metric-map", "left", moving, 14.0)
 
 
-def test_a_dead_reference_gives_its_place_to_the_other_camera() -> None:
+@pytest.mark.parametrize("policy_id", ["metric-map", "belief"])
+def test_a_dead_reference_gives_its_place_to_the_other_camera(policy_id: str) -> None:
     """Its frames would hide the motion: the exposure time is that of a rig whose cameras both see it."""
-    motion_px = healthy("metric-map", moving=True).decisions[-1].motion_px
-    rig = Rig("metric-map", moving=True)
+    motion_px = healthy(policy_id, moving=True).decisions[-1].motion_px
+    rig = Rig(policy_id, moving=True)
     rig.run(30, "left", fault=FAULTS["black"])
     assert motion_px > 2.0
     assert rig.decisions[-1].motion_px == pytest.approx(motion_px, rel=0.2)
@@ -194,8 +198,9 @@ def test_a_dead_reference_gives_its_place_to_the_other_camera() -> None:
 
 
 @pytest.mark.parametrize("only", SIDES)
-def test_lone_frames_in_between_change_nothing(only: Side) -> None:
-    rig = Rig("metric-map", moving=False)
+@pytest.mark.parametrize("policy_id", ["metric-map", "belief"])
+def test_lone_frames_in_between_change_nothing(policy_id: str, only: Side) -> None:
+    rig = Rig(policy_id, moving=False)
     rig.run(20, "right", fault=FAULTS["black"])
     rig.run(5, "right", fault=FAULTS["black"], only=only)
     rig.run(10, "right", fault=FAULTS["black"])

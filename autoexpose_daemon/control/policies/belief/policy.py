@@ -17,7 +17,7 @@ from autoexpose_daemon.control.picture.steering import STEERING_SHARE
 from autoexpose_daemon.control.policies.belief.cadence import Cadence
 from autoexpose_daemon.control.policies.belief.optics import Optics
 from autoexpose_daemon.control.policies.belief.plan import HORIZON, Prospects, values
-from autoexpose_daemon.control.policies.belief.scene_belief import BIN, SceneBelief
+from autoexpose_daemon.control.policies.belief.scene_belief import BIN, SILENT_S, SceneBelief
 from autoexpose_daemon.control.policies.fisher_map.balance import BlurPhotonBalance, bounded, fitted, times_of_levels
 from autoexpose_daemon.control.policies.metric_map.forecast import Forecast
 from autoexpose_daemon.control.policies.metric_map.foresight import Foresight
@@ -50,9 +50,6 @@ MOST_MOVED = 0.8
 VIEW_STOPS = 2.0
 """Where the levels that served on an earlier drive changed by so much more than the light did, which changed by less,
 it was the view that changed, as at a window: that is planned for like a change of light."""
-
-VOTE_S = 0.5
-"""Time constant with which a camera that shows nothing new loses its vote."""
 
 LEAST_CAMERA = 0.5
 """A camera's best counts as at least this share of the other's: one that sees hardly anything does not decide."""
@@ -177,8 +174,9 @@ class Belief(ExposurePolicy):
         before = past[-1].setting.level if self.latency.frames > 1 and past else level
         before -= observation.ev_stops
         best = int(values(Prospects(levels, worths, light, before, looks)).argmax())
-        steered = "" if observation.steering is None else "; steered"
-        return Target(float(levels[best]), _reason(levels[best] - before, looks[best]) + steered)
+        reason = _reason(levels[best] - before, looks[best]) + ("" if observation.steering is None else "; steered")
+        faults = "".join(f"; {side} camera {remark}" for side, remark in self.uncounted.items())
+        return Target(float(levels[best]), reason + faults)
 
     def _prospects(self, levels: Array, observation: Observation) -> tuple[Array, Array]:
         """What levels are worth in the present light, and for what they would reveal, both of shape (n,).
@@ -214,7 +212,7 @@ class Belief(ExposurePolicy):
     def _votes(beliefs: Collection[SceneBelief]) -> Array:
         """The say of each camera; they sum to 1. A belief that grows old loses it."""
         ages_s = np.array([belief.age_s for belief in beliefs])
-        votes = np.exp((ages_s.min() - ages_s) / VOTE_S)
+        votes = np.exp((ages_s.min() - ages_s) / SILENT_S)
         return np.asarray(votes / votes.sum())
 
     def _light_ahead(self, told: LightAhead | None) -> tuple[Array, Array]:

@@ -44,11 +44,9 @@ DETACHED = 2.5
 DETACHED_TAIL = 1.5
 """Stops over which such mass is spread."""
 
-UNLIKELY = 0.8
-"""A wholly clipped picture shows nothing from this probability of `nothing` on."""
-
-FROZEN_S = 0.2
-"""A picture that repeats itself to the last pixel for so long is frozen."""
+SILENT_S = 0.3
+"""A camera that shows nothing new, its picture all clipped or the same to the last pixel, loses its vote with this time
+constant, and is faulty after it, unless no camera shows anything."""
 
 LEAST_LOOK = 0.1
 """Share of the contrast guessed in what is clipped that a frame must reveal to be a judgement of the guess."""
@@ -141,7 +139,7 @@ class SceneBelief:
     nothing
         Probability that there is no contrast in what is clipped: looks that found none have raised it.
     age_s
-        Since the latest frame that was news.
+        Since the latest frame that showed something new.
     """
 
     STATE: ClassVar[tuple[str, ...]] = (
@@ -209,17 +207,15 @@ class SceneBelief:
         """Whether a frame differs from the one before, as by noise, or is all clipped."""
         repeated = self.latest is not None and np.array_equal(self.latest, seen.count)
         self.latest = seen.count
-        return not repeated or not seen.count[:, 1:-1].any()
+        return not repeated or not _shows(seen)
 
     def remark(self) -> str | None:
         """What is wrong with the camera, in words to follow "left camera"; None if it shows something."""
-        if self.latest is None or (self.age_s == 0.0 and self.nothing < UNLIKELY):
+        if self.latest is None or self.age_s < SILENT_S:
             return None
         if self.latest[:, 1:-1].any():
-            return "is frozen" if self.age_s > FROZEN_S else None
-        if self.nothing < UNLIKELY:
-            return None
-        return "is white" if self.latest[:, -1].any() else "is black"
+            return "shows the same image at any exposure, not counted"
+        return f"is {'white' if self.latest[:, -1].any() else 'black'} at any exposure, not counted"
 
     def see(
         self, seen: Contrast, level: float, gain: float, averaged: float, relative_light: Array | None = None
@@ -259,7 +255,8 @@ class SceneBelief:
         black, saturated = optics.black - level, optics.saturated - level
         visible = np.clip(np.minimum(saturated, EDGES[1:]) - np.maximum(black, EDGES[:-1]), 0.0, None) / BIN
         self._judge_guess(visible, energy)
-        self.age_s = 0.0
+        if _shows(seen):
+            self.age_s = 0.0
         self.mass += visible * (mass - self.mass)
         renewed = 1.0 - RENEWED * visible
         self.energy = renewed * self.energy + precision * energy / np.maximum(mass, 1e-9)
@@ -373,6 +370,11 @@ class SceneBelief:
     @property
     def _arrays(self) -> tuple[Array, ...]:
         return self.mass, self.energy, self.precision, self.seen
+
+
+def _shows(seen: Contrast) -> bool:
+    """Whether any pixel is neither black nor saturated."""
+    return bool(seen.count[:, 1:-1].any())
 
 
 def _falling(beyond: NDArray[np.floating[Any]], tail: Array | float) -> Array:
