@@ -47,10 +47,6 @@ STILL_PX, SLOW_PX = 1.0, 8.0
 MOST_MOVED = 0.8
 """Of a cell from frame to frame: something always stays."""
 
-VIEW_STOPS = 2.0
-"""Where the levels that served on an earlier drive changed by so much more than the light did, which changed by less,
-it was the view that changed, as at a window: that is planned for like a change of light."""
-
 LEAST_CAMERA = 0.5
 """A camera's best counts as at least this share of the other's: one that sees hardly anything does not decide."""
 
@@ -164,9 +160,9 @@ class Belief(ExposurePolicy):
 
     def _planned(self, observation: Observation) -> Target:
         levels, (paths, chances) = _levels(observation.limits), self._light_ahead(observation.light_ahead)
-        shown = levels + paths[:, 1:, None]
         as_now = _reaching(levels, float(np.abs(paths).max()))
         worth, look = self._prospects(as_now, observation)
+        shown = levels + paths[:, 1:, None]
         worths = np.tensordot(chances, np.interp(shown, as_now, worth), 1)
         looks = chances @ np.interp(shown[:, 0], as_now, look)
         light = chances @ paths
@@ -229,14 +225,9 @@ class Belief(ExposurePolicy):
             self.foresight.rest()
             return by_itself, np.ones(1)
         share = self.foresight.weigh(told, self.forecast.changes)
-        here = self.foresight.here[:, None]
-        risen, served = (
-            stops.take(here + frames, mode="clip") - stops.take(here, mode="clip")
-            for stops in (np.array(told.risen), -np.array(told.levels))
-        )
-        turned = (np.abs(risen) < VIEW_STOPS) & (np.abs(served - risen) > VIEW_STOPS)
-        again = np.where(turned, served, risen)
-        return np.concatenate([by_itself, again]), np.append(1.0 - share, share * self.foresight.places)
+        risen, here = np.array(told.risen), self.foresight.here[:, None]
+        rises = risen.take(here + frames, mode="clip") - risen.take(here, mode="clip")
+        return np.concatenate([by_itself, rises]), np.append(1.0 - share, share * self.foresight.places)
 
 
 def _shares_of_best(expected: Sequence[Array], sharp: Array, votes: Array) -> tuple[Array, Array]:
