@@ -88,3 +88,33 @@ def worth_of_levels(
     worth: NDArray[np.float64],
     /,
 ) -> None: ...
+def pass_time(scene: tuple[NDArray[np.float64], ...], kept: float, moved: float, risen: int, /) -> None: ...
+def see_frame(
+    rules: tuple[float, ...],
+    scene: tuple[NDArray[np.float64], ...],
+    optics: tuple[NDArray[np.float64], NDArray[np.float64], int, float],
+    energy: NDArray[np.float64],
+    count: NDArray[np.float64],
+    level: float,
+    gain: float,
+    averaged: float,
+    usual_richness: float,
+    by_cell: NDArray[np.float64],
+    /,
+) -> tuple[float, float, float, float, float]: ...
+def look_out(
+    rules: tuple[float, ...],
+    scene: tuple[NDArray[np.float64], ...],
+    optics: tuple[NDArray[np.float64], NDArray[np.float64], int, float],
+    levels: NDArray[np.float64],
+    gains: NDArray[np.float64],
+    averaged: float,
+    noise_share: float,
+    by_cell: NDArray[np.float64],
+    light: NDArray[np.float64],
+    favours: NDArray[np.float64] | None,
+    information: NDArray[np.float64],
+    favoured: NDArray[np.float64],
+    revealed: NDArray[np.float64],
+    /,
+) -> float: ...

@@ -1,12 +1,9 @@
 /* information.h, split.h and sightings.h for Python. */
 #include "arguments.h"
 #include "bindings.h"
-#include "contrast.h"
 #include "information.h"
 #include "sightings.h"
 #include "split.h"
-
-enum { ALL_CELLS = CELLS * CELLS };
 
 PyDoc_STRVAR(predict_information_doc,
              "predict_information(energy, count, now, then, pixels, gain, gains, sharper, relative_light, cell_weights,\n"

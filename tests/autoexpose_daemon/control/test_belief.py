@@ -44,7 +44,7 @@ def belief_after(*levels: float) -> SceneBelief:
 
 def foretold(belief: SceneBelief, levels: NDArray[np.float64]) -> NDArray[np.float64]:
     """Expected information at levels, at a gain of 1."""
-    return belief.outlook(levels, np.ones(levels.size)).expected()
+    return belief.outlook(levels, np.ones(levels.size)).expected
 
 
 def test_what_is_remembered_of_a_frame_foretells_others_as_the_prediction_from_that_frame_does() -> None:
@@ -86,8 +86,7 @@ def test_contrast_that_is_there_no_longer_is_soon_not_believed_in() -> None:
 def test_mass_is_neither_made_nor_lost() -> None:
     for level in (4.0, 9.0, 14.0, 19.0):
         belief = belief_after(9.0, level)
-        hidden = sum(each.mass for each in belief.hidden)
-        assert belief.mass.sum(axis=1) + hidden == pytest.approx(belief.by_cell, rel=0.05, abs=2.0)
+        assert belief.mass.sum(axis=1) + belief.hidden.sum(axis=0) == pytest.approx(belief.by_cell, rel=0.05, abs=2.0)
 
 
 def test_looks_that_find_nothing_make_it_unlikely_that_there_is_something() -> None:

@@ -191,21 +191,22 @@ class Belief(ExposurePolicy):
         sharp = np.sqrt(sharper(self.motion_px, now_us, times_us, scale))
         gains = np.exp2(reachable) / times_us
         beliefs = {side: belief for side, belief in self.beliefs.items() if belief.by_cell.any()}
-        outlooks = [belief.outlook(levels, gains) for belief in beliefs.values()]
+        steering = observation.steering
+        favours = [None if steering is None else steering.weights(side, CELLS, CELLS) for side in beliefs]
+        outlooks = [belief.outlook(levels, gains, each) for belief, each in zip(beliefs.values(), favours, strict=True)]
         votes = self._votes(beliefs.values())
-        shares, best = _shares_of_best([outlook.expected() for outlook in outlooks], sharp, votes)
+        shares, best = _shares_of_best([outlook.expected for outlook in outlooks], sharp, votes)
         worth = shares.sum(axis=0)
         now = int(worth.argmax())
         look = np.zeros(levels.size)
         for outlook, vote, share, one in zip(outlooks, votes, shares, best, strict=True):
-            information = sharp * outlook.information()
+            information = sharp * outlook.information
             if_right = worth - share + vote * information / np.maximum(information.max(axis=1), one)[:, None]
             gained = if_right.max(axis=1) - if_right[:, now]
             look += (outlook.probability * gained) @ outlook.revealed
         served = SERVED_FRAMES / (1.0 + SERVED_FRAMES * min(self.motion_px / PASSING_PX, 1.0))
-        if observation.steering is not None:
-            favours = [observation.steering.weights(side, CELLS, CELLS).ravel() for side in beliefs]
-            favoured = [outlook.expected(each) for outlook, each in zip(outlooks, favours, strict=True)]
+        favoured = [outlook.probability @ outlook.favoured for outlook in outlooks if outlook.favoured is not None]
+        if favoured:
             afforded = worth > (1.0 - STEERING_SHARE) * worth.max()
             worth = np.where(afforded, _shares_of_best(favoured, sharp, votes)[0].sum(axis=0), 0.0)
         return worth, served * look

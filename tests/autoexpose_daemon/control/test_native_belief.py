@@ -1,0 +1,62 @@
+"""The policy `belief` in C against the same with numpy: what a scene belief knows after random frames, and plans."""
+
+from __future__ import annotations
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose
+from numpy.typing import NDArray
+
+from autoexpose_daemon.control.metrics.contrast import CELLS, Contrast
+from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
+from autoexpose_daemon.control.policies.belief.optics import Optics
+from autoexpose_daemon.control.policies.belief.scene_belief import SceneBelief
+from calibration.response import ResponseFunction
+
+from .numpy_belief import NumpyBelief
+
+SEEDS = st.integers(0, 2**32 - 1)
+OPTICS = [Optics(ResponseFunction.linear(black), SensorNoise(10_500.0, 3.0)) for black in (0, 9)]
+TINY = 1e-150
+"""What has faded to this is nothing to the one, and a number still to the other."""
+
+
+def random_contrast(rng: np.random.Generator, bins: int) -> Contrast:
+    """Gradients of any frame: of few grey levels or many, black, white, or in part of the picture only."""
+    low, high = np.sort(rng.integers(0, bins + 1, 2))
+    count = np.zeros((CELLS * CELLS, bins))
+    count[:, low : max(high, low + 1)] = rng.integers(0, 60, (CELLS * CELLS, max(high, low + 1) - low))
+    count *= rng.random(count.shape) < rng.random()
+    count[:, 0] += rng.integers(0, 300, CELLS * CELLS) * (rng.random() < 0.4)
+    count[:, -1] += rng.integers(0, 300, CELLS * CELLS) * (rng.random() < 0.4)
+    count[rng.random(CELLS * CELLS) < 0.1] = 0.0
+    return Contrast(count * rng.integers(0, 3000, count.shape) * rng.random() ** 2, count)
+
+
+def random_light(rng: np.random.Generator) -> NDArray[np.float64] | None:
+    return None if rng.random() < 0.5 else np.exp2(-rng.integers(0, 5, CELLS * CELLS) / 4)
+
+
+@given(SEEDS)
+def test_a_scene_belief_knows_and_foretells_the_same(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    optics = OPTICS[seed % 2]
+    native, oracle = SceneBelief(optics), NumpyBelief(optics)
+    level = rng.uniform(2.0, 20.0)
+    for _ in range(rng.integers(1, 7)):
+        seen, light = random_contrast(rng, optics.bins.count), random_light(rng)
+        seconds, moved = rng.choice([0.0, 0.017, 3.0]), rng.choice([0.0, rng.random() * 0.8])
+        risen = rng.choice([0.0, rng.normal(0.0, 0.2), rng.uniform(-9.0, 9.0)])
+        level = level if rng.random() < 0.5 else rng.uniform(2.0, 20.0)
+        gain, averaged = 2.0 ** rng.uniform(0.0, 5.0), float(rng.choice([1.0, 4.0, 16.0]))
+        for belief in (native, oracle):
+            belief.pass_time(seconds, moved, risen)
+            belief.see(seen, level, gain, averaged, light)
+    for name in set(SceneBelief.STATE) - {"latest"}:
+        assert_allclose(getattr(native, name), getattr(oracle, name), rtol=1e-9, atol=TINY, err_msg=name)
+    levels = np.sort(rng.uniform(0.0, 24.0, 9))
+    gains, favours = 2.0 ** rng.uniform(0.0, 5.0, 9), rng.choice([0.0, 0.5, 2.0], CELLS * CELLS)
+    one, other = (belief.outlook(levels, gains, favours) for belief in (native, oracle))
+    for name in ("probability", "information", "favoured", "revealed"):
+        assert_allclose(getattr(one, name), getattr(other, name), rtol=1e-9, atol=1e-12, err_msg=name)
