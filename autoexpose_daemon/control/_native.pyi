@@ -118,3 +118,30 @@ def look_out(
     revealed: NDArray[np.float64],
     /,
 ) -> float: ...
+def weigh_levels(
+    information: NDArray[np.float64],
+    favoured: NDArray[np.float64] | None,
+    revealed: NDArray[np.float64],
+    probability: NDArray[np.float64],
+    votes: NDArray[np.float64],
+    sharp: NDArray[np.float64],
+    least_camera: float,
+    steering_share: float,
+    served: float,
+    worth: NDArray[np.float64],
+    look: NDArray[np.float64],
+    /,
+) -> None: ...
+def plan_frames(
+    worth: NDArray[np.float64],
+    look: NDArray[np.float64],
+    light: NDArray[np.float64],
+    chances: NDArray[np.float64],
+    lowest: float,
+    step: float,
+    before: float,
+    brightness_loss: float,
+    values: NDArray[np.float64],
+    looks: NDArray[np.float64],
+    /,
+) -> None: ...

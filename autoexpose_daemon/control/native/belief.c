@@ -201,10 +201,10 @@ double share_that_continues(const Rules *rules, const Scene *scene)
     return hidden == 0.0 ? 1.0 : continues / hidden;
 }
 
-/* Where one side's hidden mass lies: pixels by bin, and contrast by bin and cell. */
+/* Where one side's hidden mass lies: pixels in all bins before a bin, and contrast by bin and cell. */
 typedef struct {
     Bins bins;
-    double *mass, *contrast; /* [bin], [bin][cell] */
+    double *before, *contrast; /* [bin], [bin][cell] */
 } Guess;
 
 /* likely[bin][cell] falls off over the tails, from so many stops beyond the bound on, and is less where there was a look. */
@@ -244,6 +244,7 @@ VECTORISED static void place_hidden(const Rules *rules, const Scene *scene, size
                                : with_middles(rules, scene->bins, bound, INFINITY);
     if (sum_of(hidden, ALL_CELLS) == 0.0)
         guess->bins.end = guess->bins.first;
+    guess->before[guess->bins.first] = 0.0;
     if (guess->bins.first >= guess->bins.end)
         return;
     double tails[ALL_CELLS], pixels[ALL_CELLS], contrast[ALL_CELLS];
@@ -256,7 +257,7 @@ VECTORISED static void place_hidden(const Rules *rules, const Scene *scene, size
     }
     for (size_t bin = guess->bins.first; bin < guess->bins.end; bin++) {
         double *here = guess->contrast + bin * ALL_CELLS;
-        guess->mass[bin] = weighted_sum(here, pixels);
+        guess->before[bin + 1] = guess->before[bin] + weighted_sum(here, pixels);
         for (size_t cell = 0; cell < ALL_CELLS; cell++)
             here[cell] *= contrast[cell];
     }
@@ -332,31 +333,29 @@ VECTORISED static void renew_cell(const Rules *rules, const Shown *shown, double
 /* How the contrast that was guessed in what had not been looked at compares with what the frame shows of it. */
 static int judge_guess(const Rules *rules, const Scene *scene, const Shown *shown, Told *told)
 {
-    const size_t width = shown->bins.end - shown->bins.first;
     double newest = 0.0;
-    for (size_t i = 0; i < width; i++)
-        newest = fmax(newest, shown->visible[i] * (1.0 - scene->seen[shown->bins.first + i]));
-    if (newest < rules->least_look)
+    for (size_t bin = shown->bins.first; bin < shown->bins.end; bin++)
+        newest = fmax(newest, shown->visible[bin - shown->bins.first] * (1.0 - scene->seen[bin]));
+    told->guessed = weighted_sum(scene->hidden, scene->richness) +
+                    weighted_sum(scene->hidden + ALL_CELLS, scene->richness + ALL_CELLS);
+    if (newest < rules->least_look || told->guessed == 0.0) /* no more than `newest` of it can be expected */
         return 0;
-    Guess guess = {.mass = malloc(scene->bins * (1 + ALL_CELLS) * sizeof *guess.mass)};
-    if (!guess.mass)
+    double *tables = malloc((scene->bins * (1 + ALL_CELLS) + 1) * sizeof *tables);
+    if (!tables)
         return -1;
-    guess.contrast = guess.mass + scene->bins;
     const double continues = share_that_continues(rules, scene);
     for (int detached = 0; detached < 2; detached++)
         for (size_t side = 0; side < SIDES; side++) {
-            const double probability = detached ? 1.0 - continues : continues;
+            Guess guess = {.before = tables, .contrast = tables + scene->bins + 1};
             place_hidden(rules, scene, side, detached, &guess);
-            for (size_t bin = guess.bins.first; bin < guess.bins.end; bin++) {
-                const double guessed = probability * sum_of(guess.contrast + bin * ALL_CELLS, ALL_CELLS);
-                told->guessed += guessed;
-                if (bin >= shown->bins.first && bin < shown->bins.end)
-                    told->expected += guessed * shown->visible[bin - shown->bins.first] * (1.0 - scene->seen[bin]);
-            }
+            const Bins looked = common(guess.bins, shown->bins);
+            for (size_t bin = looked.first; bin < looked.end; bin++)
+                told->expected += (detached ? 1.0 - continues : continues) * (1.0 - scene->seen[bin]) *
+                                  shown->visible[bin - shown->bins.first] * sum_of(guess.contrast + bin * ALL_CELLS, ALL_CELLS);
         }
-    for (size_t i = 0; i < width; i++)
-        told->found += shown->found[i] * shown->visible[i] * (1.0 - scene->seen[shown->bins.first + i]);
-    free(guess.mass);
+    free(tables);
+    for (size_t bin = shown->bins.first; bin < shown->bins.end; bin++)
+        told->found += shown->found[bin - shown->bins.first] * shown->visible[bin - shown->bins.first] * (1.0 - scene->seen[bin]);
     return 0;
 }
 
@@ -552,13 +551,15 @@ static void guess_hidden(const Rules *rules, const Scene *scene, View *view, dou
         sort_cells(scene->tail + first, view->order, of_view.tail + first);
         sort_cells(scene->richness + first, view->order, of_view.richness + first);
     }
-    for (int detached = 0; detached < 2; detached++, numbers += scene->bins * (1 + ALL_CELLS))
-        for (size_t side = 0; side < SIDES; side++) { /* which have no bins in common */
+    for (int detached = 0; detached < 2; detached++) {
+        double *contrast = numbers; /* of both sides, which have no bins in common */
+        numbers += scene->bins * ALL_CELLS;
+        for (size_t side = 0; side < SIDES; side++, numbers += scene->bins + 1) {
             Guess *guess = &view->guesses[detached][side];
-            guess->mass = numbers;
-            guess->contrast = numbers + scene->bins;
+            *guess = (Guess){.before = numbers, .contrast = contrast};
             place_hidden(rules, &of_view, side, detached, guess);
         }
+    }
 }
 
 /* What squared contrast in bins is worth in a frame, where the lens lets so much light through. */
@@ -604,8 +605,9 @@ static double share_in(const Guess sides[SIDES], Bins bins)
 {
     double within = 0.0, all = 0.0;
     for (const Guess *guess = sides; guess < sides + SIDES; guess++) {
-        all += sum_within(guess->mass, guess->bins);
-        within += sum_within(guess->mass, common(guess->bins, bins));
+        const Bins shared = common(guess->bins, bins);
+        all += guess->before[guess->bins.end];
+        within += shared.first < shared.end ? guess->before[shared.end] - guess->before[shared.first] : 0.0;
     }
     return within / fmax(all, LEAST_PIXELS);
 }
@@ -644,7 +646,7 @@ int look_out(const Rules *rules, const Scene *scene, const Optics *optics, const
              double *favoured, double *revealed)
 {
     View view;
-    double *numbers = malloc(scene->bins * (3 * (1 + ALL_CELLS) + SAMPLES) * sizeof *numbers);
+    double *numbers = malloc(((scene->bins + 1) * (3 * ALL_CELLS + 2 * SIDES + 1 + SAMPLES)) * sizeof *numbers);
     if (!numbers)
         return -1;
     view.known = numbers;

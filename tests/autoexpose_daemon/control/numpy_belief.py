@@ -10,8 +10,10 @@ from numpy.typing import NDArray
 
 from autoexpose_daemon.control.metrics.contrast import CELLS, Contrast
 from autoexpose_daemon.control.metrics.information import FRONT_END_DN, share_of_noise, variance_of
+from autoexpose_daemon.control.picture.steering import STEERING_SHARE
 from autoexpose_daemon.control.policies.belief.optics import Optics
 from autoexpose_daemon.control.policies.belief.plan import BRIGHTNESS_LOSS, Prospects
+from autoexpose_daemon.control.policies.belief.policy import LEAST_CAMERA
 from autoexpose_daemon.control.policies.belief.scene_belief import (
     BIN,
     BINS,
@@ -92,22 +94,19 @@ class NumpyBelief(SceneBelief):
         self.seen = np.maximum(self.seen, visible)
         self._bound(black, saturated, seen.count[:, 0], seen.count[:, -1])
 
-    def outlook(self, levels: Array, gains: Array, favours: Array | None = None) -> Outlook:
+    def look_out(self, levels: Array, gains: Array, favours: Array | None, outlook: Outlook) -> None:
         of_light = [(self.relative_light == light, light) for light in np.unique(self.relative_light)]
         worths = [self._worth(levels, gains, light).T for _, light in of_light]
         visible, known = self._visible(levels), self.mass * self._richness()
         per_pixel = np.count_nonzero(self.by_cell) / max(float(self.by_cell.sum()), 1.0)
-        guesses = list(self._guesses())
-        probability, revealed = np.empty(len(guesses)), np.empty((len(guesses), levels.size))
-        of_cells = np.empty((len(guesses), CELLS * CELLS, levels.size))
-        for place, (probability[place], mass, energy) in enumerate(guesses):
-            for (of, _), worth in zip(of_light, worths, strict=True):
-                found = (known[of] + energy[of]) @ worth
-                of_cells[place, of] = np.sqrt(np.maximum(found, 0.0) * per_pixel)
-            revealed[place] = visible @ mass / max(float(mass.sum()), 1e-9)
         cells = (self.by_cell > 0).astype(np.float64)
-        favoured = None if favours is None else _mean(of_cells, cells * favours.ravel())
-        return Outlook(probability, _mean(of_cells, cells), favoured, revealed)
+        for place, (outlook.probability[place], mass, energy) in enumerate(self._guesses()):
+            of_cells = np.empty((CELLS * CELLS, levels.size))
+            for (of, _), worth in zip(of_light, worths, strict=True):
+                of_cells[of] = np.sqrt(np.maximum((known[of] + energy[of]) @ worth, 0.0) * per_pixel)
+            outlook.information[place] = _mean(of_cells, cells)
+            outlook.favoured[place] = _mean(of_cells, cells * (1.0 if favours is None else favours.ravel()))
+            outlook.revealed[place] = visible @ mass / max(float(mass.sum()), 1e-9)
 
     def _judge(self, visible: Array, found: Array) -> None:
         new = visible * (1.0 - self.seen)
@@ -197,18 +196,55 @@ class NumpyBelief(SceneBelief):
         return self.energy / np.maximum(self.precision, 1e-12)
 
 
-def plan_values(prospects: Prospects) -> Array:
-    """What each level promises for the first frame, if the best follows, shape (n,).
+def weigh_levels(
+    information: Array,
+    favoured: Array | None,
+    revealed: Array,
+    probability: Array,
+    *,
+    votes: Array,
+    sharp: Array,
+    served: float,
+) -> tuple[Array, Array]:
+    """What levels are worth to all cameras in the present light, and for what they would reveal, both of shape (n,)."""
+    shares, best = _shares_of_best(information, probability, sharp, votes)
+    worth = shares.sum(axis=0)
+    now = int(worth.argmax())
+    look = np.zeros(sharp.size)
+    cameras = zip(sharp * information, probability, revealed, votes, shares, best, strict=True)
+    for of_camera, chances, shown, vote, share, one in cameras:
+        if_right = worth - share + vote * of_camera / np.maximum(of_camera.max(axis=1), one)[:, None]
+        gained = if_right.max(axis=1) - if_right[:, now]
+        look += (chances * gained) @ shown
+    if favoured is not None:
+        afforded = worth > (1.0 - STEERING_SHARE) * worth.max()
+        worth = np.where(afforded, _shares_of_best(favoured, probability, sharp, votes)[0].sum(axis=0), 0.0)
+    return worth, served * look
 
-    The sum over frames of what each is worth, times what the change of its image's brightness leaves of that.
-    """
-    brightness = prospects.levels + prospects.light[1:, None]
-    later = np.zeros(prospects.levels.size)
-    for frame in range(len(prospects.worth) - 1, 0, -1):
+
+def _shares_of_best(information: Array, probability: Array, sharp: Array, votes: Array) -> tuple[Array, Array]:
+    """What each camera expects of levels, (cameras, n), as shares of its best; and what counts as that, (cameras,)."""
+    expected = sharp * np.einsum("ch,chn->cn", probability, information)
+    best = expected.max(axis=1)
+    best = np.maximum(best, max(LEAST_CAMERA * best.max(), 1e-9))
+    return votes[:, None] * expected / best[:, None], best
+
+
+def plan_values(prospects: Prospects) -> tuple[Array, Array]:
+    """What `Prospects.values` says of each level that can be taken."""
+    inside = slice(prospects.beyond, prospects.levels.size - prospects.beyond)
+    levels = prospects.levels[inside]
+    shown = levels + prospects.light[:, 1:, None]
+    worths = np.tensordot(prospects.chances, np.interp(shown, prospects.levels, prospects.worth), 1)
+    looks = prospects.chances @ np.interp(shown[:, 0], prospects.levels, prospects.look)
+    light = prospects.chances @ prospects.light
+    brightness = levels + light[1:, None]
+    later = np.zeros(levels.size)
+    for frame in range(len(worths) - 1, 0, -1):
         change = np.abs(brightness[frame] - brightness[frame - 1][:, None])
-        later = (prospects.worth[frame] * np.exp(-BRIGHTNESS_LOSS * change) + later).max(axis=1)
-    change = np.abs(brightness[0] - (prospects.before + prospects.light[0]))
-    return np.asarray(prospects.worth[0] * np.exp(-BRIGHTNESS_LOSS * change) + later + prospects.looks)
+        later = (worths[frame] * np.exp(-BRIGHTNESS_LOSS * change) + later).max(axis=1)
+    change = np.abs(brightness[0] - (prospects.before + light[0]))
+    return np.asarray(worths[0] * np.exp(-BRIGHTNESS_LOSS * change) + later + looks), looks
 
 
 def _clipping(optics: Optics) -> Array:

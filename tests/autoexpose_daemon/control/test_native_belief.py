@@ -8,13 +8,17 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
+from autoexpose_daemon.control import _native
 from autoexpose_daemon.control.metrics.contrast import CELLS, Contrast
 from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
+from autoexpose_daemon.control.picture.steering import STEERING_SHARE
 from autoexpose_daemon.control.policies.belief.optics import Optics
-from autoexpose_daemon.control.policies.belief.scene_belief import SceneBelief
+from autoexpose_daemon.control.policies.belief.plan import Prospects
+from autoexpose_daemon.control.policies.belief.policy import LEAST_CAMERA
+from autoexpose_daemon.control.policies.belief.scene_belief import HYPOTHESES, Outlook, SceneBelief
 from calibration.response import ResponseFunction
 
-from .numpy_belief import NumpyBelief
+from .numpy_belief import NumpyBelief, plan_values, weigh_levels
 
 SEEDS = st.integers(0, 2**32 - 1)
 OPTICS = [Optics(ResponseFunction.linear(black), SensorNoise(10_500.0, 3.0)) for black in (0, 9)]
@@ -57,6 +61,33 @@ def test_a_scene_belief_knows_and_foretells_the_same(seed: int) -> None:
         assert_allclose(getattr(native, name), getattr(oracle, name), rtol=1e-9, atol=TINY, err_msg=name)
     levels = np.sort(rng.uniform(0.0, 24.0, 9))
     gains, favours = 2.0 ** rng.uniform(0.0, 5.0, 9), rng.choice([0.0, 0.5, 2.0], CELLS * CELLS)
-    one, other = (belief.outlook(levels, gains, favours) for belief in (native, oracle))
-    for name in ("probability", "information", "favoured", "revealed"):
-        assert_allclose(getattr(one, name), getattr(other, name), rtol=1e-9, atol=1e-12, err_msg=name)
+    one, other = Outlook.of_levels(9), Outlook.of_levels(9)
+    native.look_out(levels, gains, favours, one)
+    oracle.look_out(levels, gains, favours, other)
+    for name, found, expected in zip(Outlook._fields, one, other, strict=True):
+        assert_allclose(found, expected, rtol=1e-9, atol=1e-12, err_msg=name)
+
+
+@given(SEEDS, st.integers(1, 3), st.integers(1, 12), st.booleans())
+def test_levels_are_worth_the_same(seed: int, cameras: int, count: int, steered: bool) -> None:
+    rng = np.random.default_rng(seed)
+    information, favoured, revealed = rng.random((3, cameras, HYPOTHESES, count)) * rng.choice([0.0, 1e-12, 1.0, 9.0])
+    probability, votes = rng.random((cameras, HYPOTHESES)), rng.random(cameras)
+    sharp, served = rng.random(count), rng.uniform(1.0, 120.0)
+    outlooks = information, favoured if steered else None, revealed, probability
+    worth, look = np.empty((2, count))
+    _native.weigh_levels(*outlooks, votes, sharp, LEAST_CAMERA, STEERING_SHARE, served, worth, look)
+    expected = weigh_levels(*outlooks, votes=votes, sharp=sharp, served=served)
+    assert_allclose((worth, look), expected, rtol=1e-9, atol=1e-12)
+
+
+@given(SEEDS, st.integers(2, 30), st.integers(0, 4), st.integers(1, 5), st.integers(1, 9))
+def test_plans_promise_the_same(seed: int, planned: int, beyond: int, paths: int, frames: int) -> None:
+    rng = np.random.default_rng(seed)
+    step, count = rng.uniform(0.1, 0.5), planned + 2 * beyond
+    levels = rng.uniform(0.0, 20.0) + step * np.arange(count)
+    worth, look = rng.random((2, count))
+    light, chances = rng.uniform(-1.0, 1.0, (paths, frames + 1)) * beyond * step, rng.random(paths)
+    before = rng.uniform(levels[0] - 1.0, levels[-1] + 1.0)
+    prospects = Prospects(levels, step, beyond, worth, look, light, chances / chances.sum(), before)
+    assert_allclose(prospects.values(), plan_values(prospects), rtol=1e-9)

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,11 +64,12 @@ RULES = (
 """For the C extension."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Outlook:
-    """What frames at some levels are expected to hold, under each hypothesis about what is hidden; see `SceneBelief`.
+HYPOTHESES = 3
+"""About what is hidden: there is no contrast in it, it continues what is seen beside it, it is detached from that."""
 
-    The hypotheses are that there is nothing, that it continues what is seen beside it, and that it is detached.
+
+class Outlook(NamedTuple):
+    """What frames at some levels are expected to hold, under each hypothesis; see `SceneBelief`.
 
     Attributes
     ----------
@@ -78,20 +78,20 @@ class Outlook:
     information
         Mean over the cells of the root of what a cell's mean pixel holds, at each level, shape (3, n).
     favoured
-        The same with favoured cells; None without favours.
+        The same with the cells as favours weight them; undefined without favours.
     revealed
         Share of what is hidden that such a frame would show, shape (3, n).
     """
 
     probability: Array
     information: Array
-    favoured: Array | None
+    favoured: Array
     revealed: Array
 
-    @property
-    def expected(self) -> Array:
-        """The mean information over the hypotheses, shape (n,)."""
-        return self.probability @ self.information
+    @classmethod
+    def of_levels(cls, count: int) -> Outlook:
+        """One to be filled."""
+        return cls(np.empty(HYPOTHESES), *np.empty((3, HYPOTHESES, count)))
 
 
 class SceneBelief:
@@ -227,19 +227,17 @@ class SceneBelief:
         odds = self.nothing / (1.0 - self.nothing) * math.exp(-min(evidence, 4.0) * expected / guessed)
         self.nothing = min(max(odds / (1.0 + odds), NOTHING / 4), 1.0 - FAINT**2)
 
-    def outlook(self, levels: Array, gains: Array, favours: Array | None = None) -> Outlook:
-        """What frames at these levels, and with these linear gains, are expected to hold.
+    def look_out(self, levels: Array, gains: Array, favours: Array | None, outlook: Outlook) -> None:
+        """Write what frames at these levels, with these linear gains, are expected to hold.
 
-        With `favours`, shape (64,), also as far as these weight the cells.
+        Favours weight the cells, shape (64,).
         """
-        information, favoured, revealed = np.empty((3, 3, levels.size))
         continues = _native.look_out(
             RULES, self._scene, self.optics.tables, levels + self.drift, gains, self.averaged, self.noise_share,
-            self.by_cell, self.relative_light, favours, information, favoured, revealed,
+            self.by_cell, self.relative_light, favours, outlook.information, outlook.favoured, outlook.revealed,
         )  # fmt: skip
         something = 1.0 - self.nothing
-        probability = np.array([self.nothing, something * continues, something * (1.0 - continues)])
-        return Outlook(probability, information, None if favours is None else favoured, revealed)
+        outlook.probability[:] = self.nothing, something * continues, something * (1.0 - continues)
 
     @property
     def _scene(self) -> tuple[Array, ...]:
