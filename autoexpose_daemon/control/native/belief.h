@@ -16,10 +16,10 @@ typedef struct {
 /* The arrays of a `SceneBelief`; sides: what is darker than shown, and what is brighter. */
 typedef struct {
     size_t bins;
-    double *mass, *energy, *precision; /* [cell][bin] */
-    double *seen;                      /* [bin] */
-    double *bounds;                    /* [side], log radiance */
-    double *hidden, *tail, *richness;  /* [side][cell] */
+    double (*mass)[ALL_CELLS], (*energy)[ALL_CELLS], (*precision)[ALL_CELLS]; /* [bin][cell] */
+    double *seen;                                                             /* [bin] */
+    double *bounds;                                                           /* [side], log radiance */
+    double (*hidden)[ALL_CELLS], (*tail)[ALL_CELLS], (*richness)[ALL_CELLS];  /* [side][cell] */
 } Scene;
 
 /* Of a camera, by bin of grey levels; and `places` log exposures, `step` apart, from `first` steps
@@ -53,19 +53,18 @@ typedef struct {
     double averaged, noise_share;
 } Outlooks;
 
-/* What was seen grows old: `kept` is left of it, `moved` cells pass, and the light rises by so many bins. -1: no memory. */
-int pass_time(const Scene *scene, double kept, double moved, ptrdiff_t risen);
+/* What was seen grows old: `kept` is left of it, the camera has moved by a share of a cell, and the light has risen by so
+ * many bins. */
+void pass_time(const Scene *scene, double kept, double moved, ptrdiff_t risen);
 
 /* Takes in a frame; by_cell[cell] is written, told->usual_richness read and written. Returns 0, or -1 if out of memory. */
 int see_frame(const Rules *rules, const Scene *scene, const Optics *optics, const Frame *frame, double *by_cell,
               Told *told);
 
-/* The share of what is hidden that is expected to continue what is seen. */
-double share_that_continues(const Rules *rules, const Scene *scene);
-
 /* Under each hypothesis (there is nothing, it continues, it is detached), at each level: information, [hypothesis][level],
- * and again as favoured; and the share of what is hidden that would be shown. Returns 0, or -1 if out of memory. */
+ * and again as favoured, or NULL; the share of what is hidden that would be shown; and the one that is expected to
+ * continue. In outlook.c. Returns 0, or -1 if out of memory. */
 int look_out(const Rules *rules, const Scene *scene, const Optics *optics, const Outlooks *frames, double *information,
-             double *favoured, double *revealed);
+             double *favoured, double *revealed, double *continues);
 
 #endif

@@ -26,13 +26,13 @@ static int hold_scene(Held *held, PyObject *object, Scene *scene)
         return 0;
     const Py_ssize_t bins = held_numbers(held), places = times(ALL_CELLS, bins), sides = SIDES * ALL_CELLS;
     scene->bins = (size_t)bins;
-    return (scene->mass = hold_result(held, arrays[0], places, "mass")) &&
-           (scene->energy = hold_result(held, arrays[1], places, "energy")) &&
-           (scene->precision = hold_result(held, arrays[2], places, "precision")) &&
+    return (scene->mass = (void *)hold_result(held, arrays[0], places, "mass")) &&
+           (scene->energy = (void *)hold_result(held, arrays[1], places, "energy")) &&
+           (scene->precision = (void *)hold_result(held, arrays[2], places, "precision")) &&
            (scene->bounds = hold_result(held, arrays[4], SIDES, "bounds")) &&
-           (scene->hidden = hold_result(held, arrays[5], sides, "hidden")) &&
-           (scene->tail = hold_result(held, arrays[6], sides, "tail")) &&
-           (scene->richness = hold_result(held, arrays[7], sides, "richness"));
+           (scene->hidden = (void *)hold_result(held, arrays[5], sides, "hidden")) &&
+           (scene->tail = (void *)hold_result(held, arrays[6], sides, "tail")) &&
+           (scene->richness = (void *)hold_result(held, arrays[7], sides, "richness"));
 }
 
 static int hold_optics(Held *held, PyObject *object, const Rules *rules, Optics *optics)
@@ -77,8 +77,10 @@ static PyObject *pass_time_of(PyObject *module, PyObject *arguments)
     (void)module;
     if (!PyArg_ParseTuple(arguments, "Oddn", &arrays, &kept, &moved, &risen))
         return NULL;
-    if (hold_scene(&held, arrays, &scene))
-        result = pass_time(&scene, kept, moved, risen) ? PyErr_NoMemory() : Py_NewRef(Py_None);
+    if (hold_scene(&held, arrays, &scene)) {
+        pass_time(&scene, kept, moved, risen);
+        result = Py_NewRef(Py_None);
+    }
     release(&held);
     return result;
 }
@@ -86,7 +88,7 @@ static PyObject *pass_time_of(PyObject *module, PyObject *arguments)
 PyDoc_STRVAR(see_frame_doc,
              "see_frame(rules, scene, optics, energy, count, level, gain, averaged, usual_richness, by_cell)\n--\n\n"
              "Take in a frame: (noise_share, usual_richness, guessed, expected, found).\n\n"
-             "rules: RULES of scene_belief.py. scene: its arrays mass, energy, precision (64, bins), seen (bins,), bounds (2,),\n"
+             "rules: RULES of scene_belief.py. scene: its arrays mass, energy, precision (bins, 64), seen (bins,), bounds (2,),\n"
              "hidden, tail, richness (2, 64), float64, written. optics: those of `Optics`. energy, count: of Contrast. level:\n"
              "stops, with the drift. gain: linear. averaged: samples of the sensor in a pixel. by_cell: float64 (64,), written.\n"
              "guessed, expected, found: contrast guessed in what was hidden, and in what of that the frame shows, if there\n"
@@ -137,7 +139,7 @@ static PyObject *look_into(Held *held, PyObject *const objects[11], Belief *beli
 {
     enum { RULES, SCENE, OPTICS, LEVELS, GAINS, BY_CELL, LIGHT, FAVOURS, INFORMATION, FAVOURED, REVEALED };
     const int steered = objects[FAVOURS] != Py_None;
-    double *information, *revealed, *favoured = NULL;
+    double *information, *revealed, *favoured = NULL, continues;
     if (!hold_rules(objects[RULES], &belief->rules) || !hold_scene(held, objects[SCENE], &belief->scene) ||
         !hold_optics(held, objects[OPTICS], &belief->rules, &belief->optics) ||
         !(frames->levels = hold_doubles(held, objects[LEVELS], -1, "levels")))
@@ -153,9 +155,9 @@ static PyObject *look_into(Held *held, PyObject *const objects[11], Belief *beli
         (steered && (!(frames->favours = hold_doubles(held, objects[FAVOURS], ALL_CELLS, "favours")) ||
                      !(favoured = hold_result(held, objects[FAVOURED], results, "favoured")))))
         return NULL;
-    if (look_out(&belief->rules, &belief->scene, &belief->optics, frames, information, favoured, revealed))
+    if (look_out(&belief->rules, &belief->scene, &belief->optics, frames, information, favoured, revealed, &continues))
         return PyErr_NoMemory();
-    return PyFloat_FromDouble(share_that_continues(&belief->rules, &belief->scene));
+    return PyFloat_FromDouble(continues);
 }
 
 static PyObject *look_out_of(PyObject *module, PyObject *arguments)

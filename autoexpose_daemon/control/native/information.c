@@ -28,24 +28,24 @@ static int ascending(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-CellContrast cell_contrast(size_t bins, const double *readable, const double *noise, const double *energy,
-                           const double *count)
+static Cell cell_of(const Prediction *prediction, const double *noise, const double *energy, const double *count)
 {
-    CellContrast sums = {0.0, 0.0, 0.0, 0.0};
-    for (size_t bin = 0; bin < bins; bin++) {
-        sums.shown += energy[bin] / 4 * readable[bin];
-        sums.expected += count[bin] * (noise[bin] * readable[bin]);
-        sums.readable += count[bin] * readable[bin];
+    Cell sums = {0.0, 0.0, 0.0, 0.0};
+    for (size_t bin = 0; bin < prediction->bins; bin++) {
+        const double readable = prediction->readable[bin];
+        sums.shown += energy[bin] / 4 * readable;
+        sums.expected += count[bin] * (noise[bin] * readable);
+        sums.readable += count[bin] * readable;
         sums.weight += count[bin];
     }
     return sums;
 }
 
-double share_of_noise(const CellContrast cells[ALL_CELLS])
+double share_of_noise(const Cell cells[ALL_CELLS])
 {
     double shares[ALL_CELLS];
     size_t telling = 0;
-    for (const CellContrast *cell = cells; cell < cells + ALL_CELLS; cell++)
+    for (const Cell *cell = cells; cell < cells + ALL_CELLS; cell++)
         if (cell->readable > LEAST_READABLE * cell->weight && cell->expected > LEAST_VARIANCE * cell->readable)
             shares[telling++] = cell->shown / cell->expected;
     if (!telling)
@@ -133,7 +133,7 @@ VECTORISED static void add_roots(const Tables *tables, double unit, const double
     }
 }
 
-static void finish(const Tables *tables, const Exposures *taken, const CellContrast cells[ALL_CELLS], const double *weights,
+static void finish(const Tables *tables, const Exposures *taken, const Cell cells[ALL_CELLS], const double *weights,
                    double *curve)
 {
     double weight = 0.0, seen = 0.0, total = 0.0;
@@ -153,14 +153,13 @@ static void finish(const Tables *tables, const Exposures *taken, const CellContr
 static void predict(const Tables *tables, const Prediction *prediction, const Exposures *taken, const double *energy,
                     const double *count, double *curve, double *steered)
 {
-    CellContrast cells[ALL_CELLS];
+    Cell cells[ALL_CELLS];
     for (size_t bin = 0; bin < tables->bins; bin++)
         tables->noise[bin] = variance_of(prediction->shot_now[bin] * taken->gain +
                                              prediction->read_now[bin] * (taken->gain * taken->gain),
                                          taken->pixels);
     for (size_t cell = 0; cell < ALL_CELLS; cell++)
-        cells[cell] = cell_contrast(tables->bins, prediction->readable, tables->noise, energy + cell * tables->bins,
-                                    count + cell * tables->bins);
+        cells[cell] = cell_of(prediction, tables->noise, energy + cell * tables->bins, count + cell * tables->bins);
     const double share = share_of_noise(cells);
     subtract_noise(tables, share, energy, count);
     predict_variance(tables, prediction, taken, share);

@@ -23,14 +23,10 @@ typedef struct {
 /* Sums over the pixels of a cell: energy, noise expected and weight of the readable ones, and weight of all. */
 typedef struct {
     double shown, expected, readable, weight;
-} CellContrast;
-
-/* All parameters are by bin of grey levels. */
-CellContrast cell_contrast(size_t bins, const double *readable, const double *noise, const double *energy,
-                           const double *count);
+} Cell;
 
 /* The actual noise as a share of that expected: what the flattest cells show. */
-double share_of_noise(const CellContrast cells[ALL_CELLS]);
+double share_of_noise(const Cell cells[ALL_CELLS]);
 
 /* Writes the curve, and a second one if there are cell weights, [exposure]. Returns 0, or -1 if out of memory. */
 int predict_information(const Prediction *prediction, const Exposures *exposures, const double *energy,

@@ -42,7 +42,11 @@ DARK, BRIGHT = 0, 1
 
 
 class NumpyBelief(SceneBelief):
-    """A `SceneBelief` that does without the extension."""
+    """A `SceneBelief` that does without the extension; its arrays are by cell and bin, shape (64, BINS)."""
+
+    def __init__(self, optics: Optics) -> None:
+        super().__init__(optics)
+        self.mass, self.energy, self.precision = np.zeros((3, CELLS * CELLS, BINS))
 
     def pass_time(self, seconds: float, moved_cells: float, light_stops: float) -> None:
         kept = np.exp(-seconds / MEMORY_S)

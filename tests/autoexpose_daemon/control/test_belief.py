@@ -88,7 +88,7 @@ def test_contrast_that_is_there_no_longer_is_soon_not_believed_in() -> None:
 def test_mass_is_neither_made_nor_lost() -> None:
     for level in (4.0, 9.0, 14.0, 19.0):
         belief = belief_after(9.0, level)
-        assert belief.mass.sum(axis=1) + belief.hidden.sum(axis=0) == pytest.approx(belief.by_cell, rel=0.05, abs=2.0)
+        assert belief.mass.sum(axis=0) + belief.hidden.sum(axis=0) == pytest.approx(belief.by_cell, rel=0.05, abs=2.0)
 
 
 def test_looks_that_find_nothing_make_it_unlikely_that_there_is_something() -> None:

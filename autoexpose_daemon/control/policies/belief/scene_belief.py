@@ -104,7 +104,7 @@ class SceneBelief:
     Attributes
     ----------
     mass
-        Pixels by cell and bin, float64, shape (64, BINS).
+        Pixels by bin and cell, float64, shape (BINS, 64).
     energy, precision
         Squared contrast per pixel (stops^2) times the precision with which it is known, and that precision.
     seen
@@ -146,7 +146,7 @@ class SceneBelief:
 
     def __init__(self, optics: Optics) -> None:
         self.optics = optics
-        self.mass, self.energy, self.precision = np.zeros((3, CELLS * CELLS, BINS))
+        self.mass, self.energy, self.precision = np.zeros((3, BINS, CELLS * CELLS))
         self.seen, self.bounds = np.zeros(BINS), np.zeros(2)
         self.hidden, self.tail, self.richness = np.zeros((3, 2, CELLS * CELLS))
         self.drift = 0.0
