@@ -62,6 +62,15 @@ def best_times(
     times_us: NDArray[np.float64],
     /,
 ) -> None: ...
+def split_levels(
+    levels: NDArray[np.float64],
+    times_us: NDArray[np.float64],
+    speed: float,
+    now_us: float,
+    gains: NDArray[np.float64],
+    sharp: NDArray[np.float64],
+    /,
+) -> None: ...
 def predict_metrics(
     levels: NDArray[np.float64],
     places: NDArray[np.float64],

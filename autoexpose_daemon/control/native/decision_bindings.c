@@ -85,6 +85,30 @@ static PyObject *best_times_of(PyObject *module, PyObject *arguments)
     return result;
 }
 
+PyDoc_STRVAR(split_levels_doc, "split_levels(levels, times_us, speed, now_us, gains, sharp)\n--\n\n"
+                               "Linear gains of levels at exposure times, and the root of `sharper` there, into `gains` and\n"
+                               "`sharp`; all float64 (n,). speed: pixels of the image in a us.");
+
+static PyObject *split_levels_of(PyObject *module, PyObject *arguments)
+{
+    PyObject *objects[4], *result = NULL;
+    const double *levels, *times_us;
+    double speed, now_us, *gains, *sharp;
+    Held held = {0};
+    (void)module;
+    if (!PyArg_ParseTuple(arguments, "OOddOO", &objects[0], &objects[1], &speed, &now_us, &objects[2], &objects[3]))
+        return NULL;
+    if ((levels = hold_doubles(&held, objects[0], -1, "levels")) &&
+        (times_us = hold_doubles(&held, objects[1], held_numbers(&held), "times_us")) &&
+        (gains = hold_result(&held, objects[2], held_numbers(&held), "gains")) &&
+        (sharp = hold_result(&held, objects[3], held_numbers(&held), "sharp"))) {
+        split_levels(levels, times_us, (size_t)held_numbers(&held), speed, now_us, gains, sharp);
+        result = Py_NewRef(Py_None);
+    }
+    release(&held);
+    return result;
+}
+
 PyDoc_STRVAR(predict_metrics_doc,
              "predict_metrics(levels, places, ages, blind, curves, deltas, doubting, values, distances)\n--\n\n"
              "What sightings predict at levels, and how far away those are, as MetricMemory has it; all float64.\n\n"
@@ -179,5 +203,6 @@ PyMethodDef decision_methods[] = {
     {"predict_metrics", predict_metrics_of, METH_VARARGS, predict_metrics_doc},
     {"worth_of_levels", worth_of_levels_of, METH_VARARGS, worth_of_levels_doc},
     {"best_times", best_times_of, METH_VARARGS, best_times_doc},
+    {"split_levels", split_levels_of, METH_VARARGS, split_levels_doc},
     {NULL, NULL, 0, NULL},
 };

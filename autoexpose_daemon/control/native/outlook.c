@@ -95,6 +95,8 @@ static void guess_all(const Rules *rules, const Scene *scene, Bins wanted, View 
 VECTORISED static void find_worth(const Rules *rules, const Optics *optics, const Outlooks *frames, size_t frame,
                                   double light, Bins bins, const View *view)
 {
+    if (bins.first == bins.end)
+        return;
     double *restrict at = view->at, *restrict worth = view->worth;
     const ptrdiff_t apart = lrint(rules->bin / optics->step) / SAMPLES, places = (ptrdiff_t)optics->places;
     const double gain = frames->gains[frame], share = frames->noise_share, front_end = light * FRONT_END_DN;

@@ -12,11 +12,13 @@ from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.metrics.contrast import contrast
 from autoexpose_daemon.control.metrics.information import InformationPrediction
 from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
+from autoexpose_daemon.control.policies.belief import policy
 from autoexpose_daemon.control.policies.belief.cadence import Cadence
 from autoexpose_daemon.control.policies.belief.optics import Optics
 from autoexpose_daemon.control.policies.belief.plan import BRIGHTNESS_LOSS, Prospects
 from autoexpose_daemon.control.policies.belief.scene_belief import BIN, NOTHING, Outlook, SceneBelief
 from calibration.response import ResponseFunction
+from drivers.errors import ConfigurationError
 from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import StereoPair
 
@@ -128,6 +130,12 @@ def test_lost_frames_are_counted_by_their_stamps() -> None:
     cadence = Cadence()
     assert [cadence.frames(interval) for interval in (0.02, 0.02, 0.0201, 0.06, 0.0199, 0.04)] == [1, 1, 1, 3, 1, 2]
     assert cadence.frames(0.0) == 1
+
+
+def test_without_the_extension_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(policy, "_native", None)
+    with pytest.raises(ConfigurationError, match=r"^policy belief needs the C extension.*python3-dev"):
+        ControlLoop("belief", LINEAR, LIMITS, START)
 
 
 @pytest.mark.parametrize("half_scale_level", [6.0, 10.0, 15.0])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
@@ -10,12 +11,13 @@ from numpy.typing import NDArray
 
 from autoexpose_daemon.control import _native
 from autoexpose_daemon.control.metrics.contrast import CELLS, Contrast
+from autoexpose_daemon.control.metrics.information import PER_US, sharper
 from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
 from autoexpose_daemon.control.picture.steering import STEERING_SHARE
 from autoexpose_daemon.control.policies.belief.optics import Optics
 from autoexpose_daemon.control.policies.belief.plan import Prospects
 from autoexpose_daemon.control.policies.belief.policy import LEAST_CAMERA
-from autoexpose_daemon.control.policies.belief.scene_belief import HYPOTHESES, Outlook, SceneBelief
+from autoexpose_daemon.control.policies.belief.scene_belief import HYPOTHESES, RULES, Outlook, SceneBelief
 from calibration.response import ResponseFunction
 
 from .numpy_belief import NumpyBelief, plan_values, weigh_levels
@@ -70,6 +72,21 @@ def test_a_scene_belief_knows_and_foretells_the_same(seed: int) -> None:
         assert_allclose(found, expected, rtol=1e-9, atol=1e-12, err_msg=name)
 
 
+@given(SEEDS, st.integers(1, 9))
+def test_levels_are_split_the_same(seed: int, count: int) -> None:
+    rng = np.random.default_rng(seed)
+    levels, times_us = rng.uniform(0.0, 24.0, count), 2.0 ** rng.uniform(0.0, 14.0, count)
+    motion_px, now_us, scale = (
+        rng.choice([0.0, rng.uniform(0.0, 80.0)]),
+        2.0 ** rng.uniform(0.0, 14.0),
+        rng.uniform(1, 8),
+    )
+    gains, sharp = np.empty((2, count))
+    _native.split_levels(levels, times_us, motion_px * PER_US / scale, now_us, gains, sharp)
+    assert_allclose(gains, np.exp2(levels) / times_us, rtol=1e-9)
+    assert_allclose(sharp, np.sqrt(sharper(motion_px, now_us, times_us, scale)), rtol=1e-9)
+
+
 @given(SEEDS, st.integers(1, 3), st.integers(1, 12), st.booleans())
 def test_levels_are_worth_the_same(seed: int, cameras: int, count: int, steered: bool) -> None:
     rng = np.random.default_rng(seed)
@@ -93,3 +110,52 @@ def test_plans_promise_the_same(seed: int, planned: int, beyond: int, paths: int
     before = rng.uniform(levels[0] - 1.0, levels[-1] + 1.0)
     prospects = Prospects(levels, step, beyond, worth, look, light, chances / chances.sum(), before)
     assert_allclose(prospects.values(), plan_values(prospects), rtol=1e-9)
+
+
+SCENE = tuple(np.zeros(size) for size in (192, 192, 192, 3, 2, 128, 128, 128))
+TABLES = (np.ones(21), np.ones(9), 0, 0.05)
+CELLS_WIDE, NONE = np.ones(64), np.ones(0)
+
+
+@pytest.mark.parametrize(
+    ("call", "arguments", "message"),
+    [
+        ("pass_time", (SCENE[:7], 1.0, 0.0, 0), "8"),
+        ("pass_time", ((*SCENE[:7], np.zeros(64)), 1.0, 0.0, 0), "richness must have 128"),
+        (
+            "see_frame",
+            (RULES, SCENE, (np.ones(14), *TABLES[1:]), *[np.ones(128)] * 2, *[1.0] * 4, CELLS_WIDE),
+            "3 bins",
+        ),
+        (
+            "see_frame",
+            (RULES, SCENE, (*TABLES[:3], 0.0), *[np.ones(192)] * 2, *[1.0] * 4, CELLS_WIDE),
+            "3 bins or more",
+        ),
+        (
+            "see_frame",
+            (RULES, SCENE, TABLES, np.ones(192), np.ones(190), *[1.0] * 4, CELLS_WIDE),
+            "count must have 192",
+        ),
+        (
+            "look_out",
+            (RULES, SCENE, TABLES, *[np.ones(2)] * 2, 1.0, 1.0, *[CELLS_WIDE] * 2, None, np.ones(6), None, np.ones(5)),
+            "revealed must have 6",
+        ),
+        ("weigh_levels", (NONE, None, NONE, np.ones(3), np.ones(1), NONE, *[0.1] * 3, NONE, NONE), "at least one"),
+        (
+            "plan_frames",
+            (*[np.ones(4)] * 2, np.ones(3), np.ones(1), *[1.0] * 4, *[np.ones(3)] * 2),
+            "shapes of one plan",
+        ),
+        (
+            "plan_frames",
+            (*[np.ones(4)] * 2, np.ones(0), np.ones(0), *[1.0] * 4, *[np.ones(4)] * 2),
+            "shapes of one plan",
+        ),
+        ("split_levels", (np.ones(2), np.ones(2), 1.0, 1.0, np.ones(2), np.ones(3)), "sharp must have 2"),
+    ],
+)
+def test_bad_input_is_refused(call: str, arguments: tuple[object, ...], message: str) -> None:
+    with pytest.raises((ValueError, TypeError), match=message):
+        getattr(_native, call)(*arguments)

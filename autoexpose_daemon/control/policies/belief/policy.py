@@ -13,7 +13,7 @@ from autoexpose_daemon.control.balance import Balance
 from autoexpose_daemon.control.light_ahead import LightAhead
 from autoexpose_daemon.control.metrics.contrast import CELLS, Contrast, contrast
 from autoexpose_daemon.control.metrics.extension import extension as _native
-from autoexpose_daemon.control.metrics.information import blur_length_px, sharper
+from autoexpose_daemon.control.metrics.information import PER_US, blur_length_px
 from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
 from autoexpose_daemon.control.picture.steering import STEERING_SHARE
 from autoexpose_daemon.control.policies.belief.cadence import Cadence
@@ -27,6 +27,7 @@ from autoexpose_daemon.control.policies.metric_map.loop_delay import LoopDelay
 from autoexpose_daemon.control.policy import ExposurePolicy, Look, Objective, Observation, PolicySetup, Target
 from autoexpose_daemon.control.registration import LightChange, Registration
 from calibration.response import ResponseFunction
+from drivers.errors import ConfigurationError
 from drivers.exposure import ExposureLimits, linear_gain
 from drivers.frames import Side
 from drivers.python310 import Self
@@ -73,6 +74,7 @@ class Belief(ExposurePolicy):
     )  # fmt: skip
     OBJECTIVE: ClassVar[Objective] = "information"
     STEERED: ClassVar[bool] = True
+    FILTERED: ClassVar[bool] = False
     compensated = "targets"
     registration: Registration
     forecast: Forecast
@@ -99,7 +101,18 @@ class Belief(ExposurePolicy):
 
     @classmethod
     def build(cls, setup: PolicySetup) -> Self:
-        """With its own balance, unless another is configured."""
+        """With its own balance, unless another is configured.
+
+        Raises
+        ------
+        ConfigurationError
+            Without the C extension.
+        """
+        if _native is None:
+            raise ConfigurationError(
+                "policy belief needs the C extension, which is not built here: install gcc and python3-dev and then "
+                "autoexpose-daemon again, or choose another policy"
+            )
         noise = SensorNoise(setup.parameters.full_well_e, setup.parameters.read_noise_e)
         return cls(setup.responses, setup.balance(BlurPhotonBalance(noise)), noise, setup.metric.native)
 
@@ -129,8 +142,8 @@ class Belief(ExposurePolicy):
         """Take in what the frames show."""
         seen = [(look, self._contrast(look)) for look in observation.looks]
         news = [(look, each) for look, each in seen if self.beliefs[look.side].is_news(each)]
-        showing = [each for each in news if each[1].count[:, 1:-1].any()]
-        light = self._light_change(*(showing or seen)[0], observation)
+        showing = next((each for each in news if each[1].count[:, 1:-1].any()), seen[0])
+        light = self._light_change(*showing, observation)
         seconds = 0.0 if self.seen_ns is None else (observation.device_time_ns - self.seen_ns) * 1e-9
         self.seen_ns = observation.device_time_ns
         self.forecast.add(light.stops, self.cadence.frames(seconds))
@@ -188,8 +201,8 @@ class Belief(ExposurePolicy):
         reachable = levels.clip(observation.limits.darkest.level, observation.limits.brightest.level)
         times_us = times_of_levels(self.balance, reachable, self.motion_px, observation)
         now_us, scale = observation.setting.exposure_time_us, observation.looks[0].scale
-        sharp = np.sqrt(sharper(self.motion_px, now_us, times_us, scale))
-        gains = np.exp2(reachable) / times_us
+        gains, sharp = np.empty((2, levels.size))
+        _native.split_levels(reachable, times_us, self.motion_px * PER_US / scale, now_us, gains, sharp)
         steering = observation.steering
         beliefs = {side: belief for side, belief in self.beliefs.items() if belief.by_cell.any()}
         information, favoured, revealed = np.empty((3, len(beliefs), HYPOTHESES, levels.size))

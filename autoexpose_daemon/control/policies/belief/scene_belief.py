@@ -64,6 +64,8 @@ RULES = (
 """For the C extension."""
 
 
+_EVEN_LIGHT = np.ones(CELLS * CELLS)
+
 HYPOTHESES = 3
 """About what is hidden: there is no contrast in it, it continues what is seen beside it, it is detached from that."""
 
@@ -157,7 +159,7 @@ class SceneBelief:
         self.by_cell = np.zeros(CELLS * CELLS)
         self.noise_share = 1.0
         self.averaged = 1.0
-        self.relative_light = np.ones(CELLS * CELLS)
+        self.relative_light = _EVEN_LIGHT
 
     def forget(self) -> None:
         """Know nothing any more."""
@@ -177,8 +179,8 @@ class SceneBelief:
 
     def is_news(self, seen: Contrast) -> bool:
         """Whether a frame differs from the one before, as by noise, or is all clipped."""
-        repeated = self.latest is not None and np.array_equal(self.latest, seen.count)
-        self.latest = seen.count
+        before, self.latest = self.latest, seen.count
+        repeated = before is not None and all(map(np.array_equal, before, seen.count))  # most differ in the first cell
         return not repeated or not seen.count[:, 1:-1].any()
 
     def remark(self) -> str | None:
@@ -210,7 +212,7 @@ class SceneBelief:
             What the lens lets through to each cell, shape (64,), with few distinct values; None: the same to all.
         """
         self.averaged, self.age_s = averaged, 0.0
-        self.relative_light = np.ones(CELLS * CELLS) if relative_light is None else relative_light
+        self.relative_light = _EVEN_LIGHT if relative_light is None else relative_light
         self.noise_share, self.usual_richness, *guess = _native.see_frame(
             RULES, self._scene, self.optics.tables, seen.energy, seen.count, level + self.drift, gain, averaged,
             self.usual_richness, self.by_cell,
