@@ -19,48 +19,55 @@ static int hold_rules(PyObject *object, Rules *rules)
 
 static int hold_scene(Held *held, PyObject *object, Scene *scene)
 {
-    PyObject *arrays[8];
-    if (!PyArg_ParseTuple(object, "OOOOOOOO", &arrays[0], &arrays[1], &arrays[2], &arrays[3], &arrays[4], &arrays[5],
-                          &arrays[6], &arrays[7]) ||
-        !(scene->seen = hold_result(held, arrays[3], -1, "seen")))
+    PyObject *mass, *energy, *precision, *seen, *bounds, *hidden, *tail, *richness;
+    if (!PyArg_ParseTuple(object, "OOOOOOOO", &mass, &energy, &precision, &seen, &bounds, &hidden, &tail, &richness) ||
+        !(scene->seen = hold_result(held, seen, -1, "seen")))
         return 0;
     const Py_ssize_t bins = held_numbers(held), places = times(ALL_CELLS, bins), sides = SIDES * ALL_CELLS;
     scene->bins = (size_t)bins;
-    return (scene->mass = (void *)hold_result(held, arrays[0], places, "mass")) &&
-           (scene->energy = (void *)hold_result(held, arrays[1], places, "energy")) &&
-           (scene->precision = (void *)hold_result(held, arrays[2], places, "precision")) &&
-           (scene->bounds = hold_result(held, arrays[4], SIDES, "bounds")) &&
-           (scene->hidden = (void *)hold_result(held, arrays[5], sides, "hidden")) &&
-           (scene->tail = (void *)hold_result(held, arrays[6], sides, "tail")) &&
-           (scene->richness = (void *)hold_result(held, arrays[7], sides, "richness"));
+    return (scene->mass = (void *)hold_result(held, mass, places, "mass")) &&
+           (scene->energy = (void *)hold_result(held, energy, places, "energy")) &&
+           (scene->precision = (void *)hold_result(held, precision, places, "precision")) &&
+           (scene->bounds = hold_result(held, bounds, SIDES, "bounds")) &&
+           (scene->hidden = (void *)hold_result(held, hidden, sides, "hidden")) &&
+           (scene->tail = (void *)hold_result(held, tail, sides, "tail")) &&
+           (scene->richness = (void *)hold_result(held, richness, sides, "richness"));
 }
 
 static int hold_optics(Held *held, PyObject *object, const Rules *rules, Optics *optics)
 {
+    enum { READABLE, LOW, HIGH, SLOPE2, INVERSE_SLOPE2, SHOT, READ, BY_BIN };
+    enum { SLOPE2_AT, SHOT_AT, READ_AT, BY_PLACE };
     PyObject *of_bins, *of_places;
     const double *bins, *places;
     if (!PyArg_ParseTuple(object, "OOnd", &of_bins, &of_places, &optics->first, &optics->step) ||
         !(bins = hold_doubles(held, of_bins, -1, "by_bin")))
         return 0;
-    const size_t greys = optics->bins = (size_t)held_numbers(held) / 7;
+    const size_t greys = optics->bins = (size_t)held_numbers(held) / BY_BIN;
     if (!(places = hold_doubles(held, of_places, -1, "by_exposure")))
         return 0;
-    const size_t exposures = optics->places = (size_t)held_numbers(held) / 3;
+    const size_t exposures = optics->places = (size_t)held_numbers(held) / BY_PLACE;
     if (greys < 3 || !exposures || !(optics->step > 0.0) || !(SAMPLES * optics->step <= rules->bin)) {
         PyErr_SetString(PyExc_ValueError, "optics must have 3 bins or more, and 4 log exposures in a bin of radiance");
         return 0;
     }
-    optics->readable = bins;
-    optics->low = bins + greys;
-    optics->high = bins + 2 * greys;
-    optics->slope2 = bins + 3 * greys;
-    optics->inverse_slope2 = bins + 4 * greys;
-    optics->shot = bins + 5 * greys;
-    optics->read = bins + 6 * greys;
-    optics->slope2_at = places;
-    optics->shot_at = places + exposures;
-    optics->read_at = places + 2 * exposures;
+    optics->readable = bins + READABLE * greys;
+    optics->low = bins + LOW * greys;
+    optics->high = bins + HIGH * greys;
+    optics->slope2 = bins + SLOPE2 * greys;
+    optics->inverse_slope2 = bins + INVERSE_SLOPE2 * greys;
+    optics->shot = bins + SHOT * greys;
+    optics->read = bins + READ * greys;
+    optics->slope2_at = places + SLOPE2_AT * exposures;
+    optics->shot_at = places + SHOT_AT * exposures;
+    optics->read_at = places + READ_AT * exposures;
     return 1;
+}
+
+static int hold_belief(Held *held, PyObject *rules, PyObject *scene, PyObject *optics, Belief *belief)
+{
+    return hold_rules(rules, &belief->rules) && hold_scene(held, scene, &belief->scene) &&
+           hold_optics(held, optics, &belief->rules, &belief->optics);
 }
 
 PyDoc_STRVAR(pass_time_doc, "pass_time(scene, kept, moved, risen)\n--\n\n"
@@ -94,34 +101,26 @@ PyDoc_STRVAR(see_frame_doc,
              "guessed, expected, found: contrast guessed in what was hidden, and in what of that the frame shows, if there\n"
              "was nothing else; and what it shows there. All are 0 if it shows hardly anything new.");
 
-static PyObject *see_into(Held *held, PyObject *const objects[6], Belief *belief, Frame *frame, Told *told)
-{
-    double *by_cell;
-    if (!hold_rules(objects[0], &belief->rules) || !hold_scene(held, objects[1], &belief->scene) ||
-        !hold_optics(held, objects[2], &belief->rules, &belief->optics))
-        return NULL;
-    const Py_ssize_t places = times(ALL_CELLS, (Py_ssize_t)belief->optics.bins);
-    if (!(frame->energy = hold_doubles(held, objects[3], places, "energy")) ||
-        !(frame->count = hold_doubles(held, objects[4], places, "count")) ||
-        !(by_cell = hold_result(held, objects[5], ALL_CELLS, "by_cell")))
-        return NULL;
-    if (see_frame(&belief->rules, &belief->scene, &belief->optics, frame, by_cell, told))
-        return PyErr_NoMemory();
-    return Py_BuildValue("ddddd", told->noise_share, told->usual_richness, told->guessed, told->expected, told->found);
-}
-
 static PyObject *see_frame_of(PyObject *module, PyObject *arguments)
 {
-    PyObject *objects[6];
+    PyObject *rules, *scene, *optics, *energy, *count, *written, *result = NULL;
+    double *by_cell;
     Belief belief;
     Frame frame;
     Told told = {0};
     Held held = {0};
     (void)module;
-    if (!PyArg_ParseTuple(arguments, "OOOOOddddO", &objects[0], &objects[1], &objects[2], &objects[3], &objects[4],
-                          &frame.level, &frame.gain, &frame.averaged, &told.usual_richness, &objects[5]))
+    if (!PyArg_ParseTuple(arguments, "OOOOOddddO", &rules, &scene, &optics, &energy, &count, &frame.level, &frame.gain,
+                          &frame.averaged, &told.usual_richness, &written))
         return NULL;
-    PyObject *result = see_into(&held, objects, &belief, &frame, &told);
+    if (hold_belief(&held, rules, scene, optics, &belief) &&
+        (frame.energy = hold_doubles(&held, energy, times(ALL_CELLS, (Py_ssize_t)belief.optics.bins), "energy")) &&
+        (frame.count = hold_doubles(&held, count, times(ALL_CELLS, (Py_ssize_t)belief.optics.bins), "count")) &&
+        (by_cell = hold_result(&held, written, ALL_CELLS, "by_cell")))
+        result = see_frame(&belief.rules, &belief.scene, &belief.optics, &frame, by_cell, &told)
+                     ? PyErr_NoMemory()
+                     : Py_BuildValue("ddddd", told.noise_share, told.usual_richness, told.guessed, told.expected,
+                                     told.found);
     release(&held);
     return result;
 }
@@ -135,43 +134,34 @@ PyDoc_STRVAR(look_out_doc,
              "the lens lets through, and weights, or None. information, favoured, revealed: (3, n), written; favoured: only\n"
              "with favours. The others: see see_frame.");
 
-static PyObject *look_into(Held *held, PyObject *const objects[11], Belief *belief, Outlooks *frames)
-{
-    enum { RULES, SCENE, OPTICS, LEVELS, GAINS, BY_CELL, LIGHT, FAVOURS, INFORMATION, FAVOURED, REVEALED };
-    const int steered = objects[FAVOURS] != Py_None;
-    double *information, *revealed, *favoured = NULL, continues;
-    if (!hold_rules(objects[RULES], &belief->rules) || !hold_scene(held, objects[SCENE], &belief->scene) ||
-        !hold_optics(held, objects[OPTICS], &belief->rules, &belief->optics) ||
-        !(frames->levels = hold_doubles(held, objects[LEVELS], -1, "levels")))
-        return NULL;
-    const Py_ssize_t n = held_numbers(held), results = times(HYPOTHESES, n);
-    frames->count = (size_t)n;
-    frames->favours = NULL;
-    if (!(frames->gains = hold_doubles(held, objects[GAINS], n, "gains")) ||
-        !(frames->by_cell = hold_doubles(held, objects[BY_CELL], ALL_CELLS, "by_cell")) ||
-        !(frames->light = hold_doubles(held, objects[LIGHT], ALL_CELLS, "light")) ||
-        !(information = hold_result(held, objects[INFORMATION], results, "information")) ||
-        !(revealed = hold_result(held, objects[REVEALED], results, "revealed")) ||
-        (steered && (!(frames->favours = hold_doubles(held, objects[FAVOURS], ALL_CELLS, "favours")) ||
-                     !(favoured = hold_result(held, objects[FAVOURED], results, "favoured")))))
-        return NULL;
-    if (look_out(&belief->rules, &belief->scene, &belief->optics, frames, information, favoured, revealed, &continues))
-        return PyErr_NoMemory();
-    return PyFloat_FromDouble(continues);
-}
-
 static PyObject *look_out_of(PyObject *module, PyObject *arguments)
 {
-    PyObject *objects[11];
+    PyObject *rules, *scene, *optics, *levels, *gains, *by_cell, *light, *favours, *informed, *favoured, *revealed;
+    double *information, *as_favoured = NULL, *shown, continues;
     Belief belief;
-    Outlooks frames;
+    Outlooks frames = {0};
     Held held = {0};
     (void)module;
-    if (!PyArg_ParseTuple(arguments, "OOOOOddOOOOOO", &objects[0], &objects[1], &objects[2], &objects[3], &objects[4],
-                          &frames.averaged, &frames.noise_share, &objects[5], &objects[6], &objects[7], &objects[8],
-                          &objects[9], &objects[10]))
+    if (!PyArg_ParseTuple(arguments, "OOOOOddOOOOOO", &rules, &scene, &optics, &levels, &gains, &frames.averaged,
+                          &frames.noise_share, &by_cell, &light, &favours, &informed, &favoured, &revealed))
         return NULL;
-    PyObject *result = look_into(&held, objects, &belief, &frames);
+    int fits = hold_belief(&held, rules, scene, optics, &belief) &&
+               (frames.levels = hold_doubles(&held, levels, -1, "levels"));
+    const Py_ssize_t n = fits ? held_numbers(&held) : 0;
+    frames.count = (size_t)n;
+    fits = fits && (frames.gains = hold_doubles(&held, gains, n, "gains")) &&
+           (frames.by_cell = hold_doubles(&held, by_cell, ALL_CELLS, "by_cell")) &&
+           (frames.light = hold_doubles(&held, light, ALL_CELLS, "light")) &&
+           (information = hold_result(&held, informed, times(HYPOTHESES, n), "information")) &&
+           (shown = hold_result(&held, revealed, times(HYPOTHESES, n), "revealed")) &&
+           (favours == Py_None ||
+            ((frames.favours = hold_doubles(&held, favours, ALL_CELLS, "favours")) &&
+             (as_favoured = hold_result(&held, favoured, times(HYPOTHESES, n), "favoured"))));
+    PyObject *result = NULL;
+    if (fits)
+        result = look_out(&belief.rules, &belief.scene, &belief.optics, &frames, information, as_favoured, shown, &continues)
+                     ? PyErr_NoMemory()
+                     : PyFloat_FromDouble(continues);
     release(&held);
     return result;
 }

@@ -91,17 +91,17 @@ PyDoc_STRVAR(split_levels_doc, "split_levels(levels, times_us, speed, now_us, ga
 
 static PyObject *split_levels_of(PyObject *module, PyObject *arguments)
 {
-    PyObject *objects[4], *result = NULL;
+    PyObject *given, *given_us, *of_gains, *of_sharp, *result = NULL;
     const double *levels, *times_us;
     double speed, now_us, *gains, *sharp;
     Held held = {0};
     (void)module;
-    if (!PyArg_ParseTuple(arguments, "OOddOO", &objects[0], &objects[1], &speed, &now_us, &objects[2], &objects[3]))
+    if (!PyArg_ParseTuple(arguments, "OOddOO", &given, &given_us, &speed, &now_us, &of_gains, &of_sharp))
         return NULL;
-    if ((levels = hold_doubles(&held, objects[0], -1, "levels")) &&
-        (times_us = hold_doubles(&held, objects[1], held_numbers(&held), "times_us")) &&
-        (gains = hold_result(&held, objects[2], held_numbers(&held), "gains")) &&
-        (sharp = hold_result(&held, objects[3], held_numbers(&held), "sharp"))) {
+    if ((levels = hold_doubles(&held, given, -1, "levels")) &&
+        (times_us = hold_doubles(&held, given_us, held_numbers(&held), "times_us")) &&
+        (gains = hold_result(&held, of_gains, held_numbers(&held), "gains")) &&
+        (sharp = hold_result(&held, of_sharp, held_numbers(&held), "sharp"))) {
         split_levels(levels, times_us, (size_t)held_numbers(&held), speed, now_us, gains, sharp);
         result = Py_NewRef(Py_None);
     }

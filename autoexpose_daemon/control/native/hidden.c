@@ -66,7 +66,7 @@ VECTORISED static void fall_off(const Rules *rules, const Scene *scene, size_t s
 {
     double ratio[ALL_CELLS], falling[ALL_CELLS];
     for (size_t cell = 0; cell < ALL_CELLS; cell++) {
-        ratio[cell] = cell && tails[cell] == tails[cell - 1] ? ratio[cell - 1] : exp(-rules->bin / tails[cell]);
+        ratio[cell] = exp(-rules->bin / tails[cell]);
         falling[cell] = sums[cell] = 0.0;
     }
     int begun = 0;
@@ -76,8 +76,7 @@ VECTORISED static void fall_off(const Rules *rules, const Scene *scene, size_t s
         const double unseen = 1.0 - scene->seen[bin], anywhere = SOMEWHERE * exp(-beyond / rules->longest_tail);
         double *restrict here = likely[bin];
         for (size_t cell = 0; !begun && beyond >= away && cell < ALL_CELLS; cell++)
-            falling[cell] =
-                cell && tails[cell] == tails[cell - 1] ? falling[cell - 1] : exp((away - beyond) / tails[cell]);
+            falling[cell] = exp((away - beyond) / tails[cell]);
         begun = beyond >= away;
         for (size_t cell = 0; cell < ALL_CELLS; cell++) {
             here[cell] = falling[cell] * unseen + anywhere;
