@@ -14,7 +14,6 @@ def contrast_sums(
     image: NDArray[np.uint8],
     black: int,
     saturated: int,
-    stride: int,
     energy: NDArray[np.float64],
     count: NDArray[np.float64],
     region: NDArray[np.uint8] | None = None,

@@ -72,7 +72,6 @@ def contrast(
     bins: GreyBins,
     weights: NDArray[np.uint8] | None = None,
     native: bool = _native is not None,
-    row_stride: int = 1,
 ) -> Contrast:
     """Collect the gradients of an image, uint8, (height, width), at least 3x3; pixels of the border are left out.
 
@@ -84,12 +83,10 @@ def contrast(
         How much each pixel counts, uint8 of the shape of the image; None: all alike.
     native
         Whether to use the C extension. Without it every second pixel across and down counts.
-    row_stride
-        With the extension every such row counts.
     """
     if native:
         found = Contrast(*np.empty((2, CELLS * CELLS, bins.count)))
-        _native.contrast_sums(image, bins.black, bins.saturated, row_stride, found.energy, found.count, weights)
+        _native.contrast_sums(image, bins.black, bins.saturated, found.energy, found.count, weights)
         return found
     return sampled_contrast(image, bins, weights, STRIDE)
 

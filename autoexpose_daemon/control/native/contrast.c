@@ -97,7 +97,7 @@ static void add_up(uint64_t *restrict tables, size_t places, double *restrict en
     memset(tables, 0, TURNS * places * sizeof *tables);
 }
 
-int contrast_sums(const Image *image, const Image *region, GreyBins bins, size_t stride, double *energy, double *count)
+int contrast_sums(const Image *image, const Image *region, GreyBins bins, double *energy, double *count)
 {
     const size_t width = image->width, rows = image->height - 2, columns = width - 2;
     const uint64_t one = (uint64_t)1 << ENERGY_BITS;
@@ -110,7 +110,7 @@ int contrast_sums(const Image *image, const Image *region, GreyBins bins, size_t
     memset(energy, 0, CELLS * places * sizeof *energy);
     memset(count, 0, CELLS * places * sizeof *count);
     size_t pixels = 0; /* at most, in one place of the tables */
-    for (size_t y = 0; !failed && y < rows; y += stride) {
+    for (size_t y = 0; !failed && y < rows; y++) {
         row_of(row_in(image, y, bytes), row_in(image, y + 1, bytes + width), row_in(image, y + 2, bytes + 2 * width),
                width, bins, energies, bytes + 3 * width);
         const uint8_t *bin = bytes + 3 * width;
@@ -128,7 +128,7 @@ int contrast_sums(const Image *image, const Image *region, GreyBins bins, size_t
         }
         const size_t band = y * CELLS / rows, in_a_row = columns / CELLS / TURNS + 2;
         pixels += in_a_row;
-        if (pixels + in_a_row > MOST_PIXELS || (y + stride) * CELLS / rows > band) {
+        if (pixels + in_a_row > MOST_PIXELS || (y + 1) * CELLS / rows > band) {
             add_up(tables, places, energy + band * places, count + band * places);
             pixels = 0;
         }

@@ -15,10 +15,10 @@ typedef struct {
 /* Bin of a grey level that is not saturated. */
 int grey_bin(int grey, int black);
 
-/* For each pixel off the border, in every `stride`-th row, adds, at [cell][bin of brightest], its weight times
+/* For each pixel off the border adds, at [cell][bin of brightest], its weight times
  * |(I(x+1) - I(x-1), I(y+1) - I(y-1))|^2 to `energy` and its weight to `count`; `brightest` is the greatest of the pixel
  * and its four neighbours. With region == NULL every pixel weighs 1; else region has the image's size. Both tables have
  * ALL_CELLS * (bins.last + 1) entries, which are set here. Returns 0, or -1 if out of memory. */
-int contrast_sums(const Image *image, const Image *region, GreyBins bins, size_t stride, double *energy, double *count);
+int contrast_sums(const Image *image, const Image *region, GreyBins bins, double *energy, double *count);
 
 #endif

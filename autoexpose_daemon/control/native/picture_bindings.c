@@ -5,11 +5,11 @@
 #include "tones.h"
 
 PyDoc_STRVAR(contrast_sums_doc,
-             "contrast_sums(image, black, saturated, stride, energy, count, region=None)\n--\n\n"
+             "contrast_sums(image, black, saturated, energy, count, region=None)\n--\n\n"
              "Collect the gradients of `image` by cell and bin of the brightest grey level into `energy` and `count`.\n\n"
              "image: uint8 (height, width), at least 3x3. black, saturated: the greatest grey level that is black, and the\n"
              "least that is saturated. energy, count: float64 (64, n), written, with n bins: see GreyBins. region: uint8\n"
-             "(height, width), what each pixel counts. stride: of the rows that count, at least 1.");
+             "(height, width), what each pixel counts.");
 
 static int check_bins(int black, int saturated, Py_ssize_t places)
 {
@@ -23,7 +23,7 @@ static int check_bins(int black, int saturated, Py_ssize_t places)
     return -1;
 }
 
-static PyObject *contrast_into(Held *held, PyObject *const objects[4], int black, int saturated, Py_ssize_t stride)
+static PyObject *contrast_into(Held *held, PyObject *const objects[4], int black, int saturated)
 {
     const Py_buffer *inside, *weights = NULL;
     double *energy, *count;
@@ -33,8 +33,6 @@ static PyObject *contrast_into(Held *held, PyObject *const objects[4], int black
         check_bins(black, saturated, held_numbers(held)) ||
         !(count = hold_result(held, objects[2], held_numbers(held), "count")))
         return NULL;
-    if (stride < 1)
-        return PyErr_Format(PyExc_ValueError, "stride must be at least 1");
     if (inside->shape[0] < 3 || inside->shape[1] < 3 || inside->shape[1] > WIDEST)
         return PyErr_Format(PyExc_ValueError, "an image of %zdx%zd pixels has no inside: at least 3x3, at most %d wide",
                             inside->shape[1], inside->shape[0], (int)WIDEST);
@@ -42,7 +40,7 @@ static PyObject *contrast_into(Held *held, PyObject *const objects[4], int black
     const GreyBins bins = {(uint8_t)black, (uint8_t)saturated, (uint8_t)(grey_bin(saturated - 1, black) + 1)};
     int failed;
     Py_BEGIN_ALLOW_THREADS
-    failed = contrast_sums(&image, weights ? &region : NULL, bins, (size_t)stride, energy, count);
+    failed = contrast_sums(&image, weights ? &region : NULL, bins, energy, count);
     Py_END_ALLOW_THREADS
     if (failed)
         return PyErr_NoMemory();
@@ -53,13 +51,11 @@ static PyObject *contrast_sums_of(PyObject *module, PyObject *arguments)
 {
     PyObject *objects[4] = {NULL, NULL, NULL, Py_None};
     int black, saturated;
-    Py_ssize_t stride;
     Held held = {0};
     (void)module;
-    if (!PyArg_ParseTuple(arguments, "OiinOO|O", &objects[0], &black, &saturated, &stride, &objects[1], &objects[2],
-                          &objects[3]))
+    if (!PyArg_ParseTuple(arguments, "OiiOO|O", &objects[0], &black, &saturated, &objects[1], &objects[2], &objects[3]))
         return NULL;
-    PyObject *result = contrast_into(&held, objects, black, saturated, stride);
+    PyObject *result = contrast_into(&held, objects, black, saturated);
     release(&held);
     return result;
 }

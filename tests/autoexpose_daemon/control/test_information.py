@@ -109,22 +109,12 @@ def test_both_paths_have_the_same_bins(black_level: int) -> None:
         assert np.flatnonzero(seen.count.sum(axis=0)) == bins.of[grey]
 
 
-def test_rows_that_do_not_count_are_left_out() -> None:
-    """As with a region of only the rows that do."""
-    image = np.random.default_rng(4).integers(0, 256, (50, 40)).astype(np.uint8)
-    bins, weights = GreyBins(ResponseFunction.linear()), np.zeros(image.shape, np.uint8)
-    weights[1:-1:3] = 1
-    some, all_weighted = contrast(image, bins, row_stride=3), contrast(image, bins, weights)
-    assert (some.count == all_weighted.count).all() and (some.energy == all_weighted.energy).all()
-    assert some.count.sum() == 16 * 38
-
-
 def test_tables_that_do_not_fit_the_bins_are_refused() -> None:
     image, tables = np.zeros((8, 8), np.uint8), np.empty((2, 64, 66))
     with pytest.raises(ValueError, match="each of the 67 bins"):
-        extension.contrast_sums(image, 0, 252, 1, *tables)
+        extension.contrast_sums(image, 0, 252, *tables)
     with pytest.raises(ValueError, match="below saturated"):
-        extension.contrast_sums(image, 252, 252, 1, *tables)
+        extension.contrast_sums(image, 252, 252, *tables)
 
 
 @pytest.mark.parametrize("gain", [1.0, 16.0])

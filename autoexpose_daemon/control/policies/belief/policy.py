@@ -85,11 +85,8 @@ class Belief(ExposurePolicy):
     motion_px: float
     seen_ns: int | None
 
-    def __init__(
-        self, responses: Mapping[Side, ResponseFunction], balance: Balance, noise: SensorNoise, native: bool
-    ) -> None:
+    def __init__(self, responses: Mapping[Side, ResponseFunction], balance: Balance, noise: SensorNoise) -> None:
         self.balance = balance
-        self._native = native
         self.registration = Registration(responses)
         self.forecast = Forecast()
         self.foresight = Foresight()
@@ -114,7 +111,7 @@ class Belief(ExposurePolicy):
                 "autoexpose-daemon again, or choose another policy"
             )
         noise = SensorNoise(setup.parameters.full_well_e, setup.parameters.read_noise_e)
-        return cls(setup.responses, setup.balance(BlurPhotonBalance(noise)), noise, setup.metric.native)
+        return cls(setup.responses, setup.balance(BlurPhotonBalance(noise)), noise)
 
     def balance_for(self, look: Look) -> Balance:
         """Its own balance follows what is left of blur and noise in the shrunk image."""
@@ -159,7 +156,7 @@ class Belief(ExposurePolicy):
             )
 
     def _contrast(self, look: Look) -> Contrast:
-        return contrast(look.unfiltered, self.beliefs[look.side].optics.bins, look.weights, self._native)
+        return contrast(look.unfiltered, self.beliefs[look.side].optics.bins, look.weights)
 
     def _light_change(self, look: Look, seen: Contrast, observation: Observation) -> LightChange:
         """By how much the light has changed; and is the motion that was measured to be believed?"""
