@@ -180,7 +180,11 @@ class SceneBelief:
     def is_news(self, seen: Contrast) -> bool:
         """Whether a frame differs from the one before, as by noise, or is all clipped."""
         before, self.latest = self.latest, seen.count
-        repeated = before is not None and all(map(np.array_equal, before, seen.count))  # most differ in the first cell
+        repeated = (
+            before is not None
+            and np.array_equal(before[0], seen.count[0])  # where most differ already
+            and np.array_equal(before, seen.count)
+        )
         return not repeated or not seen.count[:, 1:-1].any()
 
     def remark(self) -> str | None:
