@@ -40,7 +40,7 @@ typedef struct {
 
 /* What frames tell besides what becomes of the scene: the noise as a share of that expected, what a pixel of the scene
  * usually holds, and of the contrast guessed in what had not been looked at: all of it, what the frame should have shown,
- * and what it did show. All are 0 if it shows hardly anything new. */
+ * and what it did show. The last two are 0 if it shows hardly anything new. */
 typedef struct {
     double noise_share, usual_richness, guessed, expected, found;
 } Told;
@@ -48,7 +48,7 @@ typedef struct {
 /* Frames that may be taken: levels beyond the drift, linear gains; and how they are judged, cells by their weights. */
 typedef struct {
     size_t count;
-    const double *levels, *gains;          /* [level] */
+    const double *levels, *gains;            /* [level] */
     const double *by_cell, *light, *favours; /* [cell]; favours may be NULL */
     double averaged, noise_share;
 } Outlooks;

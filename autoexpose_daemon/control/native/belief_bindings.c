@@ -99,7 +99,7 @@ PyDoc_STRVAR(see_frame_doc,
              "hidden, tail, richness (2, 64), float64, written. optics: those of `Optics`. energy, count: of Contrast. level:\n"
              "stops, with the drift. gain: linear. averaged: samples of the sensor in a pixel. by_cell: float64 (64,), written.\n"
              "guessed, expected, found: contrast guessed in what was hidden, and in what of that the frame shows, if there\n"
-             "was nothing else; and what it shows there. All are 0 if it shows hardly anything new.");
+             "was nothing else; and what it shows there. The last two are 0 if it shows hardly anything new.");
 
 static PyObject *see_frame_of(PyObject *module, PyObject *arguments)
 {
