@@ -2,8 +2,8 @@
 
 From Python 3.11 on, what is built serves all later ones, too (abi3).
 
-Without a C compiler or Python's headers the build goes on without them: numpy and OpenCV do the work of the one, and
-the fake USB3 Vision camera says that it lacks the other.
+Without a C compiler or Python's headers the build goes on without them: numpy and OpenCV do the work of the one, except
+for the policy `belief`, which says that it lacks it, as the fake USB3 Vision camera does of the other.
 """
 
 from __future__ import annotations

@@ -109,6 +109,8 @@ def whole_steps(frames: tuple[np.ndarray, ...], paths: dict[str, bool]) -> Stage
         stages[f"{DEFAULT_POLICY}, a pair, {path}"] = decision_on_pair(DEFAULT_POLICY, frames, native)
         stages[f"its floor, {path}"] = floor_of(frames, native)
         stages[f"metric-map, a pair, {path}"] = decision_on_pair("metric-map", frames, native)
+    if "native" in paths:  # which it cannot do without
+        stages["belief, a pair, native"] = decision_on_pair("belief", frames, native=True)
     for policy_id in LEARNED:
         stages[f"{policy_id}, numpy"] = decision_on_pair(policy_id, frames, native=False)
     return stages
@@ -164,6 +166,7 @@ def figures_of(times_us: dict[str, float]) -> dict[str, object]:
         "ratio_native_same_flow": ratio("step, native, same flow"),
         "ratio_default_numpy": ratio(f"{DEFAULT_POLICY}, a pair, numpy"),
         "ratio_default_native": ratio(f"{DEFAULT_POLICY}, a pair, native"),
+        "ratio_belief_native": ratio("belief, a pair, native"),
         "ratio_floor_numpy": ratio("its floor, numpy"),
         "ratio_floor_native": ratio("its floor, native"),
         "ratio_learned": {policy_id: ratio(f"{policy_id}, numpy") for policy_id in LEARNED},

@@ -68,7 +68,8 @@ class Sparklines:
         self._time_s = status.unix_time_s
         applied = next((camera.applied for camera in status.cameras.values() if camera.applied is not None), None)
         values = {} if applied is None else {"exposure, us": applied.exposure_time_us, "gain, dB": applied.gain_db}
-        values |= {} if status.decision is None else {"metric": status.decision.metric}
+        metric = None if status.decision is None else status.decision.metric
+        values |= {} if metric is None else {"metric": metric}
         for name, value in values.items():
             if abs(value) < _LARGEST:  # and not NaN
                 self._rows.setdefault(name, deque(maxlen=_HISTORY)).append(value)

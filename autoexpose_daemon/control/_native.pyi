@@ -62,6 +62,15 @@ def best_times(
     times_us: NDArray[np.float64],
     /,
 ) -> None: ...
+def split_levels(
+    levels: NDArray[np.float64],
+    times_us: NDArray[np.float64],
+    speed: float,
+    now_us: float,
+    gains: NDArray[np.float64],
+    sharp: NDArray[np.float64],
+    /,
+) -> None: ...
 def predict_metrics(
     levels: NDArray[np.float64],
     places: NDArray[np.float64],
@@ -86,5 +95,62 @@ def worth_of_levels(
     known_again: float,
     highest: float,
     worth: NDArray[np.float64],
+    /,
+) -> None: ...
+def pass_time(scene: tuple[NDArray[np.float64], ...], kept: float, moved: float, risen: int, /) -> None: ...
+def see_frame(
+    rules: tuple[float, ...],
+    scene: tuple[NDArray[np.float64], ...],
+    optics: tuple[NDArray[np.float64], NDArray[np.float64], int, float],
+    energy: NDArray[np.float64],
+    count: NDArray[np.float64],
+    level: float,
+    gain: float,
+    averaged: float,
+    usual_richness: float,
+    by_cell: NDArray[np.float64],
+    /,
+) -> tuple[float, float, float, float, float]: ...
+def look_out(
+    rules: tuple[float, ...],
+    scene: tuple[NDArray[np.float64], ...],
+    optics: tuple[NDArray[np.float64], NDArray[np.float64], int, float],
+    levels: NDArray[np.float64],
+    gains: NDArray[np.float64],
+    averaged: float,
+    noise_share: float,
+    by_cell: NDArray[np.float64],
+    light: NDArray[np.float64],
+    favours: NDArray[np.float64] | None,
+    information: NDArray[np.float64],
+    favoured: NDArray[np.float64],
+    revealed: NDArray[np.float64],
+    /,
+) -> float: ...
+def weigh_levels(
+    information: NDArray[np.float64],
+    favoured: NDArray[np.float64] | None,
+    revealed: NDArray[np.float64],
+    probability: NDArray[np.float64],
+    votes: NDArray[np.float64],
+    sharp: NDArray[np.float64],
+    least_camera: float,
+    steering_share: float,
+    served: float,
+    worth: NDArray[np.float64],
+    look: NDArray[np.float64],
+    /,
+) -> None: ...
+def plan_frames(
+    worth: NDArray[np.float64],
+    look: NDArray[np.float64],
+    light: NDArray[np.float64],
+    chances: NDArray[np.float64],
+    lowest: float,
+    step: float,
+    before: float,
+    brightness_loss: float,
+    values: NDArray[np.float64],
+    looks: NDArray[np.float64],
     /,
 ) -> None: ...

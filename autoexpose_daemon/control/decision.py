@@ -20,7 +20,8 @@ class Decision:
     reason
         Why, in a few words for the user.
     metric
-        M_g of the reference frame, 0..1 per pixel (eq. 5): the left one, unless it is missing or not counted.
+        M_g of the reference frame, 0..1 per pixel (eq. 5): the left one, unless it is missing or not counted;
+        None: nobody asked for it.
     saturated_share, black_share
         Shares (0..1) of the reference frame's pixels at or above saturation, and at or below the black level.
     motion_px
@@ -30,7 +31,7 @@ class Decision:
     setting: ExposureSetting
     level: float
     reason: str
-    metric: float
+    metric: float | None
     saturated_share: float
     black_share: float
     motion_px: float

@@ -13,6 +13,7 @@ from autoexpose_daemon.control.light_ahead import LightAhead
 from autoexpose_daemon.control.metrics.gradient import GradientMetric, mean_signal
 from autoexpose_daemon.control.override import NO_OVERRIDE, Compensation, Override
 from autoexpose_daemon.control.parameters import FASTEST_TURN_RAD_S, REMEMBERED_STEPS, ControlParameters
+from autoexpose_daemon.control.picture.image import median
 from autoexpose_daemon.control.picture.motion import DisMotion, FarnebackMotion, FlowMotion
 from autoexpose_daemon.control.picture.region import Region
 from autoexpose_daemon.control.picture.steering import Steering
@@ -94,6 +95,8 @@ class ControlLoop:
     ----------
     angular_rate_rad_s, light_ahead, override, steering
         What the latest step was given.
+    metric_asked
+        Whether decisions are to tell M_g even if the policy does not go by it.
 
     Raises
     ------
@@ -126,6 +129,7 @@ class ControlLoop:
         self.light_ahead: LightAhead | None = None
         self.override = NO_OVERRIDE
         self.steering: Steering | None = None
+        self.metric_asked = False
         self._compensation: Compensation | None = None  # follows from the override
         self._limits = limits
         self._focal_length_px = parameters.focal_length_px
@@ -265,7 +269,7 @@ class ControlLoop:
         """What is seen of each frame, the reference first."""
         uncounted = self.uncounted
         sides = sorted(pair.frames, key=lambda each: each in uncounted)  # a stable sort
-        return [self._views[each].look(each, pair.frames[each]) for each in sides]
+        return [self._views[each].look(each, pair.frames[each], filtered=self._policy.FILTERED) for each in sides]
 
     def _observe(
         self, frame: Frame, looks: list[Look], angular_rate_rad_s: float | None, light_ahead: LightAhead | None
@@ -283,7 +287,7 @@ class ControlLoop:
             looks=looks,
             setting=setting,
             device_time_ns=frame.device_time_ns,
-            metric=self._metric.measure(look.image, look.weights),
+            metric=self._metric_of(look),
             mean=mean_signal(look.image, look.response, look.weights, look.cumulative),
             saturated_share=saturated_share,
             black_share=black_share,
@@ -320,12 +324,18 @@ class ControlLoop:
             target = Target(level, target.reason if target else "")
         self._past.append(PastStep(setting, observation.setting.level, observation.metric, target))
 
-    def _figures(self, look: Look, observation: Observation) -> tuple[float, float, float]:
+    def _metric_of(self, look: Look) -> float | None:
+        """M_g of a frame, if the policy or anybody else asks for it."""
+        if self._policy.FILTERED:
+            return self._metric.measure(look.image, look.weights)
+        return self._metric.measure(median(look.unfiltered), look.weights) if self.metric_asked else None
+
+    def _figures(self, look: Look, observation: Observation) -> tuple[float | None, float, float]:
         """Metric, saturated and black share of the reference frame as it is."""
         if self._compensation is None:
             return observation.metric, observation.saturated_share, observation.black_share
         shares = self._views[look.side].shares.measure(look.image, look.weights, look.cumulative)
-        return self._metric.measure(look.image, look.weights), *shares
+        return self._metric_of(look), *shares
 
     def _speed_px(self, look: Look, frame: Frame, setting: ExposureSetting, angular_rate_rad_s: float | None) -> float:
         """Mean speed of image points, pixels of full resolution per 1/60 s."""

@@ -34,14 +34,14 @@ class PastStep:
     setting
         What was decided.
     level, metric
-        Exposure level (stops) and M_g of the frame it was decided on.
+        Exposure level (stops) of the frame it was decided on, and its M_g as in `Observation`.
     target
         What the policy wanted, before bounds and increments made it `setting`.
     """
 
     setting: ExposureSetting
     level: float
-    metric: float
+    metric: float | None
     target: Target
 
     @property
@@ -118,7 +118,7 @@ class Observation:
     device_time_ns
         Its time stamp on its camera's clock.
     metric
-        M_g of `image`, 0..1 per pixel.
+        M_g of `image`, 0..1 per pixel; may be None for a policy that is not `FILTERED`.
     mean
         Mean signal of `image`, 0 at the black level to 1 at saturation.
     saturated_share, black_share
@@ -146,7 +146,7 @@ class Observation:
     looks: Sequence[Look]
     setting: ExposureSetting
     device_time_ns: int
-    metric: float
+    metric: float | None
     mean: float
     saturated_share: float
     black_share: float
@@ -258,6 +258,8 @@ class ExposurePolicy(ABC):
         `darker`, the same, but none above 0, since it is guided by what that would saturate.
     STEERED
         Whether it uses `Observation.steering`.
+    FILTERED
+        Whether it needs images that have had a median, as M_g does, which is measured only then.
     balance
         How the level is split into time and gain.
     shortfall
@@ -269,6 +271,7 @@ class ExposurePolicy(ABC):
     OBJECTIVE: ClassVar[Objective] = "metric"
     compensated: Literal["targets", "frames", "darker"] = "darker"
     STEERED: ClassVar[bool] = False
+    FILTERED: ClassVar[bool] = True
     balance: Balance
     shortfall: str | None = None
 

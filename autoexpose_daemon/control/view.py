@@ -30,10 +30,10 @@ class View:
         self._weights: NDArray[np.uint8] | None = None
         self._shape: tuple[int, ...] = ()
 
-    def look(self, side: Side, frame: Frame) -> Look:
-        """What a policy sees of a frame, valid until the next call."""
+    def look(self, side: Side, frame: Frame, *, filtered: bool = True) -> Look:
+        """What a policy sees of a frame, valid until the next call; `filtered`: with the median."""
         grey = frame.grey8(self._response.saturation)
-        image = self._preparation.prepare(grey)
+        image = self._preparation.prepare(grey, filtered=filtered)
         if frame.pixels.shape != self._shape:
             self._fit(side, frame.pixels.shape, grey.shape)
         scale = frame.pixels.shape[1] / image.shape[1]

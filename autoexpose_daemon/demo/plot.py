@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -115,7 +116,9 @@ def _exposure(curves: Sequence[Axes], step_log: StepLog, start_ns: int) -> None:
     level.set_ylabel("stops")
     level.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=2, frameon=False, borderpad=0, borderaxespad=0.2)
     worth.set_title("Gradient information in the image, 0 to 1")
-    worth.plot(times_s, [step.metric for step in step_log.steps], color="tab:purple")
+    worth.plot(
+        times_s, [math.nan if step.metric is None else step.metric for step in step_log.steps], color="tab:purple"
+    )
     worth.set_ylabel("metric")
 
 

@@ -23,7 +23,7 @@ class StepRecord:
     host_time_ns: int
     applied: ExposureSetting
     decided_level: float
-    metric: float
+    metric: float | None
     saturated_share: float
     black_share: float
     reason: str

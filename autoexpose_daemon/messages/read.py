@@ -146,7 +146,7 @@ def decision_of(info: Any) -> Decision | None:
         _setting(info.next_exposure_time_us, info.next_gain_db),
         info.next_exposure_level,
         info.reason,
-        info.metric,
+        None if math.isnan(info.metric) else info.metric,
         info.saturated_share,
         info.black_share,
         info.motion_px,

@@ -181,7 +181,7 @@ def _of_decision(decision: Decision) -> dict[str, float | str]:
         "next_gain_db": decision.setting.gain_db,
         "next_exposure_level": decision.level,
         "reason": decision.reason,
-        "metric": decision.metric,
+        "metric": math.nan if decision.metric is None else decision.metric,
         "saturated_share": decision.saturated_share,
         "black_share": decision.black_share,
         "motion_px": decision.motion_px,

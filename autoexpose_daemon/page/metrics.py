@@ -69,12 +69,12 @@ class _Collector(Collector):
         flicker = [] if status.flicker_hz is None else [((), status.flicker_hz)]
         yield self._gauge("flicker_hertz", "Flicker of the light that was found.", flicker)
         if status.decision is not None:
-            for name, help_text, value in (
+            for name, help_text, figure in (
                 ("image_metric", "The metric of the newest left frame, per pixel.", status.decision.metric),
                 ("saturated_ratio", "Share of its pixels that are saturated.", status.decision.saturated_share),
                 ("black_ratio", "Share of its pixels that are black.", status.decision.black_share),
             ):
-                yield self._gauge(name, help_text, [((), value)])
+                yield self._gauge(name, help_text, [] if figure is None else [((), figure)])
 
     def _cameras(self, status: Status) -> Iterator[Metric]:
         requested = None if status.decision is None else status.decision.setting

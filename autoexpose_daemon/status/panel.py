@@ -51,7 +51,7 @@ def line_of(status: Status) -> str:
     applied = newest_setting(status)
     if applied is not None:
         parts.append(f"{applied} (E {applied.level:.2f})")
-    if status.decision is not None:
+    if status.decision is not None and status.decision.metric is not None:
         parts.append(f"metric {status.decision.metric:.4f}")
     if requested := str(status.requests or ""):
         parts.append(f"requested: {requested}")
@@ -73,7 +73,8 @@ def _rows(status: Status) -> Iterator[tuple[str, str]]:
     if applied is not None:
         yield "level E", f"{applied.level:.2f} stops  {_bar(applied.level)}"
     if status.decision is not None:
-        yield "metric", f"{status.decision.metric:.4f}"
+        if status.decision.metric is not None:
+            yield "metric", f"{status.decision.metric:.4f}"
         yield "saturated", f"{status.decision.saturated_share:.0%}   black {status.decision.black_share:.0%}"
         yield "decision", f"{status.decision.setting}: {status.decision.reason}"
     if requested := str(status.requests or ""):

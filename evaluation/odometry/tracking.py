@@ -87,7 +87,7 @@ def outcome(one: TrackedRun) -> dict[str, Any]:
     """
     first = np.linalg.inv(one.truth[0])
     settings = one.delayed.settings[::EVERY]
-    metrics = [decision.metric for decision in one.delayed.decisions]
+    metrics = one.delayed.metrics
     return {
         "name": one.entrant.name,
         "rpe_mm": float(np.mean(one.errors_mm())),

@@ -102,6 +102,7 @@ class Watcher:
 
     def look(self, pair: StereoPair, decision: Decision, time_s: float) -> Glimpse:
         """The glimpse of the next pair, of a time."""
+        assert decision.metric is not None, "brackets measure it"
         shares = {side: self._seen(side, frame.grey8()) for side, frame in pair.frames.items()}
         level = pair.reference.setting.level
         repeats = None

@@ -27,13 +27,19 @@ class DelayedLoop:
     Attributes
     ----------
     decisions
-        One for each frame so far.
+        One for each frame so far, with M_g.
     """
 
     def __init__(self, loop: ControlLoop, delay_frames: int) -> None:
         self.loop = loop
+        self.loop.metric_asked = True
         self.decisions: list[Decision] = []
         self._settings = [loop.setup.start] * delay_frames
+
+    @property
+    def metrics(self) -> list[float]:
+        """M_g of each frame so far."""
+        return [decision.metric for decision in self.decisions if decision.metric is not None]
 
     @property
     def settings(self) -> list[ExposureSetting]:

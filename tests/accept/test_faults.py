@@ -284,7 +284,7 @@ def test_images_without_anything_in_them(run: Run, fault: Fault) -> None:
     decisions = [decision for _, decision in run.seen[since:]]
     shares = {decision.black_share if fault is Fault.BLACK else decision.saturated_share for decision in decisions}
     assert 1.0 in shares
-    assert all(math.isfinite(value) for d in decisions for value in (d.level, d.metric, d.motion_px))
+    assert all(math.isfinite(value) for d in decisions for value in (d.level, d.metric or 0.0, d.motion_px))
     assert np.ptp([decision.level for decision in decisions]) < 20
     ask(run, 2000)
 

@@ -10,7 +10,7 @@
 
 /* The buffers that a call holds; starts as {0}. */
 typedef struct {
-    Py_buffer views[12];
+    Py_buffer views[20];
     int count;
 } Held;
 

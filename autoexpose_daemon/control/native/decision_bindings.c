@@ -1,12 +1,9 @@
 /* information.h, split.h and sightings.h for Python. */
 #include "arguments.h"
 #include "bindings.h"
-#include "contrast.h"
 #include "information.h"
 #include "sightings.h"
 #include "split.h"
-
-enum { ALL_CELLS = CELLS * CELLS };
 
 PyDoc_STRVAR(predict_information_doc,
              "predict_information(energy, count, now, then, pixels, gain, gains, sharper, relative_light, cell_weights,\n"
@@ -82,6 +79,30 @@ static PyObject *best_times_of(PyObject *module, PyObject *arguments)
     if ((levels = hold_doubles(&held, given, -1, "levels")) &&
         (times_us = hold_result(&held, written, held_numbers(&held), "times_us"))) {
         best_times(levels, (size_t)held_numbers(&held), &bounds, &middle, times_us);
+        result = Py_NewRef(Py_None);
+    }
+    release(&held);
+    return result;
+}
+
+PyDoc_STRVAR(split_levels_doc, "split_levels(levels, times_us, speed, now_us, gains, sharp)\n--\n\n"
+                               "Linear gains of levels at exposure times, and the root of `sharper` there, into `gains` and\n"
+                               "`sharp`; all float64 (n,). speed: pixels of the image in a us.");
+
+static PyObject *split_levels_of(PyObject *module, PyObject *arguments)
+{
+    PyObject *given, *given_us, *of_gains, *of_sharp, *result = NULL;
+    const double *levels, *times_us;
+    double speed, now_us, *gains, *sharp;
+    Held held = {0};
+    (void)module;
+    if (!PyArg_ParseTuple(arguments, "OOddOO", &given, &given_us, &speed, &now_us, &of_gains, &of_sharp))
+        return NULL;
+    if ((levels = hold_doubles(&held, given, -1, "levels")) &&
+        (times_us = hold_doubles(&held, given_us, held_numbers(&held), "times_us")) &&
+        (gains = hold_result(&held, of_gains, held_numbers(&held), "gains")) &&
+        (sharp = hold_result(&held, of_sharp, held_numbers(&held), "sharp"))) {
+        split_levels(levels, times_us, (size_t)held_numbers(&held), speed, now_us, gains, sharp);
         result = Py_NewRef(Py_None);
     }
     release(&held);
@@ -182,5 +203,6 @@ PyMethodDef decision_methods[] = {
     {"predict_metrics", predict_metrics_of, METH_VARARGS, predict_metrics_doc},
     {"worth_of_levels", worth_of_levels_of, METH_VARARGS, worth_of_levels_doc},
     {"best_times", best_times_of, METH_VARARGS, best_times_doc},
+    {"split_levels", split_levels_of, METH_VARARGS, split_levels_doc},
     {NULL, NULL, 0, NULL},
 };

@@ -3,11 +3,10 @@
 #include <math.h>
 #include <stdlib.h>
 
-#include "contrast.h"
 #include "noise.h"
 #include "vectorised.h"
 
-enum { ALL = CELLS * CELLS, TILE = 8 };
+enum { TILE = 8 };
 
 /* As in information.py. */
 #define FLATTEST_SHARE 0.1
@@ -22,11 +21,6 @@ typedef struct {
     double *variance, *worth; /* [bin][exposure] */
     double *information;      /* [cell][exposure] */
 } Tables;
-
-/* Sums over the pixels of a cell: energy, noise expected and weight of the readable ones, and weight of all. */
-typedef struct {
-    double shown, expected, readable, weight;
-} Cell;
 
 static int ascending(const void *a, const void *b)
 {
@@ -47,12 +41,11 @@ static Cell cell_of(const Prediction *prediction, const double *noise, const dou
     return sums;
 }
 
-/* The actual noise as a share of that expected: what the flattest cells show. */
-static double share_of_noise(const Cell cells[ALL])
+double share_of_noise(const Cell cells[ALL_CELLS])
 {
-    double shares[ALL];
+    double shares[ALL_CELLS];
     size_t telling = 0;
-    for (const Cell *cell = cells; cell < cells + ALL; cell++)
+    for (const Cell *cell = cells; cell < cells + ALL_CELLS; cell++)
         if (cell->readable > LEAST_READABLE * cell->weight && cell->expected > LEAST_VARIANCE * cell->readable)
             shares[telling++] = cell->shown / cell->expected;
     if (!telling)
@@ -67,7 +60,7 @@ static double share_of_noise(const Cell cells[ALL])
 VECTORISED static void subtract_noise(const Tables *tables, double share, const double *energy, const double *count)
 {
     double *restrict signal = tables->signal;
-    for (size_t cell = 0; cell < ALL; cell++, energy += tables->bins, count += tables->bins, signal += tables->bins)
+    for (size_t cell = 0; cell < ALL_CELLS; cell++, energy += tables->bins, count += tables->bins, signal += tables->bins)
         for (size_t bin = 0; bin < tables->bins; bin++)
             signal[bin] = energy[bin] / 4 - count[bin] * (share * tables->noise[bin]);
 }
@@ -116,13 +109,13 @@ VECTORISED static void inform(const Tables *tables, size_t cell)
 /* Each light that a cell gets has a table of worths. */
 static void inform_cells(const Tables *tables, const Prediction *prediction, const double *light, double rounding)
 {
-    char informed[ALL] = {0};
-    for (size_t first = 0; first < ALL; first++) {
+    char informed[ALL_CELLS] = {0};
+    for (size_t first = 0; first < ALL_CELLS; first++) {
         if (informed[first])
             continue;
         const double front_end = light ? FRONT_END_DN * light[first] : FRONT_END_DN;
         find_worth(tables, prediction, rounding + front_end * front_end);
-        for (size_t cell = first; cell < ALL; cell++)
+        for (size_t cell = first; cell < ALL_CELLS; cell++)
             if (!light || light[cell] == light[first]) {
                 inform(tables, cell);
                 informed[cell] = 1;
@@ -133,18 +126,18 @@ static void inform_cells(const Tables *tables, const Prediction *prediction, con
 /* Sums the roots of the cells' information, their mean pixel being the unit, each times its weight if there are some. */
 VECTORISED static void add_roots(const Tables *tables, double unit, const double *weights, double *restrict curve)
 {
-    for (size_t cell = 0; cell < ALL; cell++) {
+    for (size_t cell = 0; cell < ALL_CELLS; cell++) {
         const double *information = tables->information + cell * tables->padded, weight = weights ? weights[cell] : 1.0;
         for (size_t i = 0; i < tables->exposures; i++)
             curve[i] += weight * sqrt((information[i] > 0.0 ? information[i] : 0.0) * unit);
     }
 }
 
-static void finish(const Tables *tables, const Exposures *taken, const Cell cells[ALL], const double *weights,
+static void finish(const Tables *tables, const Exposures *taken, const Cell cells[ALL_CELLS], const double *weights,
                    double *curve)
 {
     double weight = 0.0, seen = 0.0, total = 0.0;
-    for (size_t cell = 0; cell < ALL; cell++) {
+    for (size_t cell = 0; cell < ALL_CELLS; cell++) {
         weight += cells[cell].weight;
         seen += cells[cell].weight > 0.0;
         if (cells[cell].weight > 0.0)
@@ -160,12 +153,12 @@ static void finish(const Tables *tables, const Exposures *taken, const Cell cell
 static void predict(const Tables *tables, const Prediction *prediction, const Exposures *taken, const double *energy,
                     const double *count, double *curve, double *steered)
 {
-    Cell cells[ALL];
+    Cell cells[ALL_CELLS];
     for (size_t bin = 0; bin < tables->bins; bin++)
         tables->noise[bin] = variance_of(prediction->shot_now[bin] * taken->gain +
                                              prediction->read_now[bin] * (taken->gain * taken->gain),
                                          taken->pixels);
-    for (size_t cell = 0; cell < ALL; cell++)
+    for (size_t cell = 0; cell < ALL_CELLS; cell++)
         cells[cell] = cell_of(prediction, tables->noise, energy + cell * tables->bins, count + cell * tables->bins);
     const double share = share_of_noise(cells);
     subtract_noise(tables, share, energy, count);
@@ -181,7 +174,7 @@ int predict_information(const Prediction *prediction, const Exposures *taken, co
 {
     const size_t bins = prediction->bins, padded = (prediction->exposures + TILE - 1) / TILE * TILE;
     const size_t table = bins * padded;
-    double *noise = calloc(bins + ALL * bins + 2 * table + ALL * padded, sizeof *noise);
+    double *noise = calloc(bins + ALL_CELLS * bins + 2 * table + ALL_CELLS * padded, sizeof *noise);
     if (!noise)
         return -1;
     const Tables tables = {.bins = bins,
@@ -189,9 +182,9 @@ int predict_information(const Prediction *prediction, const Exposures *taken, co
                            .padded = padded,
                            .noise = noise,
                            .signal = noise + bins,
-                           .variance = noise + bins + ALL * bins,
-                           .worth = noise + bins + ALL * bins + table,
-                           .information = noise + bins + ALL * bins + 2 * table};
+                           .variance = noise + bins + ALL_CELLS * bins,
+                           .worth = noise + bins + ALL_CELLS * bins + table,
+                           .information = noise + bins + ALL_CELLS * bins + 2 * table};
     predict(&tables, prediction, taken, energy, count, curve, steered);
     free(noise);
     return 0;

@@ -15,7 +15,7 @@ static int check_bins(int black, int saturated, Py_ssize_t places)
 {
     if (black < 0 || black >= saturated || saturated >= GREY_LEVELS)
         PyErr_SetString(PyExc_ValueError, "black must be at least 0, and below saturated, which is at most 255");
-    else if (places != CELLS * CELLS * (grey_bin(saturated - 1, black) + 2))
+    else if (places != ALL_CELLS * (grey_bin(saturated - 1, black) + 2))
         PyErr_Format(PyExc_ValueError, "energy and count must have 64 rows, and a column for each of the %d bins",
                      grey_bin(saturated - 1, black) + 2);
     else

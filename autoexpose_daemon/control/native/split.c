@@ -6,6 +6,11 @@
 
 enum { TIMES = 33 }; /* as in balance.py */
 
+static double sharpness(double blur_px)
+{
+    return 1.0 / (1.0 + blur_px / BLUR_PX * (blur_px / BLUR_PX));
+}
+
 /* What a pixel of middle brightness tells at a time: `sharpness` over its variance and what front ends lose. */
 static double worth_of(double time_us, double exposure, const Middle *middle)
 {
@@ -29,5 +34,15 @@ void best_times(const double *levels, size_t count, const Bounds *bounds, const 
                 times_us[i] = time_us;
             }
         }
+    }
+}
+
+void split_levels(const double *levels, const double *times_us, size_t count, double speed, double now_us, double *gains,
+                  double *sharp)
+{
+    const double now = sharpness(speed * now_us);
+    for (size_t i = 0; i < count; i++) {
+        gains[i] = exp2(levels[i]) / times_us[i];
+        sharp[i] = sqrt(sharpness(speed * times_us[i]) / now);
     }
 }

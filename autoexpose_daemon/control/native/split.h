@@ -18,4 +18,9 @@ typedef struct {
 /* times_us[i] is the best time for levels[i], stops; the longest of equals. */
 void best_times(const double *levels, size_t count, const Bounds *bounds, const Middle *middle, double *times_us);
 
+/* What it means to take levels at these times: linear gains, and how sharp images are, by the root of `sharpness`, as a
+ * multiple of that at `now_us`. speed: pixels of the image in a microsecond. */
+void split_levels(const double *levels, const double *times_us, size_t count, double speed, double now_us, double *gains,
+                  double *sharp);
+
 #endif

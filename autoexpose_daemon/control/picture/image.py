@@ -27,6 +27,11 @@ def fit(shape: tuple[int, ...], size: tuple[int, int]) -> tuple[int, int]:
     return round(width * scale), round(height * scale)
 
 
+def median(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """The 3x3 median of an image."""
+    return np.asarray(cv2.medianBlur(image, 3), np.uint8)
+
+
 class Shrinking:
     """Shrinks images of one shape to a size, close to an area average at any ratio; reuses its buffers.
 
@@ -82,7 +87,7 @@ class ImagePreparation:
         self._shrinking = Shrinking((0, 0), (0, 0))
         self._image = np.empty((0, 0), np.uint8)
 
-    def prepare(self, grey: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    def prepare(self, grey: NDArray[np.uint8], *, filtered: bool = True) -> NDArray[np.uint8]:
         """The image that control works on, uint8, valid until the next call.
 
         Every pixel counts, so thin structures do not flicker.
@@ -91,6 +96,8 @@ class ImagePreparation:
         ----------
         grey
             8-bit grey levels, shape (height, width), at least 68 by 90.
+        filtered
+            Whether to take the median.
 
         Raises
         ------
@@ -108,5 +115,7 @@ class ImagePreparation:
             self._shape, self._image = grey.shape, np.empty(size[::-1], np.uint8)
             self._shrinking = Shrinking(grey.shape, size)
         self.unfiltered = self._shrinking.shrink(grey)
+        if not filtered:
+            return self.unfiltered
         cv2.medianBlur(self.unfiltered, 3, dst=self._image)
         return self._image

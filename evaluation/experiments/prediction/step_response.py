@@ -136,7 +136,7 @@ def _run(
     for number in range(WARM_UP_FRAMES + FRAMES):
         stage.go_to(number)
         run.step(partial(stage.take, sides=("left",)))
-    return [setting.level for setting in run.settings], [decision.metric for decision in run.decisions]
+    return [setting.level for setting in run.settings], run.metrics
 
 
 def frames_to_converge(levels: ArrayLike, share: float) -> int | None:

@@ -12,11 +12,13 @@ from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.metrics.contrast import contrast
 from autoexpose_daemon.control.metrics.information import InformationPrediction
 from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
+from autoexpose_daemon.control.policies.belief import policy
 from autoexpose_daemon.control.policies.belief.cadence import Cadence
 from autoexpose_daemon.control.policies.belief.optics import Optics
-from autoexpose_daemon.control.policies.belief.plan import BRIGHTNESS_LOSS, Prospects, values
-from autoexpose_daemon.control.policies.belief.scene_belief import BIN, NOTHING, SceneBelief
+from autoexpose_daemon.control.policies.belief.plan import BRIGHTNESS_LOSS, Prospects
+from autoexpose_daemon.control.policies.belief.scene_belief import BIN, NOTHING, Outlook, SceneBelief
 from calibration.response import ResponseFunction
+from drivers.errors import ConfigurationError
 from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import StereoPair
 
@@ -44,7 +46,9 @@ def belief_after(*levels: float) -> SceneBelief:
 
 def foretold(belief: SceneBelief, levels: NDArray[np.float64]) -> NDArray[np.float64]:
     """Expected information at levels, at a gain of 1."""
-    return belief.outlook(levels, np.ones(levels.size)).expected()
+    outlook = Outlook.of_levels(levels.size)
+    belief.look_out(levels, np.ones(levels.size), None, outlook)
+    return outlook.probability @ outlook.information
 
 
 def test_what_is_remembered_of_a_frame_foretells_others_as_the_prediction_from_that_frame_does() -> None:
@@ -86,8 +90,7 @@ def test_contrast_that_is_there_no_longer_is_soon_not_believed_in() -> None:
 def test_mass_is_neither_made_nor_lost() -> None:
     for level in (4.0, 9.0, 14.0, 19.0):
         belief = belief_after(9.0, level)
-        hidden = sum(each.mass for each in belief.hidden)
-        assert belief.mass.sum(axis=1) + hidden == pytest.approx(belief.by_cell, rel=0.05, abs=2.0)
+        assert belief.mass.sum(axis=0) + belief.hidden.sum(axis=0) == pytest.approx(belief.by_cell, rel=0.05, abs=2.0)
 
 
 def test_looks_that_find_nothing_make_it_unlikely_that_there_is_something() -> None:
@@ -95,15 +98,16 @@ def test_looks_that_find_nothing_make_it_unlikely_that_there_is_something() -> N
     for level in (9.0, 12.0, 15.0, 18.0):
         belief.see(contrast(np.zeros(SCENE.shape, np.uint8), belief.optics.bins), level, 1.0, 1.0)
     assert belief.nothing > 2 * NOTHING
-    assert belief.outlook(np.array([9.0]), np.ones(1)).probability.sum() == pytest.approx(1.0)
+    outlook = Outlook.of_levels(1)
+    belief.look_out(np.array([9.0]), np.ones(1), None, outlook)
+    assert outlook.probability.sum() == pytest.approx(1.0)
 
 
 def prospects(worth: NDArray[np.float64], before: float, light: float = 0.0) -> NDArray[np.float64]:
-    levels = np.arange(float(worth.size))
-    frames = 8
-    rises = light * np.arange(frames + 1)
-    worths = np.array([np.interp(levels + rise, levels, worth) for rise in rises[1:]])
-    return values(Prospects(levels, worths, rises, before, np.zeros(levels.size)))
+    beyond, rises = 8, light * np.arange(9.0)[None]
+    levels = np.arange(-beyond, float(worth.size + beyond))
+    no_look = np.zeros(levels.size)
+    return Prospects(levels, 1.0, beyond, np.pad(worth, beyond, "edge"), no_look, rises, np.ones(1), before).values()[0]
 
 
 def test_a_plan_leaps_and_does_not_climb() -> None:
@@ -126,6 +130,12 @@ def test_lost_frames_are_counted_by_their_stamps() -> None:
     cadence = Cadence()
     assert [cadence.frames(interval) for interval in (0.02, 0.02, 0.0201, 0.06, 0.0199, 0.04)] == [1, 1, 1, 3, 1, 2]
     assert cadence.frames(0.0) == 1
+
+
+def test_without_the_extension_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(policy, "_native", None)
+    with pytest.raises(ConfigurationError, match=r"^policy belief needs the C extension.*python3-dev"):
+        ControlLoop("belief", LINEAR, LIMITS, START)
 
 
 @pytest.mark.parametrize("half_scale_level", [6.0, 10.0, 15.0])

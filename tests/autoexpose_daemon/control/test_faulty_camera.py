@@ -60,6 +60,7 @@ class Rig:
 
     def __init__(self, policy_id: str, moving: bool, start: ExposureSetting = START) -> None:
         self.loop = ControlLoop(policy_id, ResponseFunction.linear(), LIMITS, start)
+        self.loop.metric_asked = True
         self.decisions: list[Decision] = []
         self.images: dict[Side, list[Image]] = {side: [] for side in SIDES}
         self.settings = [start] * DELAY

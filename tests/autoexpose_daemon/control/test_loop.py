@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import tracemalloc
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -95,9 +96,11 @@ def test_black_and_white_frames_are_survived_within_bounds(policy_id: str) -> No
         at_gain_bound = gain_db in (limits.min_gain_db, limits.max_gain_db)
         # the gain takes what the time could not provide, if there is gain left
         assert abs(decision.setting.level - decision.level) < (time_rounding + 1e-3 if at_gain_bound else 0.02)
-        assert np.isfinite([decision.metric, decision.motion_px, decision.level]).all()
+        assert decision.metric is not None and np.isfinite([decision.metric, decision.motion_px, decision.level]).all()
 
-    run(make(policy_id, limits), [40.0] * 30 + [-20.0] * 30 + [11.0] * 30, START, watch=check)
+    loop = make(policy_id, limits)
+    loop.metric_asked = True
+    run(loop, [40.0] * 30 + [-20.0] * 30 + [11.0] * 30, START, watch=check)
 
 
 def test_the_reason_names_a_limit() -> None:
@@ -261,3 +264,15 @@ def test_policies_from_papers_do_not_know_of_vignetting() -> None:
         loops = (ControlLoop(policy, LINEAR, LIMITS, START, vignettings=each) for each in (None, {"left": lens}))
         one, other = (loop.step(StereoPair(1, {"left": frame})) for loop in loops)
         assert one == other
+
+
+def test_m_g_is_measured_only_for_those_who_ask() -> None:
+    """Asking changes no decision."""
+    decisions: dict[bool, list[Decision]] = {False: [], True: []}
+    for asked, watched in decisions.items():
+        loop = ControlLoop("belief", ResponseFunction.linear(), LIMITS, ExposureSetting(1000.0, 0.0))
+        loop.metric_asked = asked
+        run(loop, [10.0] * 4, ExposureSetting(1000.0, 0.0), watch=watched.append)
+    assert all(decision.metric is None for decision in decisions[False])
+    assert all(decision.metric is not None and decision.metric > 0.0 for decision in decisions[True])
+    assert [replace(decision, metric=None) for decision in decisions[True]] == decisions[False]

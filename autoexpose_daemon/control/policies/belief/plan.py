@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from autoexpose_daemon.control.metrics.extension import extension as _native
+
 Array = NDArray[np.float64]
 
 BRIGHTNESS_LOSS = 0.7
@@ -24,33 +26,39 @@ class Prospects:
     Attributes
     ----------
     levels
-        Exposure levels, stops, shape (n,), ascending.
-    worth
-        What each level is worth in each of the frames to be planned, shape (frames, n).
+        Exposure levels, stops, shape (n,), ascending, all the same `step` apart.
+    step
+        Of the levels, stops.
+    beyond
+        How many of them at either end cannot be taken: what they are worth now, others are worth in other light.
+    worth, look
+        What each level would be worth in the present light, and what for what it reveals, shape (n,).
     light
-        Stops by which the light will have risen from now until the frame before these, and each of them, (frames + 1,).
+        Stops by which the light will have risen from now until the frame before those planned, and each of them, on
+        the paths that it may take, shape (paths, frames + 1).
+    chances
+        Of the paths, shape (paths,); they sum to 1.
     before
-        Level of the frame before these, which is under way.
-    looks
-        What the first of them would be worth for what it reveals, shape (n,).
+        Level of the frame before those planned, which is under way.
     """
 
     levels: Array
+    step: float
+    beyond: int
     worth: Array
+    look: Array
     light: Array
+    chances: Array
     before: float
-    looks: Array
 
+    def values(self) -> tuple[Array, Array]:
+        """What the levels that can be taken promise for the first frame, if the best follows; and of that, for looks.
 
-def values(prospects: Prospects) -> Array:
-    """What each level promises for the first frame, if the best follows, shape (n,).
-
-    The sum over frames of what each is worth, times what the change of its image's brightness leaves of that.
-    """
-    brightness = prospects.levels + prospects.light[1:, None]
-    later = np.zeros(prospects.levels.size)
-    for frame in range(len(prospects.worth) - 1, 0, -1):
-        change = np.abs(brightness[frame] - brightness[frame - 1][:, None])
-        later = (prospects.worth[frame] * np.exp(-BRIGHTNESS_LOSS * change) + later).max(axis=1)
-    change = np.abs(brightness[0] - (prospects.before + prospects.light[0]))
-    return np.asarray(prospects.worth[0] * np.exp(-BRIGHTNESS_LOSS * change) + later + prospects.looks)
+        The sum over frames of what each is worth, times what the change of its image's brightness leaves of that.
+        """
+        values, looks = np.empty((2, self.levels.size - 2 * self.beyond))
+        _native.plan_frames(
+            self.worth, self.look, self.light, self.chances, self.levels[self.beyond], self.step, self.before,
+            BRIGHTNESS_LOSS, values, looks,
+        )  # fmt: skip
+        return values, looks

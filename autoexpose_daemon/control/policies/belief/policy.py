@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+import math
+from collections.abc import Collection, Mapping
 from typing import ClassVar
 
 import numpy as np
@@ -11,13 +12,14 @@ from numpy.typing import NDArray
 from autoexpose_daemon.control.balance import Balance
 from autoexpose_daemon.control.light_ahead import LightAhead
 from autoexpose_daemon.control.metrics.contrast import CELLS, Contrast, contrast
-from autoexpose_daemon.control.metrics.information import blur_length_px, sharper
+from autoexpose_daemon.control.metrics.extension import extension as _native
+from autoexpose_daemon.control.metrics.information import PER_US, blur_length_px
 from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
 from autoexpose_daemon.control.picture.steering import STEERING_SHARE
 from autoexpose_daemon.control.policies.belief.cadence import Cadence
 from autoexpose_daemon.control.policies.belief.optics import Optics
-from autoexpose_daemon.control.policies.belief.plan import HORIZON, Prospects, values
-from autoexpose_daemon.control.policies.belief.scene_belief import BIN, SILENT_S, SceneBelief
+from autoexpose_daemon.control.policies.belief.plan import HORIZON, Prospects
+from autoexpose_daemon.control.policies.belief.scene_belief import BIN, HYPOTHESES, SILENT_S, Outlook, SceneBelief
 from autoexpose_daemon.control.policies.fisher_map.balance import BlurPhotonBalance, bounded, fitted, times_of_levels
 from autoexpose_daemon.control.policies.metric_map.forecast import Forecast
 from autoexpose_daemon.control.policies.metric_map.foresight import Foresight
@@ -25,6 +27,7 @@ from autoexpose_daemon.control.policies.metric_map.loop_delay import LoopDelay
 from autoexpose_daemon.control.policy import ExposurePolicy, Look, Objective, Observation, PolicySetup, Target
 from autoexpose_daemon.control.registration import LightChange, Registration
 from calibration.response import ResponseFunction
+from drivers.errors import ConfigurationError
 from drivers.exposure import ExposureLimits, linear_gain
 from drivers.frames import Side
 from drivers.python310 import Self
@@ -64,6 +67,7 @@ class Belief(ExposurePolicy):
     )  # fmt: skip
     OBJECTIVE: ClassVar[Objective] = "information"
     STEERED: ClassVar[bool] = True
+    FILTERED: ClassVar[bool] = False
     compensated = "targets"
     registration: Registration
     forecast: Forecast
@@ -74,11 +78,8 @@ class Belief(ExposurePolicy):
     motion_px: float
     seen_ns: int | None
 
-    def __init__(
-        self, responses: Mapping[Side, ResponseFunction], balance: Balance, noise: SensorNoise, native: bool
-    ) -> None:
+    def __init__(self, responses: Mapping[Side, ResponseFunction], balance: Balance, noise: SensorNoise) -> None:
         self.balance = balance
-        self._native = native
         self.registration = Registration(responses)
         self.forecast = Forecast()
         self.foresight = Foresight()
@@ -90,9 +91,20 @@ class Belief(ExposurePolicy):
 
     @classmethod
     def build(cls, setup: PolicySetup) -> Self:
-        """With its own balance, unless another is configured."""
+        """With its own balance, unless another is configured.
+
+        Raises
+        ------
+        ConfigurationError
+            Without the C extension.
+        """
+        if _native is None:
+            raise ConfigurationError(
+                "policy belief needs the C extension, which is not built here: install gcc and python3-dev and then "
+                "autoexpose-daemon again, or choose another policy"
+            )
         noise = SensorNoise(setup.parameters.full_well_e, setup.parameters.read_noise_e)
-        return cls(setup.responses, setup.balance(BlurPhotonBalance(noise)), noise, setup.metric.native)
+        return cls(setup.responses, setup.balance(BlurPhotonBalance(noise)), noise)
 
     def balance_for(self, look: Look) -> Balance:
         """Its own balance follows what is left of blur and noise in the shrunk image."""
@@ -120,8 +132,8 @@ class Belief(ExposurePolicy):
         """Take in what the frames show."""
         seen = [(look, self._contrast(look)) for look in observation.looks]
         news = [(look, each) for look, each in seen if self.beliefs[look.side].is_news(each)]
-        showing = [each for each in news if each[1].count[:, 1:-1].any()]
-        light = self._light_change(*(showing or seen)[0], observation)
+        showing = next((each for each in news if each[1].count[:, 1:-1].any()), seen[0])
+        light = self._light_change(*showing, observation)
         seconds = 0.0 if self.seen_ns is None else (observation.device_time_ns - self.seen_ns) * 1e-9
         self.seen_ns = observation.device_time_ns
         self.forecast.add(light.stops, self.cadence.frames(seconds))
@@ -137,7 +149,7 @@ class Belief(ExposurePolicy):
             )
 
     def _contrast(self, look: Look) -> Contrast:
-        return contrast(look.unfiltered, self.beliefs[look.side].optics.bins, look.weights, self._native)
+        return contrast(look.unfiltered, self.beliefs[look.side].optics.bins, look.weights)
 
     def _light_change(self, look: Look, seen: Contrast, observation: Observation) -> LightChange:
         """By how much the light has changed; and is the motion that was measured to be believed?"""
@@ -159,56 +171,50 @@ class Belief(ExposurePolicy):
         return float(min(blur_length_px(self.motion_px, 1e6 * seconds, look.scale) / cell_px, MOST_MOVED))
 
     def _planned(self, observation: Observation) -> Target:
-        levels, (paths, chances) = _levels(observation.limits), self._light_ahead(observation.light_ahead)
-        as_now = _reaching(levels, float(np.abs(paths).max()))
-        worth, look = self._prospects(as_now, observation)
-        shown = levels + paths[:, 1:, None]
-        worths = np.tensordot(chances, np.interp(shown, as_now, worth), 1)
-        looks = chances @ np.interp(shown[:, 0], as_now, look)
-        light = chances @ paths
+        light, chances = self._light_ahead(observation.light_ahead)
+        levels, step, beyond = _levels(observation.limits, float(np.abs(light).max()))
+        worth, look = self._prospects(levels, observation)
         level, past = observation.setting.level, observation.past
         before = past[-1].setting.level if self.latency.frames > 1 and past else level
         before -= observation.ev_stops
-        best = int(values(Prospects(levels, worths, light, before, looks)).argmax())
-        reason = _reason(levels[best] - before, looks[best]) + ("" if observation.steering is None else "; steered")
+        values, looks = Prospects(levels, step, beyond, worth, look, light, chances, before).values()
+        best = int(values.argmax())
+        wanted = min(float(levels[beyond + best]), observation.limits.brightest.level)
+        reason = _reason(wanted - before, looks[best]) + ("" if observation.steering is None else "; steered")
         faults = "".join(f"; {side} camera {remark}" for side, remark in self.uncounted.items())
-        return Target(float(levels[best]), reason + faults)
+        return Target(wanted, reason + faults)
 
     def _prospects(self, levels: Array, observation: Observation) -> tuple[Array, Array]:
         """What levels are worth in the present light, and for what they would reveal, both of shape (n,).
 
         Where consumers steer, what the favoured parts of the picture are worth, as far as the whole can afford it.
         """
-        reachable = np.clip(levels, observation.limits.darkest.level, observation.limits.brightest.level)
+        reachable = levels.clip(observation.limits.darkest.level, observation.limits.brightest.level)
         times_us = times_of_levels(self.balance, reachable, self.motion_px, observation)
         now_us, scale = observation.setting.exposure_time_us, observation.looks[0].scale
-        sharp = np.sqrt(sharper(self.motion_px, now_us, times_us, scale))
-        gains = np.exp2(reachable) / times_us
+        gains, sharp = np.empty((2, levels.size))
+        _native.split_levels(reachable, times_us, self.motion_px * PER_US / scale, now_us, gains, sharp)
+        steering = observation.steering
         beliefs = {side: belief for side, belief in self.beliefs.items() if belief.by_cell.any()}
-        outlooks = [belief.outlook(levels, gains) for belief in beliefs.values()]
-        votes = self._votes(beliefs.values())
-        shares, best = _shares_of_best([outlook.expected() for outlook in outlooks], sharp, votes)
-        worth = shares.sum(axis=0)
-        now = int(worth.argmax())
-        look = np.zeros(levels.size)
-        for outlook, vote, share, one in zip(outlooks, votes, shares, best, strict=True):
-            information = sharp * outlook.information()
-            if_right = worth - share + vote * information / np.maximum(information.max(axis=1), one)[:, None]
-            gained = if_right.max(axis=1) - if_right[:, now]
-            look += (outlook.probability * gained) @ outlook.revealed
+        information, favoured, revealed = np.empty((3, len(beliefs), HYPOTHESES, levels.size))
+        probability = np.empty((len(beliefs), HYPOTHESES))
+        for camera, (side, belief) in enumerate(beliefs.items()):
+            favours = None if steering is None else steering.weights(side, CELLS, CELLS)
+            outlook = Outlook(probability[camera], information[camera], favoured[camera], revealed[camera])
+            belief.look_out(levels, gains, favours, outlook)
         served = SERVED_FRAMES / (1.0 + SERVED_FRAMES * min(self.motion_px / PASSING_PX, 1.0))
-        if observation.steering is not None:
-            favours = [observation.steering.weights(side, CELLS, CELLS).ravel() for side in beliefs]
-            favoured = [outlook.expected(each) for outlook, each in zip(outlooks, favours, strict=True)]
-            afforded = worth > (1.0 - STEERING_SHARE) * worth.max()
-            worth = np.where(afforded, _shares_of_best(favoured, sharp, votes)[0].sum(axis=0), 0.0)
-        return worth, served * look
+        worth, look = np.empty((2, levels.size))
+        _native.weigh_levels(
+            information, None if steering is None else favoured, revealed, probability, self._votes(beliefs.values()),
+            sharp, LEAST_CAMERA, STEERING_SHARE, served, worth, look,
+        )  # fmt: skip
+        return worth, look
 
     @staticmethod
     def _votes(beliefs: Collection[SceneBelief]) -> Array:
         """The say of each camera; they sum to 1. A belief that grows old loses it."""
-        ages_s = np.array([belief.age_s for belief in beliefs])
-        votes = np.exp((ages_s.min() - ages_s) / SILENT_S)
+        youngest_s = min(belief.age_s for belief in beliefs)
+        votes = np.array([math.exp((youngest_s - belief.age_s) / SILENT_S) for belief in beliefs])
         return np.asarray(votes / votes.sum())
 
     def _light_ahead(self, told: LightAhead | None) -> tuple[Array, Array]:
@@ -219,26 +225,15 @@ class Belief(ExposurePolicy):
         may be.
         """
         steady, delay = self.motion_px < SLOW_PX, self.latency.frames
-        frames = np.arange(delay - 1, delay + HORIZON)
-        by_itself = np.array([[self.forecast.ahead(int(frame), steady=steady) for frame in frames]])
+        frames = range(delay - 1, delay + HORIZON)
+        by_itself = np.array([self.forecast.path(frames, steady=steady)])
         if told is None:
             self.foresight.rest()
             return by_itself, np.ones(1)
         share = self.foresight.weigh(told, self.forecast.changes)
         risen, here = np.array(told.risen), self.foresight.here[:, None]
-        rises = risen.take(here + frames, mode="clip") - risen.take(here, mode="clip")
+        rises = risen.take(here + np.array(frames), mode="clip") - risen.take(here, mode="clip")
         return np.concatenate([by_itself, rises]), np.append(1.0 - share, share * self.foresight.places)
-
-
-def _shares_of_best(expected: Sequence[Array], sharp: Array, votes: Array) -> tuple[Array, Array]:
-    """What each camera expects of levels, (cameras, n), as shares of its best; and what counts as that, (cameras,).
-
-    So a lamp that one camera sees does not outvote the other.
-    """
-    information = sharp * np.array(expected)
-    best = information.max(axis=1)
-    best = np.maximum(best, max(LEAST_CAMERA * best.max(), 1e-9))
-    return votes[:, None] * information / best[:, None], best
 
 
 def _reason(change: float, look: float) -> str:
@@ -249,13 +244,10 @@ def _reason(change: float, look: float) -> str:
     return f"plan: {'more' if change > 0 else 'less'} exposure"
 
 
-def _levels(limits: ExposureLimits) -> Array:
+def _levels(limits: ExposureLimits, further: float) -> tuple[Array, float, int]:
+    """Levels within the limits and so many stops further either way, their step, and how many are beyond each limit."""
     low, high = limits.darkest.level, limits.brightest.level
-    return np.linspace(low, high, max(round((high - low) / BIN), 1) + 1)
-
-
-def _reaching(levels: Array, stops: float) -> Array:
-    """The levels continued at both ends by at least so many stops."""
-    step = float(levels[1] - levels[0]) or BIN  # both limits may be the same
-    more = step * np.arange(1, np.ceil(stops / step) + 1)
-    return np.concatenate([levels[0] - more[::-1], levels, levels[-1] + more])
+    steps = round((high - low) / BIN)
+    step = (high - low) / steps if steps else BIN
+    beyond = math.ceil(further / step) + (not steps)  # the limits may leave a single level, but that has no step
+    return low + step * np.arange(-beyond, steps + beyond + 1, dtype=np.float64), step, beyond

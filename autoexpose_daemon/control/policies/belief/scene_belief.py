@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from autoexpose_daemon.control.metrics.contrast import CELLS, Contrast
-from autoexpose_daemon.control.metrics.information import FRONT_END_DN, share_of_noise
+from autoexpose_daemon.control.metrics.extension import extension as _native
 from autoexpose_daemon.control.policies.belief.optics import Optics
 
 Array = NDArray[np.float64]
@@ -57,66 +55,43 @@ HALF_DETACHED_TAIL = 3.0
 BRIGHT_NEIGHBOURS, DARK_NEIGHBOURS = 1.0, 2.0
 """Stops inside of white, and of black, over which the neighbours of what is clipped are looked for."""
 
-EDGES = LOWEST + BIN * np.arange(BINS + 1)
-MIDDLES = EDGES[:-1] + BIN / 2
-_SAMPLES = 4
-"""Log exposures for which each bin stands."""
+RULES = (
+    LOWEST, BIN, RENEWED, LEAST_LOOK, LONGEST_TAIL, DETACHED, DETACHED_TAIL, HALF_DETACHED_TAIL,
+    DARK_NEIGHBOURS, BRIGHT_NEIGHBOURS,
+)  # fmt: skip
+"""For the C extension."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Hidden:
-    """What is clipped on one side of what a frame shows.
+_EVEN_LIGHT = np.ones(CELLS * CELLS)
 
-    Attributes
-    ----------
-    bound
-        Log radiance at which it begins, stops.
-    side
-        1 if it is brighter than that, -1 if darker.
-    mass
-        Pixels by cell of which nothing is known, shape (64,).
-    tail
-        Stops over which mass would fall off if it continued what is seen, by cell, shape (64,).
-    richness
-        What a pixel of it is expected to hold, by cell, shape (64,).
-    """
-
-    bound: float
-    side: int
-    mass: Array
-    tail: Array
-    richness: Array
+HYPOTHESES = 3
+"""About what is hidden: there is no contrast in it, it continues what is seen beside it, it is detached from that."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Outlook:
-    """What frames at some levels are expected to hold, under each hypothesis about what is hidden; see `SceneBelief`.
+class Outlook(NamedTuple):
+    """What frames at some levels are expected to hold, under each hypothesis; see `SceneBelief`.
 
     Attributes
     ----------
     probability
-        Of each hypothesis, shape (h,); they sum to 1.
-    of_cells
-        Information of each cell of frames at each level, shape (h, 64, n).
-    cells
-        Which cells count, bool, shape (64,).
+        Of each hypothesis, shape (3,); they sum to 1.
+    information
+        Mean over the cells of the root of what a cell's mean pixel holds, at each level, shape (3, n).
+    favoured
+        The same with the cells as favours weight them; undefined without favours.
     revealed
-        Share of what is hidden that such a frame would show, shape (h, n).
+        Share of what is hidden that such a frame would show, shape (3, n).
     """
 
     probability: Array
-    of_cells: Array
-    cells: NDArray[np.bool_]
+    information: Array
+    favoured: Array
     revealed: Array
 
-    def information(self, favours: Array | None = None) -> Array:
-        """Mean over the cells, as far as `favours`, shape (64,), weights them, shape (h, n)."""
-        weights = self.cells * (1.0 if favours is None else favours)
-        return np.asarray(weights @ self.of_cells / max(float(weights.sum()), 1e-9))
-
-    def expected(self, favours: Array | None = None) -> Array:
-        """The mean of that over the hypotheses, shape (n,)."""
-        return self.probability @ self.information(favours)
+    @classmethod
+    def of_levels(cls, count: int) -> Outlook:
+        """One to be filled."""
+        return cls(np.empty(HYPOTHESES), *np.empty((3, HYPOTHESES, count)))
 
 
 class SceneBelief:
@@ -129,13 +104,18 @@ class SceneBelief:
     Attributes
     ----------
     mass
-        Pixels by cell and bin, float64, shape (64, BINS).
+        Pixels by bin and cell, float64, shape (BINS, 64).
     energy, precision
         Squared contrast per pixel (stops^2) times the precision with which it is known, and that precision.
     seen
         How surely each bin has been looked at, 0 to 1, shape (BINS,).
     drift
         Stops by which the light has risen beyond the bins' shifts, within half a bin.
+    bounds
+        Log radiance of black and of white in the latest frame, stops, shape (2,).
+    hidden, tail, richness
+        Of what is beyond these two and not remembered: pixels by cell; stops over which it would fall off if it
+        continued what is seen; and what a pixel of it is expected to hold, shape (2, 64).
     nothing
         Probability that there is no contrast in what is clipped: looks that found none have raised it.
     age_s
@@ -143,19 +123,22 @@ class SceneBelief:
     """
 
     STATE: ClassVar[tuple[str, ...]] = (
-        "mass", "energy", "precision", "seen", "drift", "usual_richness", "nothing", "age_s", "latest", "hidden",
-        "by_cell", "noise_share", "averaged", "relative_light",
+        "mass", "energy", "precision", "seen", "bounds", "hidden", "tail", "richness", "drift", "usual_richness",
+        "nothing", "age_s", "latest", "by_cell", "noise_share", "averaged", "relative_light",
     )  # fmt: skip
     mass: Array
     energy: Array
     precision: Array
     seen: Array
+    bounds: Array
+    hidden: Array
+    tail: Array
+    richness: Array
     drift: float
     usual_richness: float
     nothing: float
     age_s: float
     latest: Array | None
-    hidden: list[Hidden]
     by_cell: Array
     noise_share: float
     averaged: float
@@ -163,8 +146,9 @@ class SceneBelief:
 
     def __init__(self, optics: Optics) -> None:
         self.optics = optics
-        self.mass, self.energy, self.precision = np.zeros((3, CELLS * CELLS, BINS))
-        self.seen = np.zeros(BINS)
+        self.mass, self.energy, self.precision = np.zeros((3, BINS, CELLS * CELLS))
+        self.seen, self.bounds = np.zeros(BINS), np.zeros(2)
+        self.hidden, self.tail, self.richness = np.zeros((3, 2, CELLS * CELLS))
         self.drift = 0.0
         self.usual_richness = 0.0
         self.nothing = NOTHING
@@ -173,47 +157,39 @@ class SceneBelief:
         self.by_cell = np.zeros(CELLS * CELLS)
         self.noise_share = 1.0
         self.averaged = 1.0
-        self.relative_light = np.ones(CELLS * CELLS)
-        self.hidden = []
+        self.relative_light = _EVEN_LIGHT
 
     def forget(self) -> None:
         """Know nothing any more."""
-        for array in self._arrays:
+        for array in (self.mass, self.energy, self.precision, self.seen, self.hidden):
             array[:] = 0.0
-        self.hidden = []
 
     def pass_time(self, seconds: float, moved_cells: float, light_stops: float) -> None:
         """What was seen grows old: the camera has moved by so many cells, and the light has risen."""
-        kept = np.exp(-seconds / MEMORY_S)
-        self.energy *= kept
-        self.precision *= kept
-        self.seen *= kept
+        kept = math.exp(-seconds / MEMORY_S)
         self.nothing = NOTHING + kept * (self.nothing - NOTHING)
         self.age_s += seconds
-        if moved_cells > 0:
-            for array in (self.mass, self.energy, self.precision):
-                _diffuse(array, moved_cells)
-            self.energy *= 1.0 - moved_cells
-            self.precision *= 1.0 - moved_cells
         self.drift += light_stops
         bins = round(self.drift / BIN)
-        if bins:
-            self.drift -= bins * BIN
-            for array in self._arrays:
-                _shift(array, bins)
-            self.hidden = [replace(each, bound=each.bound + bins * BIN) for each in self.hidden]
+        self.drift -= bins * BIN
+        self.bounds += bins * BIN
+        _native.pass_time(self._scene, kept, moved_cells, bins)
 
     def is_news(self, seen: Contrast) -> bool:
         """Whether a frame differs from the one before, as by noise, or is all clipped."""
-        repeated = self.latest is not None and np.array_equal(self.latest, seen.count)
-        self.latest = seen.count
-        return not repeated or not _shows(seen)
+        before, self.latest = self.latest, seen.count
+        repeated = (
+            before is not None
+            and np.array_equal(before[0], seen.count[0])  # where most differ already
+            and np.array_equal(before, seen.count)
+        )
+        return not repeated or not _shows(seen.count)
 
     def remark(self) -> str | None:
         """What is wrong with the camera, in words to follow "left camera"; None if it shows something."""
         if self.latest is None or self.age_s < SILENT_S:
             return None
-        if self.latest[:, 1:-1].any():
+        if _shows(self.latest):
             return "shows the same image at any exposure, not counted"
         return f"is {'white' if self.latest[:, -1].any() else 'black'} at any exposure, not counted"
 
@@ -235,165 +211,45 @@ class SceneBelief:
         relative_light
             What the lens lets through to each cell, shape (64,), with few distinct values; None: the same to all.
         """
-        optics, self.averaged = self.optics, averaged
-        self.relative_light = np.ones(CELLS * CELLS) if relative_light is None else relative_light
-        level += self.drift
-        noise = optics.noise_dn2(gain, averaged)
-        readable = optics.readable
-        weight, expected = seen.count @ readable, seen.count @ (noise * readable)
-        self.by_cell = seen.count.sum(axis=1)
-        self.noise_share = share_of_noise(seen.energy @ readable / 4, expected, weight, self.by_cell)
-        signal = np.maximum(seen.energy / 4 - seen.count * (self.noise_share * noise), 0.0)
-        inside = slice(1, -1)  # neither black nor saturated
-        low, high = optics.low[inside] - level, optics.high[inside] - level
-        overlap = np.minimum(high[:, None], EDGES[1:]) - np.maximum(low[:, None], EDGES[:-1])
-        shares = np.maximum(overlap, 0.0) / (high - low)[:, None]
-        mass = seen.count[:, inside] @ shares
-        energy = (signal[:, inside] * optics.inverse_slope2[inside]) @ shares
-        precise = (optics.slope2[inside] / (self.noise_share * noise[inside] + FRONT_END_DN**2)) ** 2
-        precision = (seen.count[:, inside] * precise) @ shares
-        black, saturated = optics.black - level, optics.saturated - level
-        visible = np.clip(np.minimum(saturated, EDGES[1:]) - np.maximum(black, EDGES[:-1]), 0.0, None) / BIN
-        self._judge_guess(visible, energy)
-        if _shows(seen):
+        self.averaged = averaged
+        if _shows(seen.count):
             self.age_s = 0.0
-        self.mass += visible * (mass - self.mass)
-        renewed = 1.0 - RENEWED * visible
-        self.energy = renewed * self.energy + precision * energy / np.maximum(mass, 1e-9)
-        self.precision = renewed * self.precision + precision
-        self.seen = np.maximum(self.seen, visible)
-        self._bound(black, saturated, seen.count[:, 0], seen.count[:, -1])
+        self.relative_light = _EVEN_LIGHT if relative_light is None else relative_light
+        self.noise_share, self.usual_richness, *guess = _native.see_frame(
+            RULES, self._scene, self.optics.tables, seen.energy, seen.count, level + self.drift, gain, averaged,
+            self.usual_richness, self.by_cell,
+        )  # fmt: skip
+        self._judge_guess(*guess)
 
-    def _judge_guess(self, visible: Array, found: Array) -> None:
+    def _judge_guess(self, guessed: float, expected: float, found: float) -> None:
         """Was there contrast where it was guessed, in what has not been looked at before?"""
-        new = visible * (1.0 - self.seen)
-        if not (self.hidden and new.any()):
+        if expected < LEAST_LOOK * guessed or guessed == 0.0:
             return
-        guessed = sum(probability * energy.sum(axis=0) for probability, _, energy in self._guesses())
-        total, expected = float(guessed.sum()), float(guessed @ new)
-        if expected < LEAST_LOOK * total or total == 0.0:
-            return
-        share = float((found @ new).sum()) / expected
+        share = found / ((1.0 - self.nothing) * expected)
         # Exponential distributions of what is found, with the expected mean and with `FAINT` of it.
         evidence = math.log(FAINT) + share * (1.0 / FAINT - 1.0)
-        odds = self.nothing / (1.0 - self.nothing) * math.exp(-min(evidence, 4.0) * expected / total)
+        odds = self.nothing / (1.0 - self.nothing) * math.exp(-min(evidence, 4.0) * expected / guessed)
         self.nothing = min(max(odds / (1.0 + odds), NOTHING / 4), 1.0 - FAINT**2)
 
-    def _bound(self, black: float, saturated: float, below: Array, above: Array) -> None:
-        """Keep no more mass beyond the bounds of what is visible than is clipped there, and ask where the rest is."""
-        pixels, known = self.mass.sum(axis=1), np.asarray(self.mass * self._richness())
-        if pixels.sum() > 0.05 * self.by_cell.sum() or not self.usual_richness:
-            self.usual_richness = float(known.sum() / max(pixels.sum(), 1e-9)) or 0.05
-        self.hidden = [
-            self._hide(saturated, 1, above, BRIGHT_NEIGHBOURS, known),
-            self._hide(black, -1, below, DARK_NEIGHBOURS, known),
-        ]
+    def look_out(self, levels: Array, gains: Array, favours: Array | None, outlook: Outlook) -> None:
+        """Write what frames at these levels, with these linear gains, are expected to hold.
 
-    def _hide(self, bound: float, side: int, clipped: Array, neighbours: float, known: Array) -> Hidden:
-        """What of the clipped mass is not remembered, and what is beside it in the picture."""
-        beyond = side * (MIDDLES - bound)
-        remembered = self.mass[:, beyond >= 0].sum(axis=1)
-        self.mass[:, beyond >= 0] *= np.minimum(clipped / np.maximum(remembered, 1e-9), 1.0)[:, None]
-        hidden = np.maximum(clipped - remembered, 0.0)
-        beside = (beyond < 0) & (beyond > -neighbours)
-        mass, energy = self.mass[:, beside].sum(axis=1), known[:, beside].sum(axis=1)
-        density = (mass + 0.1 * mass.mean()) / neighbours
-        tail = np.clip(hidden / np.maximum(density, 1e-9), 0.5, 50.0)
-        usual = 0.02 * self.by_cell
-        richness = (energy + usual * self.usual_richness) / np.maximum(mass + usual, 1e-9)
-        return Hidden(bound, side, hidden, tail, richness)
-
-    def outlook(self, levels: Array, gains: Array) -> Outlook:
-        """What frames at these levels, and with these linear gains, are expected to hold.
-
-        Information of a cell is the root of what its mean pixel holds.
+        Favours weight the cells, shape (64,).
         """
-        of_light = [(self.relative_light == light, light) for light in np.unique(self.relative_light)]
-        worths = [self._worth(levels, gains, light).T for _, light in of_light]
-        visible, known = self._visible(levels), self.mass * self._richness()
-        per_pixel = np.count_nonzero(self.by_cell) / max(float(self.by_cell.sum()), 1.0)
-        guesses = list(self._guesses())
-        probability, revealed = np.empty(len(guesses)), np.empty((len(guesses), levels.size))
-        of_cells = np.empty((len(guesses), CELLS * CELLS, levels.size))
-        for place, (probability[place], mass, energy) in enumerate(guesses):
-            for (of, _), worth in zip(of_light, worths, strict=True):
-                found = (known[of] + energy[of]) @ worth
-                of_cells[place, of] = np.sqrt(np.maximum(found, 0.0) * per_pixel)
-            revealed[place] = visible @ mass / max(float(mass.sum()), 1e-9)
-        return Outlook(probability, of_cells, self.by_cell > 0, revealed)
-
-    def _guesses(self) -> Iterator[tuple[float, Array, Array]]:
-        """Hypotheses about what is hidden: probability, pixels by bin, and squared contrast by cell and bin."""
-        continues = self._share_that_continues()
-        mass, energy = self._placed(None)
-        yield self.nothing, mass, np.zeros_like(energy)
-        yield (1.0 - self.nothing) * continues, mass, energy
-        yield (1.0 - self.nothing) * (1.0 - continues), *self._placed(DETACHED)
-
-    def _share_that_continues(self) -> float:
-        hidden = sum(float(each.mass.sum()) for each in self.hidden)
-        if hidden == 0.0:
-            return 1.0
-        return sum(float((each.mass / (1.0 + each.tail / HALF_DETACHED_TAIL)).sum()) for each in self.hidden) / hidden
-
-    def _placed(self, away: float | None) -> tuple[Array, Array]:
-        """Mass by bin and energy by cell and bin, if what is hidden lies so many stops beyond; None: continues."""
-        masses, energies = np.zeros(BINS), np.zeros_like(self.mass)
-        for hidden in self.hidden:
-            beyond = hidden.side * (MIDDLES - hidden.bound)
-            tail = DETACHED_TAIL if away is not None else np.minimum(hidden.tail, LONGEST_TAIL)[:, None]
-            likely = _falling(beyond - (away or 0.0), tail) * (1.0 - self.seen)
-            likely = likely + 1e-9 * _falling(beyond, LONGEST_TAIL)  # it must be there, though all has been looked at
-            likely = np.atleast_2d(likely)
-            mass = hidden.mass[:, None] * likely / likely.sum(axis=1, keepdims=True)
-            masses += mass.sum(axis=0)
-            energies += mass * hidden.richness[:, None]
-        return masses, energies
-
-    def _worth(self, levels: Array, gains: Array, light: float) -> Array:
-        """What a pixel's squared contrast is worth at these levels and gains, where the lens passes so much light.
-
-        Shape (n, BINS).
-        """
-        within = (np.arange(_SAMPLES) + 0.5) / _SAMPLES * BIN
-        exposures = levels[:, None, None] + self.drift + EDGES[:-1, None] + within
-        return np.asarray(self.optics.worth(exposures, gains, self.averaged, self.noise_share, light).mean(axis=2))
-
-    def _visible(self, levels: Array) -> NDArray[np.bool_]:
-        """Which bins are neither black nor saturated at these levels, shape (n, BINS)."""
-        exposures = MIDDLES + levels[:, None] + self.drift
-        return np.asarray((exposures > self.optics.black) & (exposures < self.optics.saturated))
-
-    def _richness(self) -> Array:
-        return self.energy / np.maximum(self.precision, 1e-12)
+        continues = _native.look_out(
+            RULES, self._scene, self.optics.tables, levels + self.drift, gains, self.averaged, self.noise_share,
+            self.by_cell, self.relative_light, favours, outlook.information, outlook.favoured, outlook.revealed,
+        )  # fmt: skip
+        something = 1.0 - self.nothing
+        outlook.probability[:] = self.nothing, something * continues, something * (1.0 - continues)
 
     @property
-    def _arrays(self) -> tuple[Array, ...]:
-        return self.mass, self.energy, self.precision, self.seen
+    def _scene(self) -> tuple[Array, ...]:
+        return (
+            self.mass, self.energy, self.precision, self.seen, self.bounds, self.hidden, self.tail, self.richness,
+        )  # fmt: skip
 
 
-def _shows(seen: Contrast) -> bool:
+def _shows(count: Array) -> bool:
     """Whether any pixel is neither black nor saturated."""
-    return bool(seen.count[:, 1:-1].any())
-
-
-def _falling(beyond: NDArray[np.floating[Any]], tail: Array | float) -> Array:
-    """Falls off exponentially beyond a bound, 0 on this side of it."""
-    return np.asarray(np.where(beyond >= 0, np.exp(-np.maximum(beyond, 0.0) / tail), 0.0))
-
-
-def _diffuse(array: Array, share: float) -> None:
-    """Replace a share of each cell, shape (64, BINS), by the mean of its four neighbours."""
-    cells = array.reshape(CELLS, CELLS, BINS)
-    wide = np.pad(cells, ((1, 1), (1, 1), (0, 0)), "edge")
-    around = (wide[:-2, 1:-1] + wide[2:, 1:-1] + wide[1:-1, :-2] + wide[1:-1, 2:]) / 4
-    cells += share * (around - cells)
-
-
-def _shift(array: Array, bins: int) -> None:
-    """Move what is known of each bin, shape (64, BINS), to one of more radiance."""
-    array[:] = np.roll(array, bins, axis=-1)
-    if bins > 0:
-        array[..., :bins] = 0.0
-    else:
-        array[..., bins:] = 0.0
+    return bool(count[:, 1:-1].any())

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import statistics
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import ClassVar
 
@@ -69,13 +70,16 @@ class Forecast:
 
         A ramp is led only when `steady`, with the camera moving slowly: in fast motion content causes such slopes too.
         """
+        return self.path([frames], steady)[0]
+
+    def path(self, ahead: Sequence[int], steady: bool) -> list[float]:
+        """The same, for so many frames ahead each."""
         period = self.period()
         if period is not None:
             cycle = np.array(self.changes)[-period:]
-            return float(sum(cycle[index % period] for index in range(frames)) - frames * cycle.mean())
-        if not steady:
-            return 0.0
-        return min(max(self._slope() * frames, -LONGEST_LEAD), LONGEST_LEAD)
+            return [float(sum(cycle[i % period] for i in range(frames)) - frames * cycle.mean()) for frames in ahead]
+        slope = self._slope() if steady else 0.0
+        return [min(max(slope * frames, -LONGEST_LEAD), LONGEST_LEAD) for frames in ahead]
 
     def swing(self) -> float:
         """Stops that the light has risen and fallen again over the last `SWING_FRAMES`, without what remains of it."""

@@ -72,6 +72,7 @@ def gain_ratio(observation: Observation) -> float:
     past = observation.realised
     if past is None or past.predicted_metric is None:
         return 0.0
+    assert observation.metric is not None and past.metric is not None, "what is predicted is measured"
     return (observation.metric - past.metric) / (past.predicted_metric - past.metric + EPSILON)
 
 

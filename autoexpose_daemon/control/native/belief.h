@@ -1,0 +1,70 @@
+/* What a camera knows of the light that its scene sends: the arithmetic of `SceneBelief`, which says what is meant. */
+#ifndef AUTOEXPOSE_BELIEF_H
+#define AUTOEXPOSE_BELIEF_H
+
+#include <stddef.h>
+
+#include "contrast.h"
+
+enum { SIDES = 2, HYPOTHESES = 3, SAMPLES = 4 }; /* samples: log exposures for which a bin stands */
+
+/* `RULES` of scene_belief.py. Two lengths are of the dark side and of the bright one. */
+typedef struct {
+    double lowest, bin, renewed, least_look, longest_tail, detached, detached_tail, half_detached_tail, neighbours[SIDES];
+} Rules;
+
+/* The arrays of a `SceneBelief`; sides: what is darker than shown, and what is brighter. */
+typedef struct {
+    size_t bins;
+    double (*mass)[ALL_CELLS], (*energy)[ALL_CELLS], (*precision)[ALL_CELLS]; /* [bin][cell] */
+    double *seen;                                                             /* [bin] */
+    double *bounds;                                                           /* [side], log radiance */
+    double (*hidden)[ALL_CELLS], (*tail)[ALL_CELLS], (*richness)[ALL_CELLS];  /* [side][cell] */
+} Scene;
+
+/* Of a camera, by bin of grey levels; and `places` log exposures, `step` apart, from `first` steps
+ * on, at the ends of which nothing is visible. */
+typedef struct {
+    size_t bins, places;
+    ptrdiff_t first;
+    double step;
+    const double *readable, *low, *high, *slope2, *inverse_slope2, *shot, *read; /* [bin] */
+    const double *slope2_at, *shot_at, *read_at;                                 /* [place] */
+} Optics;
+
+/* Its gradients, [cell][bin of grey levels]; its exposure level, beyond the drift of the belief; and its linear gain. */
+typedef struct {
+    const double *energy, *count;
+    double level, gain, averaged;
+} Frame;
+
+/* What frames tell besides what becomes of the scene: the noise as a share of that expected, what a pixel of the scene
+ * usually holds, and of the contrast guessed in what had not been looked at: all of it, what the frame should have shown,
+ * and what it did show. The last two are 0 if it shows hardly anything new. */
+typedef struct {
+    double noise_share, usual_richness, guessed, expected, found;
+} Told;
+
+/* Frames that may be taken: levels beyond the drift, linear gains; and how they are judged, cells by their weights. */
+typedef struct {
+    size_t count;
+    const double *levels, *gains;            /* [level] */
+    const double *by_cell, *light, *favours; /* [cell]; favours may be NULL */
+    double averaged, noise_share;
+} Outlooks;
+
+/* What was seen grows old: `kept` is left of it, the camera has moved by a share of a cell, and the light has risen by so
+ * many bins. */
+void pass_time(const Scene *scene, double kept, double moved, ptrdiff_t risen);
+
+/* Takes in a frame; by_cell[cell] is written, told->usual_richness read and written. Returns 0, or -1 if out of memory. */
+int see_frame(const Rules *rules, const Scene *scene, const Optics *optics, const Frame *frame, double *by_cell,
+              Told *told);
+
+/* Under each hypothesis (there is nothing, it continues, it is detached), at each level: information, [hypothesis][level],
+ * and again as favoured, or NULL; the share of what is hidden that would be shown; and the one that is expected to
+ * continue. In outlook.c. Returns 0, or -1 if out of memory. */
+int look_out(const Rules *rules, const Scene *scene, const Optics *optics, const Outlooks *frames, double *information,
+             double *favoured, double *revealed, double *continues);
+
+#endif

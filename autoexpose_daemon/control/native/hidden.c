@@ -1,0 +1,112 @@
+#include "hidden.h"
+
+#include <math.h>
+
+#include "vectorised.h"
+
+/* What is hidden is somewhere, even if all has been looked at. */
+#define SOMEWHERE 1e-9
+
+Bins bins_between(const Rules *rules, size_t bins, double low, double high)
+{
+    const double first = floor((low - rules->lowest) / rules->bin), end = ceil((high - rules->lowest) / rules->bin);
+    const double from = fmin(fmax(first, 0.0), (double)bins);
+    return (Bins){(size_t)from, (size_t)fmin(fmax(end, from), (double)bins)};
+}
+
+Bins bins_with_middles(const Rules *rules, size_t bins, double low, double high)
+{
+    Bins within = bins_between(rules, bins, low, high);
+    while (within.first < within.end && edge_of(rules, within.first) + rules->bin / 2 < low)
+        within.first++;
+    while (within.first < within.end && edge_of(rules, within.end - 1) + rules->bin / 2 >= high)
+        within.end--;
+    return within;
+}
+
+Bins bins_beyond(const Rules *rules, const Scene *scene, size_t side)
+{
+    const double bound = scene->bounds[side];
+    return side == DARK ? bins_with_middles(rules, scene->bins, -INFINITY, bound)
+                        : bins_with_middles(rules, scene->bins, bound, INFINITY);
+}
+
+Bins bins_looked_at(const Scene *scene)
+{
+    Bins bins = {0, scene->bins};
+    while (bins.first < bins.end && scene->seen[bins.first] == 0.0)
+        bins.first++;
+    while (bins.first < bins.end && scene->seen[bins.end - 1] == 0.0)
+        bins.end--;
+    return bins;
+}
+
+Bins common(Bins one, Bins other)
+{
+    const size_t first = one.first > other.first ? one.first : other.first;
+    const size_t end = one.end < other.end ? one.end : other.end;
+    return (Bins){first, end > first ? end : first};
+}
+
+double share_that_continues(const Rules *rules, const Scene *scene)
+{
+    double hidden = 0.0, continues = 0.0;
+    for (size_t side = 0; side < SIDES; side++)
+        for (size_t cell = 0; cell < ALL_CELLS; cell++) {
+            hidden += scene->hidden[side][cell];
+            continues += scene->hidden[side][cell] / (1.0 + scene->tail[side][cell] / rules->half_detached_tail);
+        }
+    return hidden == 0.0 ? 1.0 : continues / hidden;
+}
+
+/* likely[bin] falls off over the tails, from so many stops beyond the bound on, and is less where there was a look. */
+VECTORISED static void fall_off(const Rules *rules, const Scene *scene, size_t side, double away,
+                                const double tails[ALL_CELLS], Bins within, double (*likely)[ALL_CELLS],
+                                double sums[ALL_CELLS])
+{
+    double ratio[ALL_CELLS], falling[ALL_CELLS];
+    for (size_t cell = 0; cell < ALL_CELLS; cell++) {
+        ratio[cell] = exp(-rules->bin / tails[cell]);
+        falling[cell] = sums[cell] = 0.0;
+    }
+    int begun = 0;
+    for (size_t i = 0; i < within.end - within.first; i++) {
+        const size_t bin = side == DARK ? within.end - 1 - i : within.first + i;
+        const double beyond = fabs(edge_of(rules, bin) + rules->bin / 2 - scene->bounds[side]);
+        const double unseen = 1.0 - scene->seen[bin], anywhere = SOMEWHERE * exp(-beyond / rules->longest_tail);
+        double *restrict here = likely[bin];
+        for (size_t cell = 0; !begun && beyond >= away && cell < ALL_CELLS; cell++)
+            falling[cell] = exp((away - beyond) / tails[cell]);
+        begun = beyond >= away;
+        for (size_t cell = 0; cell < ALL_CELLS; cell++) {
+            here[cell] = falling[cell] * unseen + anywhere;
+            sums[cell] += here[cell];
+            falling[cell] *= ratio[cell];
+        }
+    }
+}
+
+VECTORISED void guess_hidden(const Rules *rules, const Scene *scene, size_t side, int detached, Guess *guess)
+{
+    const Bins beyond = bins_beyond(rules, scene, side);
+    guess->bins = common(beyond, guess->wanted);
+    if (sum_of_cells(scene->hidden[side]) == 0.0)
+        guess->bins.end = guess->bins.first;
+    guess->before[guess->bins.first] = 0.0;
+    if (guess->bins.first == guess->bins.end)
+        return;
+    double tails[ALL_CELLS], pixels[ALL_CELLS], contrast[ALL_CELLS];
+    for (size_t cell = 0; cell < ALL_CELLS; cell++)
+        tails[cell] = detached ? rules->detached_tail : lesser(scene->tail[side][cell], rules->longest_tail);
+    fall_off(rules, scene, side, detached ? rules->detached : 0.0, tails, beyond, guess->contrast, pixels);
+    for (size_t cell = 0; cell < ALL_CELLS; cell++) {
+        pixels[cell] = scene->hidden[side][cell] / pixels[cell];
+        contrast[cell] = pixels[cell] * scene->richness[side][cell];
+    }
+    for (size_t bin = guess->bins.first; bin < guess->bins.end; bin++) {
+        double *restrict here = guess->contrast[bin];
+        guess->before[bin + 1] = guess->before[bin] + weighted_sum(here, pixels);
+        for (size_t cell = 0; cell < ALL_CELLS; cell++)
+            here[cell] *= contrast[cell];
+    }
+}

@@ -1,0 +1,85 @@
+/* plan.h for Python. */
+#include "arguments.h"
+#include "bindings.h"
+#include "plan.h"
+
+PyDoc_STRVAR(weigh_levels_doc,
+             "weigh_levels(information, favoured, revealed, probability, votes, sharp, least_camera, steering_share, served,\n"
+             "             worth, look)\n--\n\n"
+             "What levels are worth to all cameras now, and for what they would reveal: `worth`, `look`, written.\n\n"
+             "All float64. information, favoured, revealed: (cameras, 3, n); favoured: or None. probability: (cameras, 3).\n"
+             "votes: (cameras,). sharp, worth, look: (n,), at least 1. least_camera, steering_share: as in policy.py. served:\n"
+             "frames.");
+
+static PyObject *weigh_levels_of(PyObject *module, PyObject *arguments)
+{
+    PyObject *information, *favoured, *revealed, *probability, *votes, *sharp, *worths, *looks, *result = NULL;
+    double *worth, *look;
+    Expected expected = {0};
+    Held held = {0};
+    (void)module;
+    if (!PyArg_ParseTuple(arguments, "OOOOOOdddOO", &information, &favoured, &revealed, &probability, &votes, &sharp,
+                          &expected.least_camera, &expected.steering_share, &expected.served, &worths, &looks))
+        return NULL;
+    int fits = (expected.votes = hold_doubles(&held, votes, -1, "votes")) != NULL;
+    const Py_ssize_t hypotheses = fits ? times(HYPOTHESES, held_numbers(&held)) : 0;
+    fits = fits && (expected.sharp = hold_doubles(&held, sharp, -1, "sharp"));
+    const Py_ssize_t n = fits ? held_numbers(&held) : 0, all = times(hypotheses, n);
+    expected.cameras = (size_t)hypotheses / HYPOTHESES;
+    expected.levels = (size_t)n;
+    fits = fits && (expected.information = hold_doubles(&held, information, all, "information")) &&
+           (favoured == Py_None || (expected.favoured = hold_doubles(&held, favoured, all, "favoured"))) &&
+           (expected.revealed = hold_doubles(&held, revealed, all, "revealed")) &&
+           (expected.probability = hold_doubles(&held, probability, hypotheses, "probability")) &&
+           (worth = hold_result(&held, worths, n, "worth")) && (look = hold_result(&held, looks, n, "look"));
+    if (fits && !n)
+        PyErr_SetString(PyExc_ValueError, "sharp must have a number for each level, at least one");
+    else if (fits)
+        result = weigh_levels(&expected, worth, look) ? PyErr_NoMemory() : Py_NewRef(Py_None);
+    release(&held);
+    return result;
+}
+
+PyDoc_STRVAR(plan_frames_doc,
+             "plan_frames(worth, look, light, chances, lowest, step, before, brightness_loss, values, looks)\n--\n\n"
+             "What levels promise for the first of some frames, if the best follows; as plan.py has it, with the parameters.\n\n"
+             "All float64. worth, look: (n,), at least 2. light: (paths, frames + 1). chances: (paths,). values, looks: (n - 2k,),\n"
+             "written, of the levels from `lowest` on, stops.");
+
+static PyObject *plan_frames_of(PyObject *module, PyObject *arguments)
+{
+    PyObject *worth, *look, *light, *chances, *promised, *of_looks, *result = NULL;
+    double *values, *looks;
+    Plan plan;
+    Held held = {0};
+    (void)module;
+    if (!PyArg_ParseTuple(arguments, "OOOOddddOO", &worth, &look, &light, &chances, &plan.lowest, &plan.step,
+                          &plan.before, &plan.brightness_loss, &promised, &of_looks))
+        return NULL;
+    int fits = (plan.worth = hold_doubles(&held, worth, -1, "worth")) != NULL;
+    const Py_ssize_t n = fits ? held_numbers(&held) : 0;
+    fits = fits && (plan.look = hold_doubles(&held, look, n, "look")) &&
+           (plan.chances = hold_doubles(&held, chances, -1, "chances"));
+    const Py_ssize_t paths = fits ? held_numbers(&held) : 0;
+    fits = fits && (plan.light = hold_doubles(&held, light, -1, "light"));
+    const Py_ssize_t stops = fits ? held_numbers(&held) : 0, frames = paths ? stops / paths - 1 : 0;
+    fits = fits && (values = hold_result(&held, promised, -1, "values"));
+    const Py_ssize_t planned = fits ? held_numbers(&held) : 0;
+    fits = fits && (looks = hold_result(&held, of_looks, planned, "looks"));
+    plan.levels = (size_t)n;
+    plan.beyond = (size_t)(n - planned) / 2;
+    plan.frames = (size_t)frames;
+    plan.paths = (size_t)paths;
+    if (fits && (n < 2 || planned < 1 || planned > n || (n - planned) % 2 || frames < 1 || stops != paths * (frames + 1)))
+        PyErr_SetString(PyExc_ValueError, "worth, values and light do not have the shapes of one plan");
+    else if (fits)
+        result = plan_frames(&plan, values, looks) ? PyErr_NoMemory() : Py_NewRef(Py_None);
+    release(&held);
+    return result;
+}
+
+PyMethodDef plan_methods[] = {
+    {"weigh_levels", weigh_levels_of, METH_VARARGS, weigh_levels_doc},
+    {"plan_frames", plan_frames_of, METH_VARARGS, plan_frames_doc},
+    {NULL, NULL, 0, NULL},
+};
