@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autoexpose_daemon.control.balance import Balance
+from autoexpose_daemon.control.grounds import Grounds
 from autoexpose_daemon.control.light_ahead import LightAhead
 from autoexpose_daemon.control.metrics.contrast import CELLS, Contrast, contrast
 from autoexpose_daemon.control.metrics.information import blur_length_px, sharper
@@ -94,6 +95,7 @@ class Belief(ExposurePolicy):
         self.beliefs = {side: SceneBelief(Optics(response, noise)) for side, response in responses.items()}
         self.motion_px = 0.0
         self.seen_ns = None
+        self._planned_for: tuple[float, Prospects, Array] | None = None
 
     @classmethod
     def build(cls, setup: PolicySetup) -> Self:
@@ -115,6 +117,15 @@ class Belief(ExposurePolicy):
         """The cameras that show nothing, unless that is all of them."""
         found = {side: remark for side, belief in self.beliefs.items() if (remark := belief.remark())}
         return found if len(found) < len(self.beliefs) else {}
+
+    @property
+    def grounds(self) -> Grounds | None:
+        """What the latest decision rests on."""
+        if self._planned_for is None:
+            return None
+        level, prospects, promised = self._planned_for
+        scenes = {side: scene for side, belief in self.beliefs.items() if (scene := belief.histogram()) is not None}
+        return Grounds(scenes, level, prospects.levels.tolist(), prospects.worth[0].tolist(), promised.tolist())
 
     def decide(self, observation: Observation) -> Target:
         """The first level of the best plan, for the frame that will show this decision."""
@@ -176,7 +187,10 @@ class Belief(ExposurePolicy):
         level, past = observation.setting.level, observation.past
         before = past[-1].setting.level if self.latency.frames > 1 and past else level
         before -= observation.ev_stops
-        best = int(values(Prospects(levels, worths, light, before, looks)).argmax())
+        prospects = Prospects(levels, worths, light, before, looks)
+        promised = values(prospects)
+        self._planned_for = level, prospects, promised
+        best = int(promised.argmax())
         steered = "" if observation.steering is None else "; steered"
         return Target(float(levels[best]), _reason(levels[best] - before, looks[best]) + steered)
 

@@ -10,6 +10,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from autoexpose_daemon.control.grounds import SceneHistogram
 from autoexpose_daemon.control.metrics.contrast import CELLS, Contrast
 from autoexpose_daemon.control.metrics.information import FRONT_END_DN, share_of_noise
 from autoexpose_daemon.control.policies.belief.optics import Optics
@@ -373,6 +374,22 @@ class SceneBelief:
     @property
     def _arrays(self) -> tuple[Array, ...]:
         return self.mass, self.energy, self.precision, self.seen
+
+    def histogram(self) -> SceneHistogram | None:
+        """What is believed of the whole picture, for people to look at; None if nothing is."""
+        pixels = float(self.by_cell.sum())
+        if not self.hidden or not pixels:
+            return None
+        known, energy = self.mass.sum(axis=0), (self.mass * self._richness()).sum(axis=0)
+        guessed = np.zeros(BINS)
+        for probability, mass, its_energy in self._guesses():
+            guessed += probability * mass
+            energy += probability * its_energy.sum(axis=0)
+        shares = known / pixels, guessed / pixels, energy / max(float(energy.sum()), 1e-12)
+        known_share, guessed_share, contrast_share = (each.tolist() for each in shares)
+        bounds = {each.side: each.bound + self.drift for each in self.hidden}
+        start = LOWEST + self.drift
+        return SceneHistogram(start, BIN, known_share, guessed_share, contrast_share, bounds[-1], bounds[1])
 
 
 def _falling(beyond: NDArray[np.floating[Any]], tail: Array | float) -> Array:
