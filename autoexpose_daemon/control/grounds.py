@@ -64,6 +64,11 @@ class Grounds:
     value: list[float]
 
     @property
+    def is_whole(self) -> bool:
+        """Whether there is a worth and a value for each level, at least one."""
+        return 0 < len(self.levels) == len(self.worth) == len(self.value)
+
+    @property
     def best_level(self) -> float:
         """The level that is decided on, unless it is overridden: that of the largest value."""
         return self.levels[self.value.index(max(self.value))]

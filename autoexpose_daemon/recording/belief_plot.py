@@ -73,7 +73,7 @@ def draw(path: Path, moments: Sequence[Moment], title: str) -> None:
         scenes[0].set_ylabel("share of the picture")
         promises[0].set_ylabel("worth of the next frames")
         named = [*scenes[0].get_legend_handles_labels()[0], *promises[0].get_legend_handles_labels()[0]]
-        figure.legend(handles=named, loc="outside lower center", ncols=3, frameon=False)
+        figure.legend(handles=named, loc="outside lower center", ncols=min(len(moments), 3), frameon=False)
         figure.savefig(path, format="png", dpi=100)  # whatever the name ends in
 
 

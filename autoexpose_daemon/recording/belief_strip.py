@@ -55,12 +55,14 @@ class BeliefStrip:
             self._start_ns = frame.host_time_ns
         if decision is None or loop is None or replayed.step.override.unseen:
             return
+        if not self._wants(pair.trigger, frame.setting.level, decision.level):
+            return
         grounds = loop.grounds
         if grounds is None:
             policy_id = loop.setup.policy_id
             raise ConfigurationError(f"policy {policy_id} has no belief to show: replay with --policy belief")
         scene = grounds.scenes.get(pair.reference_side)
-        if scene is None or not self._wants(pair.trigger, grounds.level, decision.level):
+        if scene is None:  # nothing is known of this camera
             return
         seconds = (frame.host_time_ns - self._start_ns) * 1e-9
         words = f"{seconds:.2f} s, trigger {pair.trigger}: {frame.setting}\n{decision.reason}"
@@ -74,7 +76,7 @@ class BeliefStrip:
         if missing or not triggers:
             which = f"on trigger {missing[0]} " if missing else ""
             raise ConfigurationError(f"no decision {which}was replayed with a belief to show")
-        draw(self._path, [moment for _, moment in self._kept], "What the policy knows of the light, and decides by")
+        draw(self._path, [moment for _, moment in self._kept], "The belief that decides")
         return f"belief at trigger {', '.join(map(str, triggers))}: {self._path}"
 
     def _wants(self, trigger: int, level: float, decided_level: float) -> bool:
