@@ -8,6 +8,8 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
+from PIL import Image
+
 from autoexpose_daemon.recording.belief_plot import Moment, draw
 from drivers.exposure import ExposureSetting
 from evaluation.arena.race import course_of
@@ -40,4 +42,7 @@ def moments() -> list[Moment]:
 
 
 if __name__ == "__main__":
-    draw(Path(sys.argv[1]), moments(), "A window comes into view: its light is guessed, looked at, and exposed for")
+    file = Path(sys.argv[1])
+    draw(file, moments(), "A window comes into view: its light is guessed, looked at, and exposed for")
+    with Image.open(file) as picture:  # of few colours, in half the bytes
+        picture.convert("RGB").quantize(128, dither=Image.Dither.NONE).save(file, optimize=True)

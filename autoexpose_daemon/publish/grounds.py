@@ -20,7 +20,7 @@ Explain = Callable[[], Future[Grounds | None]]
 WAITING_QUERIES = 4
 
 _PERIOD_S = 0.25
-"""Control spends about as long on an answer as on a decision: at most four times a second, however many ask."""
+"""Control spends some milliseconds on an answer: at most four times a second, however many ask."""
 
 _PATIENCE_S = 1.0
 

@@ -120,7 +120,7 @@ def _draw_scene(axes: Axes, moment: Moment) -> None:
     edges = scene.start + scene.bin_stops * np.arange(known.size + 1)
     axes.axvspan(scene.black, scene.white, color=_SHOWN, lw=0, zorder=0, label="what this frame can show")
     axes.stairs(known, edges, fill=True, color=_KNOWN, label="seen, now or before")
-    hatched: dict[str, Any] = {"hatch": "////", "facecolor": "none", "edgecolor": _GUESSED, "lw": 0.0}
+    hatched: dict[str, Any] = {"hatch": "//////", "facecolor": "none", "edgecolor": _GUESSED, "lw": 0.0}
     axes.stairs(known + guessed, edges, baseline=known, fill=True, label="clipped so far: a guess", **hatched)
     axes.stairs(scene.contrast, edges, color=_CONTRAST, lw=1.6, label="contrast in it")
     moved = moment.grounds.level - moment.decided_level

@@ -7,7 +7,7 @@ from pydantic import TypeAdapter, ValidationError
 from autoexpose_daemon.control.grounds import Grounds
 
 LARGEST_GROUNDS_BYTES = 1 << 16
-"""Twice what the longest take."""
+"""Four times what those of two cameras take."""
 
 _ADAPTER: TypeAdapter[Grounds | None] = TypeAdapter(Grounds | None)
 

@@ -386,7 +386,7 @@ class SceneBelief:
             guessed += probability * mass
             energy += probability * its_energy.sum(axis=0)
         shares = known / pixels, guessed / pixels, energy / max(float(energy.sum()), 1e-12)
-        known_share, guessed_share, contrast_share = (each.tolist() for each in shares)
+        known_share, guessed_share, contrast_share = (each.round(6).tolist() for each in shares)
         bounds = {each.side: each.bound + self.drift for each in self.hidden}
         start = LOWEST + self.drift
         return SceneHistogram(start, BIN, known_share, guessed_share, contrast_share, bounds[-1], bounds[1])
