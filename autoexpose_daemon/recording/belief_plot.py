@@ -18,6 +18,9 @@ from autoexpose_daemon.control.grounds import Grounds, SceneHistogram
 _KNOWN, _GUESSED, _CONTRAST, _WORTH = "#79a6cc", "#8f9aa5", "#b5543c", "#dfe3e8"
 _NOW, _NEXT, _SHOWN = "#1d4e89", "#e07b00", "#fff3c9"
 _TICK_STOPS, _MARGIN_STOPS = 4.0, 1.0
+_HELD_STOPS = 0.05
+"""Cameras round what is decided by less."""
+
 _COLUMN_IN, _HEIGHT_IN = 4.0, 8.2
 _STYLE: dict[Any, Any] = {
     "font.size": 12,
@@ -124,9 +127,9 @@ def _draw_scene(axes: Axes, moment: Moment) -> None:
     axes.stairs(known + guessed, edges, baseline=known, fill=True, label="clipped so far: a guess", **hatched)
     axes.stairs(scene.contrast, edges, color=_CONTRAST, lw=1.6, label="contrast in it")
     moved = moment.grounds.level - moment.decided_level
-    window = (scene.black, scene.white)
-    _draw_window(axes, window, 1.13, _NOW, "this frame" if moved else "this frame, and the next")
-    if moved:
+    held = abs(moved) < _HELD_STOPS
+    _draw_window(axes, (scene.black, scene.white), 1.13, _NOW, "this frame, and the next" if held else "this frame")
+    if not held:
         _draw_window(axes, (scene.black + moved, scene.white + moved), 1.01, _NEXT, "decided")
     axes.set_yticks([])
     axes.tick_params(labelbottom=False, bottom=False)

@@ -39,7 +39,7 @@ class BeliefStrip:
         check_writable(path)
         if len(triggers) > MOST_MOMENTS:
             raise ConfigurationError(
-                f"{len(triggers)} triggers are too many for one picture: give --at at most 8 times"
+                f"{len(triggers)} triggers are too many for one picture: give --at at most {MOST_MOMENTS} times"
             )
         self._path = path
         self._triggers = triggers

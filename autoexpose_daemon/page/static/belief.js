@@ -6,7 +6,7 @@ const LEFT = 4;
 const RIGHT = 4;
 const LOWEST_DRAWN = 0.02; // of the highest bin: the axis leaves out what is lower at its ends
 const TICK_STOPS = 4;
-const KEPT_STOPS = 0.05;
+const HELD_STOPS = 0.05; // cameras round what is decided by less
 
 export const bestLevel = ({ levels, value }) => levels[value.indexOf(Math.max(...value))];
 
@@ -20,9 +20,9 @@ export function drawBelief(canvas, grounds) {
   const middle = (scene.black + scene.white) / 2 + grounds.level;
   const floor = Math.round(0.58 * height);
   const best = bestLevel(grounds);
-  const kept = Math.abs(best - grounds.level) < KEPT_STOPS;
-  const marks = [[grounds.level, "applied", kept ? "this frame, and the best" : "this frame", 14]];
-  if (!kept) marks.push([best, "asked", "the best", 32]);
+  const held = Math.abs(best - grounds.level) < HELD_STOPS;
+  const marks = [[grounds.level, "applied", held ? "this frame, and the best" : "this frame", 14]];
+  if (!held) marks.push([best, "asked", "the best", 32]);
   pen.save();
   pen.beginPath();
   pen.rect(LEFT, 0, width - RIGHT - LEFT, height);

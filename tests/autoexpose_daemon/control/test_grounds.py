@@ -70,6 +70,19 @@ def test_a_frame_is_white_from_its_level_on_and_knows_what_lies_below() -> None:
     assert beyond == pytest.approx(np.mean(grey == 255), abs=0.05)
 
 
+def test_frames_of_several_exposures_together_know_the_light_of_the_scene() -> None:
+    """As its painter knows it: the distribution of log radiance over the picture."""
+    loop = loop_of()
+    for index, time_us in enumerate([30.0, 400.0, 6000.0]):
+        frame = at_time(expose(RAMP, ExposureSetting(time_us, 0.0), HALF_SCALE), index)
+        loop.step(StereoPair(index, {"left": frame, "right": frame}))
+    scene = asked(loop).scenes["left"]
+    painted = np.log2(RAMP / 2.0) - HALF_SCALE
+    below = middles(scene) + scene.bin_stops / 2
+    shares = [np.mean(painted < bound) for bound in below]
+    assert np.cumsum(scene.known) == pytest.approx(shares, abs=0.05)
+
+
 def test_what_is_decided_is_the_best_of_the_values_and_a_look_fills_the_histogram() -> None:
     loop = loop_of()
     guessed: list[float] = []
