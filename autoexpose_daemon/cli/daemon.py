@@ -23,6 +23,7 @@ from drivers.exposure import ExposureSetting
 
 if TYPE_CHECKING:
     from autoexpose_daemon.config.document import Config
+    from autoexpose_daemon.recording.belief_strip import BeliefStrip
     from autoexpose_daemon.recording.recorder import Recorder
     from autoexpose_daemon.runtime.daemon import Daemon
 
@@ -80,6 +81,14 @@ def record(
 def replay(
     file: Annotated[Path, typer.Argument(help="A recording.")],
     policy: Annotated[str | None, typer.Option(help=f"Another policy: {', '.join(POLICY_IDS)}.")] = None,
+    show_belief: Annotated[
+        Path | None,
+        typer.Option(help="Draw what the policy knows of the light, and what it decides by, to a PNG file."),
+    ] = None,
+    at: Annotated[
+        list[int] | None,
+        typer.Option(help="A trigger to draw the decision on; repeat it for several. Else: the largest change."),
+    ] = None,
 ) -> None:
     """Replay a recording: the recorded policy, bit for bit, or what another one would have decided."""
     check_recording_extra()
@@ -87,8 +96,23 @@ def replay(
 
     if policy is not None:
         check_policy_id(policy)
-    if not report_replay(file, policy, typer.echo):
+    if at and show_belief is None:
+        raise ConfigurationError("--at chooses what --show-belief draws: give that, too")
+    strip = None if show_belief is None else _belief_strip(show_belief, at or [])
+    same = report_replay(file, policy, typer.echo, None if strip is None else strip.see)
+    if strip is not None:
+        typer.echo(strip.draw())
+    if not same:
         raise typer.Exit(1)
+
+
+def _belief_strip(path: Path, triggers: list[int]) -> BeliefStrip:
+    try:
+        from autoexpose_daemon.recording.belief_strip import BeliefStrip  # noqa: PLC0415  takes a second, and an extra
+    except ImportError as error:
+        needs = f"--show-belief needs {error.name}"
+        raise ConfigurationError(f"{needs}: pip install 'autoexpose-daemon[sim]'") from error
+    return BeliefStrip(path, triggers)
 
 
 @contextmanager

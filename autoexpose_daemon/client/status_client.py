@@ -11,9 +11,11 @@ from types import TracebackType
 
 import zenoh
 
+from autoexpose_daemon.control.grounds import Grounds
 from autoexpose_daemon.messages.keys import (
     LOOPBACK,
     check_rig_name,
+    grounds_key,
     registration_key,
     response_key,
     side_of,
@@ -24,6 +26,7 @@ from autoexpose_daemon.messages.registration import LARGEST_REGISTRATION_BYTES, 
 from autoexpose_daemon.messages.response import LARGEST_RESPONSE_BYTES, response_from_json
 from autoexpose_daemon.publish.session import Endpoints, SessionHolder
 from autoexpose_daemon.status.document import LARGEST_STATUS_BYTES, Status
+from autoexpose_daemon.status.grounds import grounds_from_json
 from calibration.response import ResponseFunction
 from drivers.frames import Side
 from drivers.python310 import Self
@@ -32,6 +35,8 @@ SILENT_S = 5.0
 """A daemon that has been silent this long counts as down; it sends its status once a second."""
 
 _RING_MESSAGES = 4
+
+_PATIENCE_S = 0.5
 
 _LONGEST_SINCE_REGISTRATION_S = 1.0
 """If `repeat` has not registered a frame for this long, it has ended, or gets no frames."""
@@ -90,6 +95,11 @@ class StatusClient:
         newest = self._registered
         fresh = newest is not None and time.monotonic() - newest[1] < _LONGEST_SINCE_REGISTRATION_S
         return newest[0] if newest is not None and fresh else None
+
+    def ask_grounds(self) -> Grounds | None:
+        """Ask the daemon what its latest decision rests on; None if its policy has no belief, or it does not answer."""
+        answer = self._holder.ask(grounds_key(self._rig), _PATIENCE_S)
+        return None if answer is None else grounds_from_json(answer)
 
     def wait(self, timeout_s: float) -> Status | None:
         """The next status; None if none came in time, or the client was closed."""

@@ -97,23 +97,29 @@ def worth_of_levels(
     worth: NDArray[np.float64],
     /,
 ) -> None: ...
-def pass_time(scene: tuple[NDArray[np.float64], ...], kept: float, moved: float, risen: int, /) -> None: ...
+def pass_time(scene: tuple[NDArray[np.float64] | float, ...], kept: float, moved: float, risen: int, /) -> None: ...
 def see_frame(
-    rules: tuple[float, ...],
-    scene: tuple[NDArray[np.float64], ...],
+    rules: tuple[float | tuple[float, float], ...],
+    scene: tuple[NDArray[np.float64] | float, ...],
     optics: tuple[NDArray[np.float64], NDArray[np.float64], int, float],
     energy: NDArray[np.float64],
     count: NDArray[np.float64],
     level: float,
     gain: float,
     averaged: float,
-    usual_richness: float,
     by_cell: NDArray[np.float64],
     /,
 ) -> tuple[float, float, float, float, float]: ...
+def guess_light(
+    rules: tuple[float | tuple[float, float], ...],
+    scene: tuple[NDArray[np.float64] | float, ...],
+    pixels: NDArray[np.float64],
+    contrast: NDArray[np.float64],
+    /,
+) -> float: ...
 def look_out(
-    rules: tuple[float, ...],
-    scene: tuple[NDArray[np.float64], ...],
+    rules: tuple[float | tuple[float, float], ...],
+    scene: tuple[NDArray[np.float64] | float, ...],
     optics: tuple[NDArray[np.float64], NDArray[np.float64], int, float],
     levels: NDArray[np.float64],
     gains: NDArray[np.float64],

@@ -9,6 +9,7 @@ from typing import ClassVar
 
 from autoexpose_daemon.control.balance import Balance, whole_periods_us
 from autoexpose_daemon.control.decision import Decision
+from autoexpose_daemon.control.grounds import Grounds
 from autoexpose_daemon.control.light_ahead import LightAhead
 from autoexpose_daemon.control.metrics.gradient import GradientMetric, mean_signal
 from autoexpose_daemon.control.override import NO_OVERRIDE, Compensation, Override
@@ -167,6 +168,11 @@ class ControlLoop:
     def uncounted(self) -> Mapping[Side, str]:
         """The cameras whose frames the policy does not count at present, and why, in words to follow "left camera"."""
         return self._policy.uncounted
+
+    @property
+    def grounds(self) -> Grounds | None:
+        """What the latest decision rests on, to be drawn; None: none yet, or the policy has no belief."""
+        return self._policy.grounds
 
     @property
     def light_belief(self) -> float | None:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autoexpose_daemon.control.balance import Balance, BlurNoiseBalance, ExposurePriority, FixedRatio, FlickerBalance
+from autoexpose_daemon.control.grounds import Grounds
 from autoexpose_daemon.control.light_ahead import LightAhead
 from autoexpose_daemon.control.metrics.extension import extension as _native
 from autoexpose_daemon.control.metrics.gradient import GradientMetric, grey_counts
@@ -284,6 +285,11 @@ class ExposurePolicy(ABC):
     def uncounted(self) -> Mapping[Side, str]:
         """The cameras whose frames do not count at present, and why, in words to follow "left camera"."""
         return {}
+
+    @property
+    def grounds(self) -> Grounds | None:
+        """What the latest decision rests on, made when it is asked for; None: none yet, or the policy has no belief."""
+        return None
 
     def balance_for(self, look: Look) -> Balance:
         """The `balance` for frames of this size."""

@@ -102,6 +102,11 @@ def control_key(rig: str) -> str:
     return f"autoexpose/{rig}/control"
 
 
+def grounds_key(rig: str) -> str:
+    """Where the daemon answers what its latest decision rests on."""
+    return f"autoexpose/{rig}/grounds"
+
+
 def response_key(rig: str, side: Side | Literal["*"]) -> str:
     """Where the response function of a camera goes; `*` for all of them."""
     return f"autoexpose/{rig}/{side}/response"

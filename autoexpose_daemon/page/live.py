@@ -78,6 +78,7 @@ async def _send_numbers(
             "trouble": client.trouble,
             "status": status,
             "tables": None if status is None else tables(status),
+            "grounds": views.grounds,
             "curve": views.curve,
             "history": rows,
             "policies": policies,

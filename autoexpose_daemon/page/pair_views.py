@@ -16,6 +16,7 @@ import numpy as np
 
 from autoexpose_daemon.client import ReceivedPair, StereoClient
 from autoexpose_daemon.client.status_client import StatusClient
+from autoexpose_daemon.control.grounds import Grounds
 from autoexpose_daemon.page.history import History
 from autoexpose_daemon.page.pair_message import pair_message
 from autoexpose_daemon.page.picture import DELTA_LEVELS, PictureMaker
@@ -69,13 +70,17 @@ class PairViews:
     ----------
     rig
         Its name.
+    grounds
+        What the newest decision rests on; None, too, if the policy has no belief.
     curve
-        None before the first, once nobody watches, and once pairs no longer come.
+        Drawn for other policies. None, like `grounds`, before the first, once nobody watches, and once pairs no longer
+        come.
     pair_s
         When the newest pair arrived, from CLOCK_MONOTONIC; 0 before the first.
     """
 
     def __init__(self, rig: str, connect: Sequence[str], status: StatusClient, history: History) -> None:
+        self.grounds: Grounds | None = None
         self.curve: Curve | None = None
         self.pair_s = 0.0
         self.rig = rig
@@ -134,7 +139,7 @@ class PairViews:
         while self._wait_for_viewers():
             with StereoClient(self.rig, self._connect, name=f"page-{os.getpid()}") as self._client:
                 self._follow(self._client)
-                self.curve = None  # old by the time that someone watches again
+                self.grounds = self.curve = None  # old by the time that someone watches again
 
     def _wait_for_viewers(self) -> bool:
         with self._watched:
@@ -147,7 +152,7 @@ class PairViews:
             pair = client.next_pair(_PATIENCE_S)
             if pair is None:
                 if time.monotonic() - self.pair_s > STALE_S:
-                    self.curve = None  # old for who begins to watch now
+                    self.grounds = self.curve = None  # old for who begins to watch now
                 continue
             self.pair_s = pair.received_ns * 1e-9
             self._history.add(self.pair_s, pair.left.setting, pair.decision)
@@ -157,7 +162,8 @@ class PairViews:
                     self._show(pair)
                 if pair.received_ns >= curve_ns:
                     curve_ns = pair.received_ns + CURVE_PERIOD_NS
-                    self.curve = self._curve(pair)
+                    self.grounds = self._status.ask_grounds()
+                    self.curve = self._curve(pair) if self.grounds is None else None
             except ConfigurationError as error:  # the frames are too small or narrow
                 if str(error) != self._complaint:
                     self._complaint = str(error)

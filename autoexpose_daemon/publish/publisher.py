@@ -21,6 +21,7 @@ from autoexpose_daemon.messages.keys import (
     consumer_key,
     control_key,
     frame_key,
+    grounds_key,
     last_but,
     light_ahead_key,
     tracking_key,
@@ -30,6 +31,7 @@ from autoexpose_daemon.messages.report import LARGEST_REPORT_BYTES, ConsumerTall
 from autoexpose_daemon.messages.tracked_cells import LARGEST_TRACKING_BYTES, read_tracked_cells
 from autoexpose_daemon.messages.write import TOPICS, MessageWriter, realtime_offset_ns
 from autoexpose_daemon.publish.control import WAITING_REQUESTS, Ask, ControlDoor
+from autoexpose_daemon.publish.grounds import WAITING_QUERIES, Explain, GroundsDoor
 from autoexpose_daemon.publish.refusal import reading
 from autoexpose_daemon.publish.ros2_keys import Attachments, Ros2Node
 from autoexpose_daemon.publish.session import Endpoints, SessionHolder
@@ -74,6 +76,8 @@ class Publisher:
         Takes what `autoexpose repeat` sends about the light ahead.
     ask
         Takes control requests.
+    explain
+        Asks control what its latest decision rests on.
     tracking
         Takes what consumers report about their tracking.
     calibrations
@@ -88,6 +92,7 @@ class Publisher:
         light: ForetoldLight | None = None,
         ask: Ask | None = None,
         *,
+        explain: Explain | None = None,
         tracking: Tracking | None = None,
         calibrations: Callable[[], Mapping[Side, CameraGeometry]] = dict,
     ) -> None:
@@ -96,6 +101,7 @@ class Publisher:
         self._calibrations = calibrations
         self._light = light
         self._ask = ask
+        self._explain = explain
         self._tracking = tracking
         self._config = config
         self._cameras = cameras
@@ -156,6 +162,9 @@ class Publisher:
         if self._ask is not None:
             door = ControlDoor(self._ask, self._holder.closed)
             self._holder.answer(session, control_key(self._config.rig), door.serve, WAITING_REQUESTS)
+        if self._explain is not None:
+            explaining = GroundsDoor(self._explain)
+            self._holder.answer(session, grounds_key(self._config.rig), explaining.serve, WAITING_QUERIES)
         with (
             self._in_ros2(session, outlets),
             session.declare_subscriber(consumer_key(self._config.rig, "*"), self._on_report),

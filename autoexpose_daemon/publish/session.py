@@ -150,6 +150,16 @@ class SessionHolder:
             if self._open is not None:
                 self._open.put(key, data, congestion_control=congestion, attachment=attachment)
 
+    def ask(self, key: str, timeout_s: float) -> bytes | None:
+        """The first answer to a query; None if nobody answers in time, or the session is not open."""
+        with contextlib.suppress(zenoh.ZError):  # the session was closed meanwhile
+            with self._sending:
+                replies = () if self._open is None else self._open.get(key, timeout=timeout_s)
+            for reply in replies:
+                if reply.ok is not None:
+                    return reply.ok.payload.to_bytes()
+        return None
+
     def subscribe(
         self, session: zenoh.Session, key: str, take: Take, waiting: int, largest_bytes: int = LARGEST_MESSAGE_BYTES
     ) -> None:

@@ -52,7 +52,8 @@ class Replay:
         self.setup: Setup | None = None
         """The setup of the latest steps."""
         self._policy_id = policy_id
-        self._loop: ControlLoop | None = None
+        self.loop: ControlLoop | None = None
+        """What decides in the replay; None while that is unknown."""
         self._former: Step | None = None
 
     @property
@@ -76,7 +77,7 @@ class Replay:
             match item:
                 case Setup():
                     self.setup = item
-                    self._loop = None if self.faithful else self._new_loop(item)
+                    self.loop = None if self.faithful else self._new_loop(item)
                 case State():
                     self._resume(item)
                 case Step():
@@ -88,10 +89,10 @@ class Replay:
     def _resume(self, state: State) -> None:
         if self.setup is None:
             raise RecordingError("the recording is damaged: a state of control without its setup")
-        if self._loop is None:
-            self._loop = self._new_loop(self.setup)
+        if self.loop is None:
+            self.loop = self._new_loop(self.setup)
             try:
-                self._loop.restore(state.control)
+                self.loop.restore(state.control)
             except ValueError as error:
                 raise RecordingError(f"the recording is damaged: its state of control does not fit: {error}") from error
 
@@ -102,7 +103,7 @@ class Replay:
             undelivered = max(step.pair.trigger - self._former.pair.trigger - 1 - dropped, 0)
         self._former = step
         if dropped and self.faithful:
-            self._loop = None
+            self.loop = None
         given = step.pair, step.angular_rate_rad_s, step.light_ahead, step.override, step.steering
-        decision = None if self._loop is None else self._loop.step(*given)
+        decision = None if self.loop is None else self.loop.step(*given)
         return Replayed(step, decision, dropped, undelivered)

@@ -19,7 +19,11 @@ Say = Callable[[str], None]
 """Takes a line of text."""
 
 
-def report_replay(path: Path, policy_id: str | None, say: Say) -> bool:
+Watch = Callable[[Replay, Replayed], None]
+"""Is shown each step as soon as it has been replayed."""
+
+
+def report_replay(path: Path, policy_id: str | None, say: Say, watch: Watch | None = None) -> bool:
     """Replay a recording and print the outcome.
 
     Returns
@@ -37,6 +41,8 @@ def report_replay(path: Path, policy_id: str | None, say: Say) -> bool:
     start_ns: int | None = None
     end_ns = 0
     for replayed in player.steps(recording):
+        if watch is not None:
+            watch(player, replayed)
         time_ns = replayed.step.pair.reference.host_time_ns
         if start_ns is None:
             say("     s  trigger  frame taken with   recorded E  replayed E  apart  same     of")

@@ -18,6 +18,7 @@ import numpy as np
 
 from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.config.request import Request
+from autoexpose_daemon.control.grounds import Grounds
 from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.runtime.inputs.foretold_light import ForetoldLight
 from autoexpose_daemon.runtime.inputs.tracking import Tracking
@@ -163,6 +164,12 @@ class Daemon:
         answer: Future[Answer] = Future()
         self._orders.put(partial(self._control.ask, request, answer))
         return answer
+
+    def explain(self) -> Future[Grounds | None]:
+        """Have control tell, between two pairs, what its latest decision rests on; None if that is no belief."""
+        told: Future[Grounds | None] = Future()
+        self._orders.put(lambda: told.set_result(None if self.loop is None else self.loop.grounds))
+        return told
 
     @property
     def fresh_requests(self) -> tuple[str, ...]:

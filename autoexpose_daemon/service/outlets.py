@@ -73,6 +73,7 @@ def add_outlets(daemon: Daemon, config: Config, recorder: Recorder | None = None
         partial(_texts, daemon),
         light,
         daemon.ask,
+        explain=daemon.explain,
         tracking=tracking,
         calibrations=lambda: daemon.tuning.calibrations,
     )

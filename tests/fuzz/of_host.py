@@ -45,6 +45,7 @@ from autoexpose_daemon.recording.replay import Replay
 from autoexpose_daemon.runtime.tuning import Tuning
 from autoexpose_daemon.service.last_exposure import FORMAT, LastExposure
 from autoexpose_daemon.status.document import Status
+from autoexpose_daemon.status.grounds import grounds_from_json, grounds_to_json
 from autoexpose_daemon.status.inputs.requests import Answer, Shot
 from autoexpose_daemon.status.panel import line_of
 from autoexpose_daemon.status.publishing import Consumers
@@ -68,6 +69,7 @@ from drivers.host.network import NetworkInterface, largest_socket_buffer_bytes
 from drivers.pixels.formats import PixelFormat
 from fake_camera.device.line0 import Line0
 from fake_camera.device.truth import TruthFile
+from tests.autoexpose_daemon.grounds import GROUNDS
 from tests.autoexpose_daemon.imu import imu_message
 from tests.autoexpose_daemon.publish.test_pairs import messages
 from tests.autoexpose_daemon.recording.runs import LIMITS, VirtualRun, record
@@ -380,6 +382,18 @@ def control_answer(data: bytes) -> None:
 def control_answer_seeds() -> Iterator[bytes]:
     assert EXPOSING.requests is not None
     yield Answer("fisher-map", EXPOSING.requests, Shot(ExposureSetting(500.0, 3.0), 7, {"left": 8})).to_json().encode()
+
+
+def grounds(data: bytes) -> None:
+    """What a decision rests on, as the page draws it."""
+    found = grounds_from_json(data)
+    if found is not None:
+        assert found.best_level in found.levels
+
+
+def grounds_seeds() -> Iterator[bytes]:
+    yield grounds_to_json(GROUNDS)
+    yield grounds_to_json(None)
 
 
 def published_response(data: bytes) -> None:

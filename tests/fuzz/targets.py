@@ -51,6 +51,7 @@ TARGETS = (
     Target("status", host.status, (), host.status_seeds),
     Target("control-request", host.control_request, (ConfigurationError,), host.control_request_seeds),
     Target("control-answer", host.control_answer, (), host.control_answer_seeds),
+    Target("grounds", host.grounds, (), host.grounds_seeds),
     Target("published-response", host.published_response, (), host.published_response_seeds),
     Target("page-request", host.page_request, (), host.page_request_seeds),
     Target("truth", host.truth, (AutoexposeError,), host.truth_seeds),

@@ -12,9 +12,9 @@
 /* What has faded to this is nothing: numbers much smaller take long. */
 #define FADED 1e-200
 
-/* What a pixel usually holds is learnt when so much of the picture is known; before, it is this (stops^2). */
+/* What a pixel usually holds is learnt when so much of the picture is known, and is at least this (stops^2). */
 #define KNOWN_SHARE 0.05
-#define FIRST_RICHNESS 0.05
+#define LEAST_RICHNESS 1e-3
 
 /* Neighbours count as spread by so much over the cells; and what is usual as much as so much of a cell. */
 #define OF_OTHERS 0.1
@@ -184,12 +184,12 @@ static int judge_guess(const Rules *rules, const Scene *scene, const Shown *show
     if (!before)
         return -1;
     const double continues = share_that_continues(rules, scene);
-    for (int detached = 0; detached < 2; detached++)
+    for (size_t number = 0; number < GUESSES; number++)
         for (size_t side = 0; side < SIDES; side++) {
             Guess guess = {.wanted = shown->bins, .before = before, .contrast = (void *)(before + scene->bins + 1)};
-            guess_hidden(rules, scene, side, detached, &guess);
+            guess_hidden(rules, scene, side, number, &guess);
             for (size_t bin = guess.bins.first; bin < guess.bins.end; bin++)
-                told->expected += (detached ? 1.0 - continues : continues) * shown->visible[bin - first] *
+                told->expected += chance_of(number, continues) * shown->visible[bin - first] *
                                   (1.0 - scene->seen[bin]) * sum_of_cells(guess.contrast[bin]);
         }
     free(before);
@@ -222,19 +222,19 @@ VECTORISED static void add_cells(const double cells[ALL_CELLS], double *restrict
         sums[cell] += cells[cell];
 }
 
-/* What a pixel of the scene usually holds, from what is known of it. */
-VECTORISED static double usual_richness(const Scene *scene, Bins looked, double picture, double before)
+/* What a pixel of the scene usually holds, from what is surely known of it. */
+VECTORISED static double usual_richness(const Rules *rules, const Scene *scene, Bins looked, double picture)
 {
-    double pixels = 0.0, contrast = 0.0, known[ALL_CELLS];
+    const double unsure = rules->unsure / (scene->usual_richness * scene->usual_richness);
+    double pixels = 0.0, contrast = 0.0, known[ALL_CELLS], sure[ALL_CELLS];
     for (size_t bin = looked.first; bin < looked.end; bin++) {
-        find_contrast(scene, bin, known);
-        pixels += sum_of_cells(scene->mass[bin]);
-        contrast += sum_of_cells(known);
+        for (size_t cell = 0; cell < ALL_CELLS; cell++)
+            sure[cell] = scene->precision[bin][cell] / (scene->precision[bin][cell] + unsure);
+        find_contrast(rules, scene, bin, known);
+        pixels += weighted_sum(scene->mass[bin], sure);
+        contrast += weighted_sum(known, sure);
     }
-    if (before != 0.0 && pixels <= KNOWN_SHARE * picture)
-        return before;
-    const double richness = contrast / fmax(pixels, LEAST_PIXELS);
-    return richness != 0.0 ? richness : FIRST_RICHNESS;
+    return pixels > KNOWN_SHARE * picture ? fmax(contrast / pixels, LEAST_RICHNESS) : scene->usual_richness;
 }
 
 /* No more mass is kept beyond a bound than is clipped there; the rest of that is hidden. */
@@ -253,13 +253,13 @@ VECTORISED static void bound(const Scene *scene, size_t side, Bins beyond, const
 }
 
 /* What is hidden is like what is beside it. */
-VECTORISED static void liken(const Scene *scene, size_t side, Bins beside, double reach, double usual,
-                             const double *by_cell)
+VECTORISED static void liken(const Rules *rules, const Scene *scene, size_t side, Bins beside, const double *by_cell)
 {
+    const double reach = rules->neighbours[side], usual = scene->usual_richness;
     double pixels[ALL_CELLS] = {0.0}, contrast[ALL_CELLS] = {0.0}, known[ALL_CELLS];
     double *restrict tail = scene->tail[side], *restrict richness = scene->richness[side];
     for (size_t bin = beside.first; bin < beside.end; bin++) {
-        find_contrast(scene, bin, known);
+        find_contrast(rules, scene, bin, known);
         add_cells(scene->mass[bin], pixels);
         add_cells(known, contrast);
     }
@@ -271,7 +271,7 @@ VECTORISED static void liken(const Scene *scene, size_t side, Bins beside, doubl
     }
 }
 
-static int see(const Rules *rules, const Scene *scene, const Optics *optics, const Frame *frame, const Shown *shown,
+static int see(const Rules *rules, Scene *scene, const Optics *optics, const Frame *frame, const Shown *shown,
                double *by_cell, Told *told)
 {
     const size_t greys = optics->bins;
@@ -299,17 +299,17 @@ static int see(const Rules *rules, const Scene *scene, const Optics *optics, con
     scene->bounds[DARK] = shown->black;
     scene->bounds[BRIGHT] = shown->saturated;
     const Bins looked = bins_looked_at(scene);
-    told->usual_richness = usual_richness(scene, looked, sum_of_cells(by_cell), told->usual_richness);
+    scene->usual_richness = usual_richness(rules, scene, looked, sum_of_cells(by_cell));
     for (size_t side = SIDES; side-- > 0;) {
         const double reach = rules->neighbours[side], from = scene->bounds[side] - (side == BRIGHT ? reach : 0.0);
         const Bins beside = common(looked, bins_with_middles(rules, scene->bins, from, from + reach));
         bound(scene, side, common(looked, bins_beyond(rules, scene, side)), shown->count[side == DARK ? 0 : greys - 1]);
-        liken(scene, side, beside, reach, told->usual_richness, by_cell);
+        liken(rules, scene, side, beside, by_cell);
     }
     return 0;
 }
 
-int see_frame(const Rules *rules, const Scene *scene, const Optics *optics, const Frame *frame, double *by_cell,
+int see_frame(const Rules *rules, Scene *scene, const Optics *optics, const Frame *frame, double *by_cell,
               Told *told)
 {
     const size_t greys = optics->bins;

@@ -6,16 +6,19 @@
 
 #include "contrast.h"
 
-enum { SIDES = 2, HYPOTHESES = 3, SAMPLES = 4 }; /* samples: log exposures for which a bin stands */
+/* Distances at which mass may be detached; log exposures for which a bin stands. */
+enum { SIDES = 2, DISTANCES = 2, GUESSES = 1 + DISTANCES, HYPOTHESES = 1 + GUESSES, SAMPLES = 4 };
 
 /* `RULES` of scene_belief.py. Two lengths are of the dark side and of the bright one. */
 typedef struct {
-    double lowest, bin, renewed, least_look, longest_tail, detached, detached_tail, half_detached_tail, neighbours[SIDES];
+    double lowest, bin, renewed, unsure, least_look, longest_tail, detached[DISTANCES], detached_tail, half_detached_tail,
+        neighbours[SIDES];
 } Rules;
 
 /* The arrays of a `SceneBelief`; sides: what is darker than shown, and what is brighter. */
 typedef struct {
     size_t bins;
+    double usual_richness; /* of a pixel */
     double (*mass)[ALL_CELLS], (*energy)[ALL_CELLS], (*precision)[ALL_CELLS]; /* [bin][cell] */
     double *seen;                                                             /* [bin] */
     double *bounds;                                                           /* [side], log radiance */
@@ -38,11 +41,10 @@ typedef struct {
     double level, gain, averaged;
 } Frame;
 
-/* What frames tell besides what becomes of the scene: the noise as a share of that expected, what a pixel of the scene
- * usually holds, and of the contrast guessed in what had not been looked at: all of it, what the frame should have shown,
+/* What frames tell besides what becomes of the scene: the noise as a share of that expected, and of the contrast guessed in what had not been looked at: all of it, what the frame should have shown,
  * and what it did show. The last two are 0 if it shows hardly anything new. */
 typedef struct {
-    double noise_share, usual_richness, guessed, expected, found;
+    double noise_share, guessed, expected, found;
 } Told;
 
 /* Frames that may be taken: levels beyond the drift, linear gains; and how they are judged, cells by their weights. */
@@ -57,14 +59,17 @@ typedef struct {
  * many bins. */
 void pass_time(const Scene *scene, double kept, double moved, ptrdiff_t risen);
 
-/* Takes in a frame; by_cell[cell] is written, told->usual_richness read and written. Returns 0, or -1 if out of memory. */
-int see_frame(const Rules *rules, const Scene *scene, const Optics *optics, const Frame *frame, double *by_cell,
+/* Takes in a frame; by_cell[cell] is written. Returns 0, or -1 if out of memory. */
+int see_frame(const Rules *rules, Scene *scene, const Optics *optics, const Frame *frame, double *by_cell,
               Told *told);
 
-/* Under each hypothesis (there is nothing, it continues, it is detached), at each level: information, [hypothesis][level],
+/* Under each hypothesis (there is nothing, it continues, it is detached so far), at each level: information, [hypothesis][level],
  * and again as favoured, or NULL; the share of what is hidden that would be shown; and the one that is expected to
  * continue. In outlook.c. Returns 0, or -1 if out of memory. */
 int look_out(const Rules *rules, const Scene *scene, const Optics *optics, const Outlooks *frames, double *information,
              double *favoured, double *revealed, double *continues);
+
+/* Where what is hidden lies by each guess, pixels and contrast, [guess][bin]. Returns as `look_out`. */
+int guess_light(const Rules *rules, const Scene *scene, double *pixels, double *contrast, double *continues);
 
 #endif

@@ -12,15 +12,17 @@ typedef struct {
 
 static int hold_rules(PyObject *object, Rules *rules)
 {
-    return PyArg_ParseTuple(object, "dddddddddd", &rules->lowest, &rules->bin, &rules->renewed, &rules->least_look,
-                            &rules->longest_tail, &rules->detached, &rules->detached_tail, &rules->half_detached_tail,
-                            &rules->neighbours[0], &rules->neighbours[1]);
+    return PyArg_ParseTuple(object, "dddddd(dd)dddd", &rules->lowest, &rules->bin, &rules->renewed, &rules->unsure,
+                            &rules->least_look, &rules->longest_tail, &rules->detached[0], &rules->detached[1],
+                            &rules->detached_tail, &rules->half_detached_tail, &rules->neighbours[0],
+                            &rules->neighbours[1]);
 }
 
 static int hold_scene(Held *held, PyObject *object, Scene *scene)
 {
     PyObject *mass, *energy, *precision, *seen, *bounds, *hidden, *tail, *richness;
-    if (!PyArg_ParseTuple(object, "OOOOOOOO", &mass, &energy, &precision, &seen, &bounds, &hidden, &tail, &richness) ||
+    if (!PyArg_ParseTuple(object, "OOOOOOOOd", &mass, &energy, &precision, &seen, &bounds, &hidden, &tail, &richness,
+                          &scene->usual_richness) ||
         !(scene->seen = hold_result(held, seen, -1, "seen")))
         return 0;
     const Py_ssize_t bins = held_numbers(held), places = times(ALL_CELLS, bins), sides = SIDES * ALL_CELLS;
@@ -93,10 +95,10 @@ static PyObject *pass_time_of(PyObject *module, PyObject *arguments)
 }
 
 PyDoc_STRVAR(see_frame_doc,
-             "see_frame(rules, scene, optics, energy, count, level, gain, averaged, usual_richness, by_cell)\n--\n\n"
+             "see_frame(rules, scene, optics, energy, count, level, gain, averaged, by_cell)\n--\n\n"
              "Take in a frame: (noise_share, usual_richness, guessed, expected, found).\n\n"
              "rules: RULES of scene_belief.py. scene: its arrays mass, energy, precision (bins, 64), seen (bins,), bounds (2,),\n"
-             "hidden, tail, richness (2, 64), float64, written. optics: those of `Optics`. energy, count: of Contrast. level:\n"
+             "hidden, tail, richness (2, 64), float64, written; usual_richness. optics: those of `Optics`. energy, count: of Contrast. level:\n"
              "stops, with the drift. gain: linear. averaged: samples of the sensor in a pixel. by_cell: float64 (64,), written.\n"
              "guessed, expected, found: contrast guessed in what was hidden, and in what of that the frame shows, if there\n"
              "was nothing else; and what it shows there. The last two are 0 if it shows hardly anything new.");
@@ -110,8 +112,8 @@ static PyObject *see_frame_of(PyObject *module, PyObject *arguments)
     Told told = {0};
     Held held = {0};
     (void)module;
-    if (!PyArg_ParseTuple(arguments, "OOOOOddddO", &rules, &scene, &optics, &energy, &count, &frame.level, &frame.gain,
-                          &frame.averaged, &told.usual_richness, &written))
+    if (!PyArg_ParseTuple(arguments, "OOOOOdddO", &rules, &scene, &optics, &energy, &count, &frame.level, &frame.gain,
+                          &frame.averaged, &written))
         return NULL;
     if (hold_belief(&held, rules, scene, optics, &belief) &&
         (frame.energy = hold_doubles(&held, energy, times(ALL_CELLS, (Py_ssize_t)belief.optics.bins), "energy")) &&
@@ -119,7 +121,7 @@ static PyObject *see_frame_of(PyObject *module, PyObject *arguments)
         (by_cell = hold_result(&held, written, ALL_CELLS, "by_cell")))
         result = see_frame(&belief.rules, &belief.scene, &belief.optics, &frame, by_cell, &told)
                      ? PyErr_NoMemory()
-                     : Py_BuildValue("ddddd", told.noise_share, told.usual_richness, told.guessed, told.expected,
+                     : Py_BuildValue("ddddd", told.noise_share, belief.scene.usual_richness, told.guessed, told.expected,
                                      told.found);
     release(&held);
     return result;
@@ -128,10 +130,10 @@ static PyObject *see_frame_of(PyObject *module, PyObject *arguments)
 PyDoc_STRVAR(look_out_doc,
              "look_out(rules, scene, optics, levels, gains, averaged, noise_share, by_cell, light, favours, information,\n"
              "         favoured, revealed)\n--\n\n"
-             "What frames are expected to hold, if nothing is hidden, if it continues what is seen, and if it is detached;\n"
+             "What frames are expected to hold, if nothing is hidden, if it continues what is seen, and if it is detached so far;\n"
              "and the share of it that they would show. Returned: the share of it that is expected to continue.\n\n"
              "levels: float64 (n,), stops, with the drift. gains: linear, (n,). by_cell, light, favours: (64,), pixels, what\n"
-             "the lens lets through, and weights, or None. information, favoured, revealed: (3, n), written; favoured: only\n"
+             "the lens lets through, and weights, or None. information, favoured, revealed: (4, n), written; favoured: only\n"
              "with favours. The others: see see_frame.");
 
 static PyObject *look_out_of(PyObject *module, PyObject *arguments)
@@ -166,9 +168,35 @@ static PyObject *look_out_of(PyObject *module, PyObject *arguments)
     return result;
 }
 
+PyDoc_STRVAR(guess_light_doc,
+             "guess_light(rules, scene, pixels, contrast)\n--\n\n"
+             "Where what is hidden lies, if it continues what is seen, and if it is detached so far. Returned: the share of\n"
+             "it that is expected to continue.\n\n"
+             "pixels, contrast: float64 (3, bins), written. The others: see see_frame.");
+
+static PyObject *guess_light_of(PyObject *module, PyObject *arguments)
+{
+    PyObject *of_rules, *of_scene, *of_pixels, *of_contrast, *result = NULL;
+    double *pixels, *contrast, continues;
+    Rules rules;
+    Scene scene;
+    Held held = {0};
+    (void)module;
+    if (!PyArg_ParseTuple(arguments, "OOOO", &of_rules, &of_scene, &of_pixels, &of_contrast))
+        return NULL;
+    if (hold_rules(of_rules, &rules) && hold_scene(&held, of_scene, &scene) &&
+        (pixels = hold_result(&held, of_pixels, times(GUESSES, (Py_ssize_t)scene.bins), "pixels")) &&
+        (contrast = hold_result(&held, of_contrast, times(GUESSES, (Py_ssize_t)scene.bins), "contrast")))
+        result = guess_light(&rules, &scene, pixels, contrast, &continues) ? PyErr_NoMemory()
+                                                                           : PyFloat_FromDouble(continues);
+    release(&held);
+    return result;
+}
+
 PyMethodDef belief_methods[] = {
     {"pass_time", pass_time_of, METH_VARARGS, pass_time_doc},
     {"see_frame", see_frame_of, METH_VARARGS, see_frame_doc},
     {"look_out", look_out_of, METH_VARARGS, look_out_doc},
+    {"guess_light", guess_light_of, METH_VARARGS, guess_light_doc},
     {NULL, NULL, 0, NULL},
 };

@@ -1,6 +1,7 @@
 #include "hidden.h"
 
 #include <math.h>
+#include <stdlib.h>
 
 #include "vectorised.h"
 
@@ -59,6 +60,11 @@ double share_that_continues(const Rules *rules, const Scene *scene)
     return hidden == 0.0 ? 1.0 : continues / hidden;
 }
 
+double chance_of(size_t number, double continues)
+{
+    return number ? (1.0 - continues) / DISTANCES : continues;
+}
+
 /* likely[bin] falls off over the tails, from so many stops beyond the bound on, and is less where there was a look. */
 VECTORISED static void fall_off(const Rules *rules, const Scene *scene, size_t side, double away,
                                 const double tails[ALL_CELLS], Bins within, double (*likely)[ALL_CELLS],
@@ -86,7 +92,7 @@ VECTORISED static void fall_off(const Rules *rules, const Scene *scene, size_t s
     }
 }
 
-VECTORISED void guess_hidden(const Rules *rules, const Scene *scene, size_t side, int detached, Guess *guess)
+VECTORISED void guess_hidden(const Rules *rules, const Scene *scene, size_t side, size_t number, Guess *guess)
 {
     const Bins beyond = bins_beyond(rules, scene, side);
     guess->bins = common(beyond, guess->wanted);
@@ -97,8 +103,8 @@ VECTORISED void guess_hidden(const Rules *rules, const Scene *scene, size_t side
         return;
     double tails[ALL_CELLS], pixels[ALL_CELLS], contrast[ALL_CELLS];
     for (size_t cell = 0; cell < ALL_CELLS; cell++)
-        tails[cell] = detached ? rules->detached_tail : lesser(scene->tail[side][cell], rules->longest_tail);
-    fall_off(rules, scene, side, detached ? rules->detached : 0.0, tails, beyond, guess->contrast, pixels);
+        tails[cell] = number ? rules->detached_tail : lesser(scene->tail[side][cell], rules->longest_tail);
+    fall_off(rules, scene, side, number ? rules->detached[number - 1] : 0.0, tails, beyond, guess->contrast, pixels);
     for (size_t cell = 0; cell < ALL_CELLS; cell++) {
         pixels[cell] = scene->hidden[side][cell] / pixels[cell];
         contrast[cell] = pixels[cell] * scene->richness[side][cell];
@@ -109,4 +115,27 @@ VECTORISED void guess_hidden(const Rules *rules, const Scene *scene, size_t side
         for (size_t cell = 0; cell < ALL_CELLS; cell++)
             here[cell] *= contrast[cell];
     }
+}
+
+int guess_light(const Rules *rules, const Scene *scene, double *pixels, double *contrast, double *continues)
+{
+    const size_t bins = scene->bins;
+    double *before = malloc((bins + 1 + bins * ALL_CELLS) * sizeof *before);
+    if (!before)
+        return -1;
+    for (size_t number = 0; number < GUESSES; number++, pixels += bins, contrast += bins) {
+        for (size_t bin = 0; bin < bins; bin++)
+            pixels[bin] = contrast[bin] = 0.0;
+        for (size_t side = 0; side < SIDES; side++) {
+            Guess guess = {.wanted = {0, bins}, .before = before, .contrast = (void *)(before + bins + 1)};
+            guess_hidden(rules, scene, side, number, &guess);
+            for (size_t bin = guess.bins.first; bin < guess.bins.end; bin++) {
+                pixels[bin] = before[bin + 1] - before[bin];
+                contrast[bin] = sum_of_cells(guess.contrast[bin]);
+            }
+        }
+    }
+    free(before);
+    *continues = share_that_continues(rules, scene);
+    return 0;
 }

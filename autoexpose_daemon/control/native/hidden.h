@@ -8,7 +8,6 @@ enum { DARK, BRIGHT };
 
 /* What is divided by is at least this. */
 #define LEAST_PIXELS 1e-9
-#define LEAST_PRECISION 1e-12
 
 /* Bins from `first` up to `end`. */
 typedef struct {
@@ -71,12 +70,13 @@ static inline double weighted_sum(const double values[ALL_CELLS], const double w
     return (sum[0] + sum[1]) + (sum[2] + sum[3]);
 }
 
-/* The squared contrast that is known of a bin's cells. */
-static inline void find_contrast(const Scene *scene, size_t bin, double *restrict known)
+/* The squared contrast of a bin's cells: what was seen, or, as far as that is unsure, what is usual. */
+static inline void find_contrast(const Rules *rules, const Scene *scene, size_t bin, double *restrict known)
 {
     const double *mass = scene->mass[bin], *energy = scene->energy[bin], *precision = scene->precision[bin];
+    const double usual = rules->unsure / scene->usual_richness, sure = usual / scene->usual_richness;
     for (size_t cell = 0; cell < ALL_CELLS; cell++)
-        known[cell] = mass[cell] * (energy[cell] / greater(precision[cell], LEAST_PRECISION));
+        known[cell] = mass[cell] * ((energy[cell] + usual) / (precision[cell] + sure));
 }
 
 /* Where one side's hidden mass lies, as far as bins are `wanted`: pixels in those before a bin, and contrast. */
@@ -88,7 +88,10 @@ typedef struct {
 /* The share of what is hidden that is expected to continue what is seen. */
 double share_that_continues(const Rules *rules, const Scene *scene);
 
-/* Whether it continues what is seen as far as tails reach, or is detached from that. */
-void guess_hidden(const Rules *rules, const Scene *scene, size_t side, int detached, Guess *guess);
+/* By guess 0 it continues what is seen, as far as tails reach; by the others it is detached from that. */
+void guess_hidden(const Rules *rules, const Scene *scene, size_t side, size_t number, Guess *guess);
+
+/* The chance of a guess, if there is something. */
+double chance_of(size_t number, double continues);
 
 #endif

@@ -7,8 +7,6 @@
 #include "noise.h"
 #include "vectorised.h"
 
-enum { CONTINUES, DETACHED, GUESSES };
-
 /* Cells whose sums fit into the registers of a processor. */
 enum { AT_ONCE = 16 };
 
@@ -59,12 +57,12 @@ static double unit_of(const double by_cell[ALL_CELLS])
     return cells / fmax(sum_of_cells(by_cell), 1.0);
 }
 
-VECTORISED static void recall(const Scene *scene, View *view)
+VECTORISED static void recall(const Rules *rules, const Scene *scene, View *view)
 {
     view->looked = bins_looked_at(scene);
     for (size_t bin = view->looked.first; bin < view->looked.end; bin++) {
         double known[ALL_CELLS];
-        find_contrast(scene, bin, known);
+        find_contrast(rules, scene, bin, known);
         sort_cells(known, view, view->known[bin]);
     }
 }
@@ -83,10 +81,10 @@ static void guess_all(const Rules *rules, const Scene *scene, Bins wanted, View 
         sort_cells(scene->tail[side], view, tail[side]);
         sort_cells(scene->richness[side], view, richness[side]);
     }
-    for (int guess = 0; guess < GUESSES; guess++, tables += scene->bins) /* the sides have no bins in common */
+    for (size_t guess = 0; guess < GUESSES; guess++, tables += scene->bins) /* the sides have no bins in common */
         for (size_t side = 0; side < SIDES; side++, before += scene->bins + 1) {
             view->guesses[guess][side] = (Guess){.wanted = wanted, .before = before, .contrast = tables};
-            guess_hidden(rules, &sorted, side, guess == DETACHED, &view->guesses[guess][side]);
+            guess_hidden(rules, &sorted, side, guess, &view->guesses[guess][side]);
         }
 }
 
@@ -192,7 +190,7 @@ static void look_at(const Rules *rules, const Scene *scene, const Optics *optics
     for (size_t hypothesis = 0; hypothesis < HYPOTHESES; hypothesis++) {
         const size_t place = hypothesis * frames->count + frame;
         find_information(found[hypothesis], view, information + place, favoured ? favoured + place : NULL);
-        revealed[place] = hidden_in(view->guesses[hypothesis < HYPOTHESES - 1 ? CONTINUES : DETACHED], shown) / hidden;
+        revealed[place] = hidden_in(view->guesses[hypothesis ? hypothesis - 1 : 0], shown) / hidden;
     }
 }
 
@@ -216,7 +214,7 @@ int look_out(const Rules *rules, const Scene *scene, const Optics *optics, const
     sort_cells(frames->light, &view, view.light);
     weigh_cells(frames, &view, NULL, view.weights);
     weigh_cells(frames, &view, frames->favours, view.favoured);
-    recall(scene, &view);
+    recall(rules, scene, &view);
     guess_all(rules, scene, wanted, &view, tables + bins, view.at + SAMPLES * bins);
     for (size_t frame = 0; frame < frames->count; frame++)
         look_at(rules, scene, optics, frames, frame, &view, information, favoured, revealed);

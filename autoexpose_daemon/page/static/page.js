@@ -1,5 +1,6 @@
 // One web socket: numbers arrive twice a second, pictures on request. A hidden tab closes it.
 
+import { bestLevel, drawBelief } from "./belief.js";
 import { showButtons } from "./buttons.js";
 import { LANES, at, drawCurve, drawLane, lengthOf, timeAt } from "./charts.js";
 import * as format from "./format.js";
@@ -73,7 +74,7 @@ function takeNumbers(message) {
   if (message.status) showButtons(message.policies, message.status);
   showState();
   showHistory();
-  if (message.curve) showCurve(message.curve);
+  showPromise(message);
 }
 
 // Word, colour and reasons.
@@ -155,6 +156,23 @@ function showPicture(picture, bitmap, registered) {
   figure.querySelector("figcaption").replaceChildren(title, values);
 }
 
+// What decides, if the policy has a belief, or else the prediction.
+function showPromise({ grounds, curve }) {
+  if (!grounds && !curve) return;
+  byId("belief-title").hidden = !grounds;
+  byId("curve-title").hidden = Boolean(grounds);
+  if (grounds) showBelief(grounds);
+  else showCurve(curve);
+}
+
+function showBelief(grounds) {
+  drawBelief(byId("curve"), grounds);
+  const best = bestLevel(grounds);
+  byId("curve-words").textContent =
+    `taken at level ${format.stops(grounds.level)}; the best plan begins at ${format.stops(best)} ` +
+    `(${format.signed(best - grounds.level)})`;
+}
+
 function showCurve(curve) {
   drawCurve(byId("curve"), curve);
   const greatest = Math.max(...curve.metrics);
@@ -203,7 +221,7 @@ function valueWords(lane, row) {
 
 function redraw() {
   showHistory();
-  if (numbers?.curve) drawCurve(byId("curve"), numbers.curve);
+  if (numbers) showPromise(numbers);
 }
 addEventListener("resize", redraw);
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", redraw);

@@ -27,6 +27,7 @@ from autoexpose_daemon.control.policies.belief.scene_belief import (
     MEMORY_S,
     NOTHING,
     RENEWED,
+    UNSURE,
     Outlook,
     SceneBelief,
 )
@@ -126,9 +127,10 @@ class NumpyBelief(SceneBelief):
 
     def _bound(self, black: float, saturated: float, below: Array, above: Array) -> None:
         """Keep no more mass beyond the bounds of what is visible than is clipped there, and ask where the rest is."""
-        pixels, known = self.mass.sum(axis=1), np.asarray(self.mass * self._richness())
-        if pixels.sum() > 0.05 * self.by_cell.sum() or not self.usual_richness:
-            self.usual_richness = float(known.sum() / max(pixels.sum(), 1e-9)) or 0.05
+        sure = self.mass * self.precision / (self.precision + UNSURE * self.usual_richness**-2)
+        if sure.sum() > 0.05 * self.by_cell.sum():
+            self.usual_richness = max(float((sure * self._richness()).sum() / sure.sum()), 1e-3)
+        known = self.mass * self._richness()
         self.bounds = np.array([black, saturated])
         self._hide(BRIGHT, above, BRIGHT_NEIGHBOURS, known)
         self._hide(DARK, below, DARK_NEIGHBOURS, known)
@@ -157,7 +159,8 @@ class NumpyBelief(SceneBelief):
         mass, energy = self._placed(None)
         yield self.nothing, mass, np.zeros_like(energy)
         yield (1.0 - self.nothing) * continues, mass, energy
-        yield (1.0 - self.nothing) * (1.0 - continues), *self._placed(DETACHED)
+        for away in DETACHED:
+            yield (1.0 - self.nothing) * (1.0 - continues) / len(DETACHED), *self._placed(away)
 
     def _placed(self, away: float | None) -> tuple[Array, Array]:
         """Mass by bin and energy by cell and bin, if what is hidden lies so many stops beyond; None: continues."""
@@ -199,7 +202,8 @@ class NumpyBelief(SceneBelief):
         return np.asarray((exposures > black) & (exposures < saturated))
 
     def _richness(self) -> Array:
-        return self.energy / np.maximum(self.precision, 1e-12)
+        unsure = UNSURE * self.usual_richness**-2
+        return (self.energy + unsure * self.usual_richness) / (self.precision + unsure)
 
 
 def weigh_levels(

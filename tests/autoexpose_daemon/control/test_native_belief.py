@@ -112,7 +112,7 @@ def test_plans_promise_the_same(seed: int, planned: int, beyond: int, paths: int
     assert_allclose(prospects.values(), plan_values(prospects), rtol=1e-9)
 
 
-SCENE = tuple(np.zeros(size) for size in (192, 192, 192, 3, 2, 128, 128, 128))
+SCENE = (*(np.zeros(size) for size in (192, 192, 192, 3, 2, 128, 128, 128)), 0.05)
 TABLES = (np.ones(21), np.ones(9), 0, 0.05)
 CELLS_WIDE, NONE = np.ones(64), np.ones(0)
 
@@ -120,29 +120,29 @@ CELLS_WIDE, NONE = np.ones(64), np.ones(0)
 @pytest.mark.parametrize(
     ("call", "arguments", "message"),
     [
-        ("pass_time", (SCENE[:7], 1.0, 0.0, 0), "8"),
-        ("pass_time", ((*SCENE[:7], np.zeros(64)), 1.0, 0.0, 0), "richness must have 128"),
+        ("pass_time", (SCENE[:7], 1.0, 0.0, 0), "9"),
+        ("pass_time", ((*SCENE[:7], np.zeros(64), 0.05), 1.0, 0.0, 0), "richness must have 128"),
         (
             "see_frame",
-            (RULES, SCENE, (np.ones(14), *TABLES[1:]), *[np.ones(128)] * 2, *[1.0] * 4, CELLS_WIDE),
+            (RULES, SCENE, (np.ones(14), *TABLES[1:]), *[np.ones(128)] * 2, *[1.0] * 3, CELLS_WIDE),
             "3 bins",
         ),
         (
             "see_frame",
-            (RULES, SCENE, (*TABLES[:3], 0.0), *[np.ones(192)] * 2, *[1.0] * 4, CELLS_WIDE),
+            (RULES, SCENE, (*TABLES[:3], 0.0), *[np.ones(192)] * 2, *[1.0] * 3, CELLS_WIDE),
             "3 bins or more",
         ),
         (
             "see_frame",
-            (RULES, SCENE, TABLES, np.ones(192), np.ones(190), *[1.0] * 4, CELLS_WIDE),
+            (RULES, SCENE, TABLES, np.ones(192), np.ones(190), *[1.0] * 3, CELLS_WIDE),
             "count must have 192",
         ),
         (
             "look_out",
-            (RULES, SCENE, TABLES, *[np.ones(2)] * 2, 1.0, 1.0, *[CELLS_WIDE] * 2, None, np.ones(6), None, np.ones(5)),
-            "revealed must have 6",
+            (RULES, SCENE, TABLES, *[np.ones(2)] * 2, 1.0, 1.0, *[CELLS_WIDE] * 2, None, np.ones(8), None, np.ones(7)),
+            "revealed must have 8",
         ),
-        ("weigh_levels", (NONE, None, NONE, np.ones(3), np.ones(1), NONE, *[0.1] * 3, NONE, NONE), "at least one"),
+        ("weigh_levels", (NONE, None, NONE, np.ones(4), np.ones(1), NONE, *[0.1] * 3, NONE, NONE), "at least one"),
         (
             "plan_frames",
             (*[np.ones(4)] * 2, np.ones(3), np.ones(1), *[1.0] * 4, *[np.ones(3)] * 2),

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from concurrent.futures import Future
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,6 +19,7 @@ from websockets.sync.client import connect
 from autoexpose_daemon.client import StereoClient
 from autoexpose_daemon.config.publish import PublishConfig
 from autoexpose_daemon.control.decision import Decision
+from autoexpose_daemon.control.grounds import Grounds
 from autoexpose_daemon.messages.keys import response_key, status_key
 from autoexpose_daemon.messages.report import ConsumerTally
 from autoexpose_daemon.messages.response import response_to_json
@@ -27,6 +29,7 @@ from autoexpose_daemon.publish.publisher import Publisher
 from autoexpose_daemon.status.document import CameraStatus, DurationStatus, Fault, PublishStatus, RecorderStatus, Status
 from autoexpose_daemon.status.states import State
 from calibration.response import ResponseFunction
+from tests.autoexpose_daemon.grounds import GROUNDS
 from tests.autoexpose_daemon.messages.registered_view import registered_view
 from tests.autoexpose_daemon.page.browser import SHRUNK, Tab, browser
 from tests.autoexpose_daemon.page.server import PageProcess, running_page
@@ -167,6 +170,27 @@ def test_a_robot_that_repeats_a_path_is_shown_on_it(tab: Tab, page: PageProcess,
         for canvas in ("path", "vote"):
             assert max(tab.value(f"{SHRUNK}('#{canvas}', 8, 8)")) > 0
         tab.wait_for(hidden, "its end")
+    assert tab.complaints == []
+
+
+def test_a_belief_is_drawn_in_place_of_the_prediction(tab: Tab, page: PageProcess, at: str) -> None:
+    told: list[Grounds | None] = [None]
+
+    def explain() -> Future[Grounds | None]:
+        answer: Future[Grounds | None] = Future()
+        answer.set_result(told[0])
+        return answer
+
+    tab.open(page.url)
+    words = "document.getElementById('curve-words').innerText"
+    title = "document.getElementById('belief-title').hidden"
+    with publishing(PublishConfig(listen=(at,)), explain=explain):
+        tab.wait_for(f"{words}.includes('with metric')", "the prediction")
+        assert tab.value(title)
+        told[0] = GROUNDS
+        tab.wait_for(f"{words}.includes('12.00') && {words}.includes('8.00')", "what decides")
+        assert not tab.value(title)
+        assert len(set(tab.value(f"{SHRUNK}('#curve', 40, 40)"))) > 10
     assert tab.complaints == []
 
 

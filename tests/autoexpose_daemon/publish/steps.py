@@ -12,6 +12,7 @@ import numpy as np
 
 from autoexpose_daemon.config.publish import PublishConfig
 from autoexpose_daemon.control.decision import Decision
+from autoexpose_daemon.publish.grounds import Explain
 from autoexpose_daemon.publish.publisher import Publisher, Tell
 from autoexpose_daemon.status.publishing import DropReason
 from drivers.exposure import ExposureSetting
@@ -48,7 +49,9 @@ def endpoint() -> str:
 
 
 @contextlib.contextmanager
-def publishing(config: PublishConfig, period_s: float = 1 / 60, tell: Tell = nothing) -> Iterator[Publisher]:
+def publishing(
+    config: PublishConfig, period_s: float = 1 / 60, tell: Tell = nothing, explain: Explain | None = None
+) -> Iterator[Publisher]:
     """A publisher that gets a pair at each period, as from a running rig, until the block ends."""
 
     def run(stop: threading.Event) -> None:
@@ -57,7 +60,7 @@ def publishing(config: PublishConfig, period_s: float = 1 / 60, tell: Tell = not
                 return
             publisher(pair(number), DECISION)
 
-    with Publisher(config, 2, tell) as publisher, meanwhile(run):
+    with Publisher(config, 2, tell, explain=explain) as publisher, meanwhile(run):
         yield publisher
     tally = publisher.tally
     assert tally.offered == tally.sent + tally.dropped.total()

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autoexpose_daemon.control.balance import Balance
+from autoexpose_daemon.control.grounds import Grounds
 from autoexpose_daemon.control.light_ahead import LightAhead
 from autoexpose_daemon.control.metrics.contrast import CELLS, Contrast, contrast
 from autoexpose_daemon.control.metrics.extension import extension as _native
@@ -88,6 +89,7 @@ class Belief(ExposurePolicy):
         self.beliefs = {side: SceneBelief(Optics(response, noise)) for side, response in responses.items()}
         self.motion_px = 0.0
         self.seen_ns = None
+        self._planned_for: tuple[float, Prospects, Array] | None = None
 
     @classmethod
     def build(cls, setup: PolicySetup) -> Self:
@@ -120,6 +122,18 @@ class Belief(ExposurePolicy):
         """The cameras that show nothing, unless that is all of them."""
         found = {side: remark for side, belief in self.beliefs.items() if (remark := belief.remark())}
         return found if len(found) < len(self.beliefs) else {}
+
+    @property
+    def grounds(self) -> Grounds | None:
+        """What the latest decision rests on."""
+        if self._planned_for is None:
+            return None
+        level, prospects, promised = self._planned_for
+        scenes = {side: scene for side, belief in self.beliefs.items() if (scene := belief.histogram()) is not None}
+        taken = slice(prospects.beyond, prospects.beyond + promised.size)
+        return Grounds(
+            scenes, level, prospects.levels[taken].tolist(), prospects.worth[taken].tolist(), promised.tolist()
+        )
 
     def decide(self, observation: Observation) -> Target:
         """The first level of the best plan, for the frame that will show this decision."""
@@ -177,7 +191,9 @@ class Belief(ExposurePolicy):
         level, past = observation.setting.level, observation.past
         before = past[-1].setting.level if self.latency.frames > 1 and past else level
         before -= observation.ev_stops
-        values, looks = Prospects(levels, step, beyond, worth, look, light, chances, before).values()
+        prospects = Prospects(levels, step, beyond, worth, look, light, chances, before)
+        values, looks = prospects.values()
+        self._planned_for = level, prospects, values
         best = int(values.argmax())
         wanted = min(float(levels[beyond + best]), observation.limits.brightest.level)
         reason = _reason(wanted - before, looks[best]) + ("" if observation.steering is None else "; steered")

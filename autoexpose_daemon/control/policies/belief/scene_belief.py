@@ -8,6 +8,7 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from autoexpose_daemon.control.grounds import SceneHistogram
 from autoexpose_daemon.control.metrics.contrast import CELLS, Contrast
 from autoexpose_daemon.control.metrics.extension import extension as _native
 from autoexpose_daemon.control.policies.belief.optics import Optics
@@ -27,6 +28,13 @@ MEMORY_S = 10.0
 RENEWED = 0.2
 """Share of what was known of a bin's contrast that each frame showing that bin replaces."""
 
+RICHNESS = 0.05
+"""Squared contrast of a pixel, stops^2, before anything is known of a scene."""
+
+UNSURE = 1e-3
+"""Precision, in units of 1 / usual^2, with which a bin is expected to have the usual contrast: frames in which it is
+nearly black tell less."""
+
 LONGEST_TAIL = 5.0
 """Stops: what is clipped continues what is seen beside it, the more slowly the more of it there is, up to this."""
 
@@ -36,7 +44,7 @@ NOTHING = 0.2
 FAINT = 0.05
 """Contrast that noise feigns in an empty region, as a share of what a rich one is expected to have."""
 
-DETACHED = 2.5
+DETACHED = (0.5, 4.0)
 """Clipped mass that does not continue what is seen (a window, a lamp, a sky) may begin so many stops beyond it."""
 
 DETACHED_TAIL = 1.5
@@ -56,7 +64,7 @@ BRIGHT_NEIGHBOURS, DARK_NEIGHBOURS = 1.0, 2.0
 """Stops inside of white, and of black, over which the neighbours of what is clipped are looked for."""
 
 RULES = (
-    LOWEST, BIN, RENEWED, LEAST_LOOK, LONGEST_TAIL, DETACHED, DETACHED_TAIL, HALF_DETACHED_TAIL,
+    LOWEST, BIN, RENEWED, UNSURE, LEAST_LOOK, LONGEST_TAIL, DETACHED, DETACHED_TAIL, HALF_DETACHED_TAIL,
     DARK_NEIGHBOURS, BRIGHT_NEIGHBOURS,
 )  # fmt: skip
 """For the C extension."""
@@ -64,7 +72,7 @@ RULES = (
 
 _EVEN_LIGHT = np.ones(CELLS * CELLS)
 
-HYPOTHESES = 3
+HYPOTHESES = 2 + len(DETACHED)
 """About what is hidden: there is no contrast in it, it continues what is seen beside it, it is detached from that."""
 
 
@@ -74,13 +82,13 @@ class Outlook(NamedTuple):
     Attributes
     ----------
     probability
-        Of each hypothesis, shape (3,); they sum to 1.
+        Of each hypothesis, shape (4,); they sum to 1.
     information
-        Mean over the cells of the root of what a cell's mean pixel holds, at each level, shape (3, n).
+        Mean over the cells of the root of what a cell's mean pixel holds, at each level, shape (4, n).
     favoured
         The same with the cells as favours weight them; undefined without favours.
     revealed
-        Share of what is hidden that such a frame would show, shape (3, n).
+        Share of what is hidden that such a frame would show, shape (4, n).
     """
 
     probability: Array
@@ -150,7 +158,7 @@ class SceneBelief:
         self.seen, self.bounds = np.zeros(BINS), np.zeros(2)
         self.hidden, self.tail, self.richness = np.zeros((3, 2, CELLS * CELLS))
         self.drift = 0.0
-        self.usual_richness = 0.0
+        self.usual_richness = RICHNESS
         self.nothing = NOTHING
         self.age_s = 0.0
         self.latest = None
@@ -217,7 +225,7 @@ class SceneBelief:
         self.relative_light = _EVEN_LIGHT if relative_light is None else relative_light
         self.noise_share, self.usual_richness, *guess = _native.see_frame(
             RULES, self._scene, self.optics.tables, seen.energy, seen.count, level + self.drift, gain, averaged,
-            self.usual_richness, self.by_cell,
+            self.by_cell,
         )  # fmt: skip
         self._judge_guess(*guess)
 
@@ -240,14 +248,38 @@ class SceneBelief:
             RULES, self._scene, self.optics.tables, levels + self.drift, gains, self.averaged, self.noise_share,
             self.by_cell, self.relative_light, favours, outlook.information, outlook.favoured, outlook.revealed,
         )  # fmt: skip
-        something = 1.0 - self.nothing
-        outlook.probability[:] = self.nothing, something * continues, something * (1.0 - continues)
+        outlook.probability[0] = self.nothing
+        outlook.probability[1:] = self._chances(continues)
+
+    def _chances(self, continues: float) -> Array:
+        """Of what is hidden: it continues what is seen, or is detached by so much."""
+        detached = (1.0 - continues) / len(DETACHED)
+        return (1.0 - self.nothing) * np.array([continues, *[detached] * len(DETACHED)])
 
     @property
-    def _scene(self) -> tuple[Array, ...]:
+    def _scene(self) -> tuple[Array | float, ...]:
         return (
             self.mass, self.energy, self.precision, self.seen, self.bounds, self.hidden, self.tail, self.richness,
+            self.usual_richness,
         )  # fmt: skip
+
+    def histogram(self) -> SceneHistogram | None:
+        """What is believed of the whole picture, for people to look at; None if nothing is."""
+        if not (pixels := float(self.by_cell.sum())):
+            return None
+        guessed, contrast = np.empty((2, HYPOTHESES - 1, BINS))
+        chances = self._chances(_native.guess_light(RULES, self._scene, guessed, contrast))
+        usual, unsure = self.usual_richness, UNSURE * self.usual_richness**-2
+        known = self.mass * (self.energy + usual * unsure) / (self.precision + unsure)
+        energy = known.sum(axis=1) + chances @ contrast
+        shares = (
+            self.mass.sum(axis=1) / pixels,
+            chances @ guessed / (1.0 - self.nothing) / pixels,
+            energy / max(float(energy.sum()), 1e-12),
+        )
+        known_share, guessed_share, contrast_share = (each.round(6).tolist() for each in shares)
+        start, (black, white) = LOWEST + self.drift, (self.bounds + self.drift).tolist()
+        return SceneHistogram(start, BIN, known_share, guessed_share, contrast_share, black, white)
 
 
 def _shows(count: Array) -> bool:

@@ -1,0 +1,163 @@
+"""A policy's belief as a picture: the light of the scene, what a frame shows of it, and what exposures promise."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from autoexpose_daemon.control.grounds import Grounds, SceneHistogram
+
+_KNOWN, _GUESSED, _CONTRAST, _WORTH = "#79a6cc", "#8f9aa5", "#b5543c", "#dfe3e8"
+_NOW, _NEXT, _SHOWN = "#1d4e89", "#e07b00", "#fff3c9"
+_TICK_STOPS, _MARGIN_STOPS = 4.0, 1.0
+_HELD_STOPS = 0.05
+"""Cameras round what is decided by less."""
+
+_COLUMN_IN, _HEIGHT_IN = 4.0, 8.2
+_STYLE: dict[Any, Any] = {
+    "font.size": 12,
+    "axes.titlesize": 12,
+    "axes.titlelocation": "left",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "hatch.color": _GUESSED,
+    "hatch.linewidth": 0.8,
+}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Moment:
+    """One decision to be drawn.
+
+    Attributes
+    ----------
+    words
+        When it was, and what for.
+    picture
+        The frame that it was made on, grey, uint8, shape (height, width).
+    scene
+        What is believed of the light that its camera faces.
+    grounds
+        What the decision rests on.
+    decided_level
+        What was decided, stops.
+    """
+
+    words: str
+    picture: NDArray[np.uint8]
+    scene: SceneHistogram
+    grounds: Grounds
+    decided_level: float
+
+
+def draw(path: Path, moments: Sequence[Moment], title: str) -> None:
+    """Draw moments side by side into a PNG file, all on the same axes."""
+    mpl.use("Agg")
+    with mpl.rc_context(_STYLE):
+        figure = Figure(figsize=(_COLUMN_IN * len(moments) + 0.3, _HEIGHT_IN), layout="constrained")
+        figure.suptitle(title, fontsize=15)
+        frames, scenes, promises = figure.subplots(3, len(moments), squeeze=False, height_ratios=[2.3, 2.6, 2.0])
+        for place, moment in enumerate(moments):
+            scenes[place].sharey(scenes[0])
+            promises[place].sharey(promises[0])
+            _draw_frame(frames[place], moment)
+            _draw_scene(scenes[place], moment)
+            _draw_promise(promises[place], moment)
+            for axes in (scenes[place], promises[place]):
+                _share_stops(axes, moment, _range(moments))
+        scenes[0].set_ylabel("share of the picture")
+        promises[0].set_ylabel("worth of the next frames")
+        named = [*scenes[0].get_legend_handles_labels()[0], *promises[0].get_legend_handles_labels()[0]]
+        figure.legend(handles=named, loc="outside lower center", ncols=min(len(moments), 3), frameon=False)
+        figure.savefig(path, format="png", dpi=100)  # whatever the name ends in
+
+
+def _range(moments: Sequence[Moment]) -> tuple[float, float]:
+    """Radiance of which all moments together have something to say."""
+    scenes = [moment.scene for moment in moments]
+    bounds = [bound for scene in scenes for bound in (scene.black, scene.white, *_visible_bins(scene))]
+    return min(bounds) - _MARGIN_STOPS, max(bounds) + _MARGIN_STOPS
+
+
+def _visible_bins(scene: SceneHistogram) -> NDArray[np.float64]:
+    """Lower bounds of the bins that are high enough to be seen in a picture."""
+    heights = np.array(scene.known) + scene.guessed
+    return np.asarray(scene.start + scene.bin_stops * np.flatnonzero(heights > 0.02 * heights.max()))
+
+
+def _share_stops(axes: Axes, moment: Moment, shown: tuple[float, float]) -> None:
+    """The axis that histogram and exposure levels share: each level where the middle of what its frame shows lies."""
+    grounds = moment.grounds
+    ticks = _TICK_STOPS * np.arange(np.ceil(grounds.levels[0] / _TICK_STOPS), grounds.levels[-1] // _TICK_STOPS + 1)
+    axes.set_xticks(_middle(moment) - ticks, [f"{level:g}" for level in ticks])
+    axes.set_xlim(shown)
+    axes.grid(visible=True, axis="x", color="#e6e9ec", lw=0.7)
+    axes.set_axisbelow(True)
+
+
+def _middle(moment: Moment) -> float:
+    """Radiance in the middle of what a frame of level 0 would show."""
+    return (moment.scene.black + moment.scene.white) / 2 + moment.grounds.level
+
+
+def _draw_frame(axes: Axes, moment: Moment) -> None:
+    axes.imshow(moment.picture, cmap="gray", vmin=0, vmax=255, aspect="equal")
+    axes.set_title(moment.words)
+    axes.set_xticks([])
+    axes.set_yticks([])
+    axes.spines[:].set(visible=True, color=_GUESSED)
+
+
+def _draw_scene(axes: Axes, moment: Moment) -> None:
+    """The histogram, with what this frame shows of it, and the next one will."""
+    scene = moment.scene
+    known, guessed = np.array(scene.known), np.array(scene.guessed)
+    edges = scene.start + scene.bin_stops * np.arange(known.size + 1)
+    axes.axvspan(scene.black, scene.white, color=_SHOWN, lw=0, zorder=0, label="what this frame can show")
+    axes.stairs(known, edges, fill=True, color=_KNOWN, label="seen, now or before")
+    hatched: dict[str, Any] = {"hatch": "//////", "facecolor": "none", "edgecolor": _GUESSED, "lw": 0.0}
+    axes.stairs(known + guessed, edges, baseline=known, fill=True, label="clipped so far: a guess", **hatched)
+    axes.stairs(scene.contrast, edges, color=_CONTRAST, lw=1.6, label="contrast in it")
+    moved = moment.grounds.level - moment.decided_level
+    held = abs(moved) < _HELD_STOPS
+    _draw_window(axes, (scene.black, scene.white), 1.13, _NOW, "this frame, and the next" if held else "this frame")
+    if not held:
+        _draw_window(axes, (scene.black + moved, scene.white + moved), 1.01, _NEXT, "decided")
+    axes.set_yticks([])
+    axes.tick_params(labelbottom=False, bottom=False)
+    axes.spines["left"].set_visible(False)
+    axes.set_xlabel("dark          light of the scene          bright")
+
+
+def _draw_window(axes: Axes, window: tuple[float, float], height: float, colour: str, words: str) -> None:
+    """A bar above the histogram, from black to white."""
+    place = axes.get_xaxis_transform()
+    axes.plot(window, (height, height), "|-", color=colour, lw=2.5, ms=9, mew=2.5, transform=place, clip_on=False)
+    middle = sum(window) / 2
+    axes.text(middle, height + 0.015, words, transform=place, ha="center", va="bottom", color=colour, fontsize=11)
+
+
+def _draw_promise(axes: Axes, moment: Moment) -> None:
+    """What frames are worth by themselves, and the value of plans by their first exposure, which decides."""
+    grounds, middle = moment.grounds, _middle(moment)
+    places = middle - np.array(grounds.levels)
+    alone = axes.twinx()
+    axes.fill_between([], [], color=_WORTH, label="worth of a frame by itself, 0 to 1")
+    alone.fill_between(places, grounds.worth, color=_WORTH, lw=0)
+    alone.set_ylim(0, 1.05)
+    alone.set_yticks([])
+    axes.set_zorder(alone.get_zorder() + 1)
+    axes.patch.set_visible(False)
+    axes.plot(places, grounds.value, color="black", lw=1.8, label="worth of the plan that begins with it: decides")
+    for level, colour in ((grounds.level, _NOW), (moment.decided_level, _NEXT)):
+        axes.axvline(middle - level, color=colour, lw=1.4, ls=":")
+        axes.plot(middle - level, np.interp(level, grounds.levels, grounds.value), "o", color=colour, ms=9)
+    axes.set_xlabel("long          exposure level, stops          short")
