@@ -233,6 +233,16 @@ def test_the_delay_is_found_in_the_settings_of_frames(delay: int) -> None:
     assert latency.frames == delay
 
 
+def test_a_frame_that_is_lost_on_the_way_does_not_change_the_delay() -> None:
+    latency, asked, targets = LoopDelay(), [10.0] * 4, list[float]()
+    for index in range(48):
+        if index != 42:  # one that follows a change
+            latency.see(asked[index], targets)
+            targets.append(10.0 + 3.0 * (index // 10 % 2))
+        asked.append(targets[-1])
+    assert latency.frames == 4
+
+
 def test_the_centre_of_the_plateau() -> None:
     levels = np.arange(10.0)
     assert plateau_centre(levels, np.array([0.2, 0.5, 0.9, 0.995, 1.0, 0.991, 0.4, 0.3, 0.999, 0.1])) == 4.0
