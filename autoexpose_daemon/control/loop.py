@@ -36,7 +36,7 @@ REFERENCE_RATE_HZ = 60.0
 _DEFAULT_PARAMETERS = ControlParameters()
 
 
-STATE_FORMAT = "autoexpose-control/10"
+STATE_FORMAT = "autoexpose-control/11"
 """Format of `ControlSetup` and `ControlLoop.state` as plain data: a new number when names, types or meaning change."""
 
 

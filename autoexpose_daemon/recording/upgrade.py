@@ -9,13 +9,13 @@ import numpy as np
 from autoexpose_daemon.control.light_ahead import UNPROVEN
 from drivers.frames import SIDES
 
-FORMER_FORMATS = tuple(f"autoexpose-control/{number}" for number in range(2, 10))
-"""In the ninth, levels of light ahead followed the light and nothing else. In the eighth, searches did not know whose
-frames they compared. In the seventh, frames of a camera that were lost in a row were not counted. In the sixth, nothing
-was bracketed. In the fifth, consumers steered nothing, sightings did not know what was black, and no lens had a
-vignetting. In the fourth, gains had even steps, and nothing could override the policy. In the third, no policy knew of
-light ahead. In the second, control had one response, the left camera's, and one history of motion, whichever camera the
-frames were from, and every camera had a vote."""
+FORMER_FORMATS = tuple(f"autoexpose-control/{number}" for number in range(2, 11))
+"""In the tenth, only the latest delay of the loop was remembered. In the ninth, levels of light ahead followed the
+light and nothing else. In the eighth, searches did not know whose frames they compared. In the seventh, frames of a
+camera that were lost in a row were not counted. In the sixth, nothing was bracketed. In the fifth, consumers steered
+nothing, sightings did not know what was black, and no lens had a vignetting. In the fourth, gains had even steps, and
+nothing could override the policy. In the third, no policy knew of light ahead. In the second, control had one response,
+the left camera's, and one history of motion, whichever camera the frames were from, and every camera had a vote."""
 
 EACH = "*"
 """In a path of keys: every item of a list, every value of a dictionary."""
@@ -52,7 +52,18 @@ def upgraded_state(state: Any) -> Any:
     state = _with_defaults(state, {"black_share": 0.0, "steered": None}, *views)
     for policy in (("policy",), ("policy", "policy")):  # or that of the frames which a bracket keeps
         state = _with_defaults(state, {"missed": 0}, *policy, "votes", "eyes", EACH)
-    return state
+    return _with_delays(state)
+
+
+def _with_delays(state: dict[str, Any]) -> dict[str, Any]:
+    policy = state.get("policy")
+    if not isinstance(policy, dict):
+        return state
+    policy = _with_delays(policy)
+    latency = policy.get("latency")
+    if isinstance(latency, dict) and "frames" in latency:
+        policy = {**policy, "latency": {"level": latency.get("level"), "found": [latency["frames"]]}}
+    return {**state, "policy": policy}
 
 
 def _with_foresight(state: dict[str, Any]) -> dict[str, Any]:

@@ -126,7 +126,7 @@ def test_the_state_is_what_its_format_says() -> None:
     map_names = ["ahead", "densities", "forecast", "latency", "memory", "motion_px", "registration", "sides", "target"]
     map_names += ["votes", "foresight", "served"]
     map_names.sort()
-    assert STATE_FORMAT == "autoexpose-control/10"
+    assert STATE_FORMAT == "autoexpose-control/11"
     assert set(states["fixed"].state()) == {"past", "motions", "motion_side", "motion_px", "policy", "flicker"}
     assert names == {
         "neves2009": ["previous_error"],

@@ -21,8 +21,20 @@ from tests.autoexpose_daemon.recording.runs import LIMITS, START, VirtualRun
 ADDED = ("black_share", "steered")
 
 
+def of_tenth(setup: Any, state: Any) -> tuple[Any, Any]:
+    """A setup and a state of the present format as the tenth format had them."""
+    return setup, {**state, "policy": _with_one_delay(state["policy"])}
+
+
+def _with_one_delay(policy: Any) -> Any:
+    if "policy" in policy:
+        return {**policy, "policy": _with_one_delay(policy["policy"])}  # a bracket's
+    return {**policy, "latency": {"frames": 2, "level": policy["latency"]["level"]}}
+
+
 def of_ninth(setup: Any, state: Any) -> tuple[Any, Any]:
-    """A setup and a state of the present format as the ninth format had them."""
+    """As the ninth format had them."""
+    setup, state = of_tenth(setup, state)
     return setup, {**state, "policy": _without_memory(state["policy"])}
 
 
@@ -84,7 +96,7 @@ def of_second(setup: Any, state: Any) -> tuple[Any, Any]:
     )
 
 
-@pytest.mark.parametrize("as_it_was", [of_second, of_third, of_fourth, of_fifth, of_seventh, of_ninth])
+@pytest.mark.parametrize("as_it_was", [of_second, of_third, of_fourth, of_fifth, of_seventh, of_ninth, of_tenth])
 def test_a_loop_goes_on_from_a_former_setup_and_state(as_it_was: Callable[[Any, Any], tuple[Any, Any]]) -> None:
     pairs = list(itertools.islice(VirtualRun("metric-map").pairs(), 12))
     loop = ControlLoop("metric-map", ResponseFunction.linear(), LIMITS, START)

@@ -24,19 +24,21 @@ class LoopDelay:
 
     Attributes
     ----------
-    frames
-        D: 1 when the very next frame shows a decision.
     level
         Level of the latest frame; None before the first.
     found
-        The latest delays that were found, whose median is D: one that a lost frame was part of is wrong.
+        The latest delays that were found.
     """
 
-    STATE: ClassVar[tuple[str, ...]] = ("frames", "level", "found")
+    STATE: ClassVar[tuple[str, ...]] = ("level", "found")
 
-    frames: int = USUAL_FRAMES
     level: float | None = None
     found: deque[int] = field(default_factory=lambda: deque(maxlen=REMEMBERED))
+
+    @property
+    def frames(self) -> int:
+        """D: 1 when the very next frame shows a decision. A median, since a lost frame on the way makes one wrong."""
+        return round(statistics.median(self.found)) if self.found else USUAL_FRAMES
 
     def see(self, level: float, past_targets: Iterable[float]) -> None:
         """A frame taken at `level` (stops) has arrived: if the level is new, since when was it wanted?
@@ -52,5 +54,4 @@ class LoopDelay:
             agrees = abs(targets[index] - level) < DISTINCT_STOPS / 3
             if agrees and abs(targets[index - 1] - level) > DISTINCT_STOPS:
                 self.found.append(len(targets) - index)
-                self.frames = round(statistics.median(self.found))
                 return
