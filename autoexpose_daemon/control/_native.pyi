@@ -110,13 +110,15 @@ def see_frame(
     by_cell: NDArray[np.float64],
     /,
 ) -> tuple[float, float, float, float, float]: ...
-def guess_light(
+def sum_light(
     rules: tuple[float | tuple[float, float], ...],
     scene: tuple[NDArray[np.float64] | float, ...],
     pixels: NDArray[np.float64],
     contrast: NDArray[np.float64],
+    guessed: NDArray[np.float64],
+    guessed_contrast: NDArray[np.float64],
     /,
-) -> float: ...
+) -> None: ...
 def look_out(
     rules: tuple[float | tuple[float, float], ...],
     scene: tuple[NDArray[np.float64] | float, ...],

@@ -69,7 +69,9 @@ int see_frame(const Rules *rules, Scene *scene, const Optics *optics, const Fram
 int look_out(const Rules *rules, const Scene *scene, const Optics *optics, const Outlooks *frames, double *information,
              double *favoured, double *revealed, double *continues);
 
-/* Where what is hidden lies by each guess, pixels and contrast, [guess][bin]. Returns as `look_out`. */
-int guess_light(const Rules *rules, const Scene *scene, double *pixels, double *contrast, double *continues);
+/* Where the light of the whole picture lies, pixels and contrast, [bin]: what was seen; and in the mean over the guesses,
+ * if there is something, what is hidden. Returns as `look_out`. */
+int sum_light(const Rules *rules, const Scene *scene, double *pixels, double *contrast, double *guessed,
+              double *guessed_contrast);
 
 #endif

@@ -168,27 +168,29 @@ static PyObject *look_out_of(PyObject *module, PyObject *arguments)
     return result;
 }
 
-PyDoc_STRVAR(guess_light_doc,
-             "guess_light(rules, scene, pixels, contrast)\n--\n\n"
-             "Where what is hidden lies, if it continues what is seen, and if it is detached so far. Returned: the share of\n"
-             "it that is expected to continue.\n\n"
-             "pixels, contrast: float64 (3, bins), written. The others: see see_frame.");
+PyDoc_STRVAR(sum_light_doc,
+             "sum_light(rules, scene, pixels, contrast, guessed, guessed_contrast)\n--\n\n"
+             "Where the light of the whole picture lies: what was seen, and, in the mean over the guesses, what is hidden, if\n"
+             "there is something.\n\n"
+             "The last four: float64 (bins,), written. The others: see see_frame.");
 
-static PyObject *guess_light_of(PyObject *module, PyObject *arguments)
+static PyObject *sum_light_of(PyObject *module, PyObject *arguments)
 {
-    PyObject *of_rules, *of_scene, *of_pixels, *of_contrast, *result = NULL;
-    double *pixels, *contrast, continues;
+    PyObject *of_rules, *of_scene, *known, *known_contrast, *hidden, *hidden_contrast, *result = NULL;
+    double *pixels, *contrast, *guessed, *guessed_contrast;
     Rules rules;
     Scene scene;
     Held held = {0};
     (void)module;
-    if (!PyArg_ParseTuple(arguments, "OOOO", &of_rules, &of_scene, &of_pixels, &of_contrast))
+    if (!PyArg_ParseTuple(arguments, "OOOOOO", &of_rules, &of_scene, &known, &known_contrast, &hidden, &hidden_contrast))
         return NULL;
     if (hold_rules(of_rules, &rules) && hold_scene(&held, of_scene, &scene) &&
-        (pixels = hold_result(&held, of_pixels, times(GUESSES, (Py_ssize_t)scene.bins), "pixels")) &&
-        (contrast = hold_result(&held, of_contrast, times(GUESSES, (Py_ssize_t)scene.bins), "contrast")))
-        result = guess_light(&rules, &scene, pixels, contrast, &continues) ? PyErr_NoMemory()
-                                                                           : PyFloat_FromDouble(continues);
+        (pixels = hold_result(&held, known, (Py_ssize_t)scene.bins, "pixels")) &&
+        (contrast = hold_result(&held, known_contrast, (Py_ssize_t)scene.bins, "contrast")) &&
+        (guessed = hold_result(&held, hidden, (Py_ssize_t)scene.bins, "guessed")) &&
+        (guessed_contrast = hold_result(&held, hidden_contrast, (Py_ssize_t)scene.bins, "guessed_contrast")))
+        result = sum_light(&rules, &scene, pixels, contrast, guessed, guessed_contrast) ? PyErr_NoMemory()
+                                                                                        : Py_NewRef(Py_None);
     release(&held);
     return result;
 }
@@ -197,6 +199,6 @@ PyMethodDef belief_methods[] = {
     {"pass_time", pass_time_of, METH_VARARGS, pass_time_doc},
     {"see_frame", see_frame_of, METH_VARARGS, see_frame_doc},
     {"look_out", look_out_of, METH_VARARGS, look_out_doc},
-    {"guess_light", guess_light_of, METH_VARARGS, guess_light_doc},
+    {"sum_light", sum_light_of, METH_VARARGS, sum_light_doc},
     {NULL, NULL, 0, NULL},
 };

@@ -117,25 +117,31 @@ VECTORISED void guess_hidden(const Rules *rules, const Scene *scene, size_t side
     }
 }
 
-int guess_light(const Rules *rules, const Scene *scene, double *pixels, double *contrast, double *continues)
+int sum_light(const Rules *rules, const Scene *scene, double *pixels, double *contrast, double *guessed,
+              double *guessed_contrast)
 {
     const size_t bins = scene->bins;
     double *before = malloc((bins + 1 + bins * ALL_CELLS) * sizeof *before);
     if (!before)
         return -1;
-    for (size_t number = 0; number < GUESSES; number++, pixels += bins, contrast += bins) {
-        for (size_t bin = 0; bin < bins; bin++)
-            pixels[bin] = contrast[bin] = 0.0;
+    for (size_t bin = 0; bin < bins; bin++) {
+        double known[ALL_CELLS];
+        find_contrast(rules, scene, bin, known);
+        pixels[bin] = sum_of_cells(scene->mass[bin]);
+        contrast[bin] = sum_of_cells(known);
+        guessed[bin] = guessed_contrast[bin] = 0.0;
+    }
+    const double continues = share_that_continues(rules, scene);
+    for (size_t number = 0; number < GUESSES; number++)
         for (size_t side = 0; side < SIDES; side++) {
+            const double chance = chance_of(number, continues);
             Guess guess = {.wanted = {0, bins}, .before = before, .contrast = (void *)(before + bins + 1)};
             guess_hidden(rules, scene, side, number, &guess);
             for (size_t bin = guess.bins.first; bin < guess.bins.end; bin++) {
-                pixels[bin] = before[bin + 1] - before[bin];
-                contrast[bin] = sum_of_cells(guess.contrast[bin]);
+                guessed[bin] += chance * (before[bin + 1] - before[bin]);
+                guessed_contrast[bin] += chance * sum_of_cells(guess.contrast[bin]);
             }
         }
-    }
     free(before);
-    *continues = share_that_continues(rules, scene);
     return 0;
 }

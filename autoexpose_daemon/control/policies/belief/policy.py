@@ -20,7 +20,14 @@ from autoexpose_daemon.control.picture.steering import STEERING_SHARE
 from autoexpose_daemon.control.policies.belief.cadence import Cadence
 from autoexpose_daemon.control.policies.belief.optics import Optics
 from autoexpose_daemon.control.policies.belief.plan import HORIZON, Prospects
-from autoexpose_daemon.control.policies.belief.scene_belief import BIN, HYPOTHESES, SILENT_S, Outlook, SceneBelief
+from autoexpose_daemon.control.policies.belief.scene_belief import (
+    BIN,
+    HYPOTHESES,
+    SILENT_S,
+    Outlook,
+    SceneBelief,
+    shows,
+)
 from autoexpose_daemon.control.policies.fisher_map.balance import BlurPhotonBalance, bounded, fitted, times_of_levels
 from autoexpose_daemon.control.policies.metric_map.forecast import Forecast
 from autoexpose_daemon.control.policies.metric_map.foresight import Foresight
@@ -42,8 +49,8 @@ PASSING_PX = 50.0
 """... and fewer for one that moves: half if the picture moves by 50/120 px per 1/60 s, one if by 50 px."""
 
 LARGE_CHANGE = 0.5
-"""Stops. Flow across a larger change is wrong; after a larger change of light that cannot be measured, nothing is
-believed any more."""
+"""Stops. Flow measured across a larger change is wrong. If the light changes by more and cannot be measured, all that
+was believed is dropped."""
 
 STILL_PX, SLOW_PX = 1.0, 8.0
 """Pixels per 1/60 s: less is no motion, and from 8 on content causes slopes that look like ramps of the light."""
@@ -146,7 +153,7 @@ class Belief(ExposurePolicy):
         """Take in what the frames show."""
         seen = [(look, self._contrast(look)) for look in observation.looks]
         news = [(look, each) for look, each in seen if self.beliefs[look.side].is_news(each)]
-        showing = next((each for each in news if each[1].count[:, 1:-1].any()), seen[0])
+        showing = next((each for each in news if shows(each[1].count)), seen[0])
         light = self._light_change(*showing, observation)
         seconds = 0.0 if self.seen_ns is None else (observation.device_time_ns - self.seen_ns) * 1e-9
         self.seen_ns = observation.device_time_ns

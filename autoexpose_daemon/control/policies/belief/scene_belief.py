@@ -191,13 +191,13 @@ class SceneBelief:
             and np.array_equal(before[0], seen.count[0])  # where most differ already
             and np.array_equal(before, seen.count)
         )
-        return not repeated or not _shows(seen.count)
+        return not repeated or not shows(seen.count)
 
     def remark(self) -> str | None:
         """What is wrong with the camera, in words to follow "left camera"; None if it shows something."""
         if self.latest is None or self.age_s < SILENT_S:
             return None
-        if _shows(self.latest):
+        if shows(self.latest):
             return "shows the same image at any exposure, not counted"
         return f"is {'white' if self.latest[:, -1].any() else 'black'} at any exposure, not counted"
 
@@ -220,7 +220,7 @@ class SceneBelief:
             What the lens lets through to each cell, shape (64,), with few distinct values; None: the same to all.
         """
         self.averaged = averaged
-        if _shows(seen.count):
+        if shows(seen.count):
             self.age_s = 0.0
         self.relative_light = _EVEN_LIGHT if relative_light is None else relative_light
         self.noise_share, self.usual_richness, *guess = _native.see_frame(
@@ -249,12 +249,9 @@ class SceneBelief:
             self.by_cell, self.relative_light, favours, outlook.information, outlook.favoured, outlook.revealed,
         )  # fmt: skip
         outlook.probability[0] = self.nothing
-        outlook.probability[1:] = self._chances(continues)
-
-    def _chances(self, continues: float) -> Array:
-        """Of what is hidden: it continues what is seen, or is detached by so much."""
-        detached = (1.0 - continues) / len(DETACHED)
-        return (1.0 - self.nothing) * np.array([continues, *[detached] * len(DETACHED)])
+        something = 1.0 - self.nothing
+        outlook.probability[1] = something * continues
+        outlook.probability[2:] = something * (1.0 - continues) / len(DETACHED)
 
     @property
     def _scene(self) -> tuple[Array | float, ...]:
@@ -267,21 +264,15 @@ class SceneBelief:
         """What is believed of the whole picture, for people to look at; None if nothing is."""
         if not (pixels := float(self.by_cell.sum())):
             return None
-        guessed, contrast = np.empty((2, HYPOTHESES - 1, BINS))
-        chances = self._chances(_native.guess_light(RULES, self._scene, guessed, contrast))
-        usual, unsure = self.usual_richness, UNSURE * self.usual_richness**-2
-        known = self.mass * (self.energy + usual * unsure) / (self.precision + unsure)
-        energy = known.sum(axis=1) + chances @ contrast
-        shares = (
-            self.mass.sum(axis=1) / pixels,
-            chances @ guessed / (1.0 - self.nothing) / pixels,
-            energy / max(float(energy.sum()), 1e-12),
-        )
+        known, contrast, guessed, guessed_contrast = np.empty((4, BINS))
+        _native.sum_light(RULES, self._scene, known, contrast, guessed, guessed_contrast)
+        contrast += (1.0 - self.nothing) * guessed_contrast
+        shares = known / pixels, guessed / pixels, contrast / max(float(contrast.sum()), 1e-12)
         known_share, guessed_share, contrast_share = (each.round(6).tolist() for each in shares)
         start, (black, white) = LOWEST + self.drift, (self.bounds + self.drift).tolist()
         return SceneHistogram(start, BIN, known_share, guessed_share, contrast_share, black, white)
 
 
-def _shows(count: Array) -> bool:
+def shows(count: Array) -> bool:
     """Whether any pixel is neither black nor saturated."""
     return bool(count[:, 1:-1].any())
