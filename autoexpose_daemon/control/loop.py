@@ -292,7 +292,6 @@ class ControlLoop:
         return Observation(
             looks=looks,
             setting=setting,
-            device_time_ns=frame.device_time_ns,
             metric=self._metric_of(look),
             mean=mean_signal(look.image, look.response, look.weights, look.cumulative),
             saturated_share=saturated_share,

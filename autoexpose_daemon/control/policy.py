@@ -77,6 +77,8 @@ class Look:
         quarter of a stop; None: not known.
     setting
         Exposure time and gain that the frame was taken with; None: as the reference frame.
+    device_time_ns
+        Its time stamp, on its camera's clock, which has nothing to do with another camera's.
     """
 
     side: Side
@@ -88,6 +90,7 @@ class Look:
     averaged: float = 1.0
     relative_light: NDArray[np.float64] | None = None
     setting: ExposureSetting | None = None
+    device_time_ns: int = 0
 
     @property
     def unfiltered(self) -> NDArray[np.uint8]:
@@ -116,8 +119,6 @@ class Observation:
         Everything else refers to it.
     setting
         Exposure time and gain that the frame was actually taken with.
-    device_time_ns
-        Its time stamp on its camera's clock.
     metric
         M_g of `image`, 0..1 per pixel; may be None for a policy that is not `FILTERED`.
     mean
@@ -146,7 +147,6 @@ class Observation:
 
     looks: Sequence[Look]
     setting: ExposureSetting
-    device_time_ns: int
     metric: float | None
     mean: float
     saturated_share: float

@@ -40,7 +40,10 @@ class View:
         counted = MOSAIC_SHARE if is_mosaic(frame.layout) else 1.0
         averaged = counted * scale**2
         unfiltered, light = self._preparation.unfiltered, self._relative_light
-        return Look(side, image, self._response, self._weights, unfiltered, scale, averaged, light, frame.setting)
+        return Look(
+            side, image, self._response, self._weights, unfiltered, scale, averaged, light, frame.setting,
+            frame.device_time_ns,
+        )  # fmt: skip
 
     def _fit(self, side: Side, shape: tuple[int, ...], seen: tuple[int, ...]) -> None:
         """Fit region and vignetting to frames of a shape; control sees a plane of them, of the shape `seen`."""

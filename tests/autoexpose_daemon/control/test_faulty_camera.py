@@ -44,6 +44,9 @@ FRAMES = 60
 SETTLED = 45
 """From here on everything must be in order; a camera that is white is given half a second before that."""
 
+CLOCKS_NS: dict[Side, int] = {"left": 0, "right": 40_000_000_000}
+"""Each camera has its own clock, which began when it got power."""
+
 Image = NDArray[np.uint8]
 Fault = Callable[[Image, Image], Image]
 """What a faulty camera sends, from its first and its present image."""
@@ -87,7 +90,7 @@ class Rig:
                 self.images[each].append(image)
                 pixels = fault(self.images[each][0], image) if each == side else image
                 if only in (None, each):
-                    pair[each] = Frame(pixels, 8, number, number * FRAME_NS, 0, 0, setting)
+                    pair[each] = Frame(pixels, 8, number, number * FRAME_NS + CLOCKS_NS[each], 0, 0, setting)
             self.decisions.append(self.loop.step(StereoPair(number, pair)))
             self.settings.append(self.decisions[-1].setting)
 

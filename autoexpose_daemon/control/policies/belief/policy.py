@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from typing import ClassVar
 
 import numpy as np
@@ -84,7 +84,7 @@ class Belief(ExposurePolicy):
     latency: LoopDelay
     beliefs: dict[Side, SceneBelief]
     motion_px: float
-    seen_ns: int | None
+    seen_ns: dict[Side, int]
 
     def __init__(self, responses: Mapping[Side, ResponseFunction], balance: Balance, noise: SensorNoise) -> None:
         self.balance = balance
@@ -95,7 +95,7 @@ class Belief(ExposurePolicy):
         self.latency = LoopDelay()
         self.beliefs = {side: SceneBelief(Optics(response, noise)) for side, response in responses.items()}
         self.motion_px = 0.0
-        self.seen_ns = None
+        self.seen_ns = {}
         self._planned_for: tuple[float, Prospects, Array] | None = None
 
     @classmethod
@@ -155,8 +155,7 @@ class Belief(ExposurePolicy):
         news = [(look, each) for look, each in seen if self.beliefs[look.side].is_news(each)]
         showing = next((each for each in news if shows(each[1].count)), seen[0])
         light = self._light_change(*showing, observation)
-        seconds = 0.0 if self.seen_ns is None else (observation.device_time_ns - self.seen_ns) * 1e-9
-        self.seen_ns = observation.device_time_ns
+        seconds = self._seconds_since_before(observation.looks)
         self.forecast.add(light.stops, self.cadence.frames(seconds))
         if not light.measured and abs(light.stops) > LARGE_CHANGE:
             for belief in self.beliefs.values():
@@ -168,6 +167,12 @@ class Belief(ExposurePolicy):
             self.beliefs[look.side].see(
                 each, setting.level, linear_gain(setting.gain_db), look.averaged, look.relative_light
             )
+
+    def _seconds_since_before(self, looks: Sequence[Look]) -> float:
+        """The time since the frames before, each by its own camera's clock; 0 for the first, and if a clock restarts."""
+        intervals_ns = [look.device_time_ns - self.seen_ns.get(look.side, look.device_time_ns) for look in looks]
+        self.seen_ns |= {look.side: look.device_time_ns for look in looks}
+        return max(min(intervals_ns), 0) * 1e-9
 
     def _contrast(self, look: Look) -> Contrast:
         return contrast(look.unfiltered, self.beliefs[look.side].optics.bins, look.weights)
