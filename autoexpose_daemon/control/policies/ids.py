@@ -7,7 +7,7 @@ import difflib
 from drivers.config.readable import quoted
 from drivers.errors import ConfigurationError
 
-DEFAULT_POLICY = "fisher-map"
+DEFAULT_POLICY = "belief"
 
 PLACES = {
     "fixed": "published.fixed.Fixed",
@@ -28,8 +28,8 @@ PLACES = {
     "tomasi2021": "learned.tomasi2021.Tomasi2021",
     "zhang2024": "learned.zhang2024.Zhang2024",
     "metric-map": "metric_map.policy.MetricMap",
-    DEFAULT_POLICY: "fisher_map.policy.FisherMap",
-    "belief": "belief.policy.Belief",
+    "fisher-map": "fisher_map.policy.FisherMap",
+    DEFAULT_POLICY: "belief.policy.Belief",
 }
 """Where the class of each policy is, below this package."""
 
