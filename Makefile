@@ -21,7 +21,7 @@ ROBOT_PACKAGES := $(DEMO_PACKAGES) udev
 
 EXTRAS := sim,calibration,publish,record,page
 
-# The C parts are optional for pip: a set-up that was made without them, for lack of a compiler, is made again.
+# A set-up that lacks one of the C parts is made again: `git clean` takes them, and the second is optional for pip.
 NATIVE_SOURCES := setup.py $(wildcard autoexpose_daemon/control/native/* fake_camera/usb3/shim/*)
 UNBUILT := $(if $(and $(wildcard autoexpose_daemon/control/_native.*.so),$(wildcard fake_camera/usb3/_shim.*.so)),,unbuilt)
 

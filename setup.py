@@ -1,9 +1,9 @@
-"""The part of the build that pyproject.toml cannot say: two optional libraries in C.
+"""The part of the build that pyproject.toml cannot say: two libraries in C.
 
 From Python 3.11 on, what is built serves all later ones, too (abi3).
 
-Without a C compiler or Python's headers the build goes on without them: numpy and OpenCV do the work of the one, except
-for the policy `belief`, which says that it lacks it, as the fake USB3 Vision camera does of the other.
+The default policy needs the first, so there is no build without a C compiler and Python's headers. Only the fake USB3
+Vision camera needs the second, and says so.
 """
 
 from __future__ import annotations
@@ -32,7 +32,6 @@ setup(
             libraries=["m"],
             define_macros=[("Py_LIMITED_API", "0x030B0000")] if STABLE else [],
             py_limited_api=STABLE,
-            optional=True,
         ),
         # Not a Python module: it is preloaded into programs that use libusb.
         Extension(

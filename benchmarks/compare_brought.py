@@ -14,6 +14,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
+from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from autoexpose_daemon.navigation.views.detectors import FINDERS, AdaptiveFinder
 from autoexpose_daemon.navigation.views.registration import register
 from evaluation.experiments.navigation.lap import LIGHTS, Taught, taught
@@ -23,7 +24,7 @@ from evaluation.experiments.teach.replay import Robot
 from evaluation.stage.camera import SimulatedCamera
 from evaluation.stage.delayed_loop import Entrant
 
-POLICIES = ("fisher-map", "majer2018-standard")
+POLICIES = (DEFAULT_POLICY, "majer2018-standard")
 CORRECT_PX = 5.0
 SETTLE_FRAMES = 6
 """At each place, until the exposure is that of the place."""

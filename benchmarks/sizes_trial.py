@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import cast
 
 from autoexpose_daemon.config.document import Config
+from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from autoexpose_daemon.demo.fakes import FakeCameras, fake_cameras
 from autoexpose_daemon.demo.options import DemoOptions, Transport
 from autoexpose_daemon.demo.show import configuration
@@ -151,7 +152,7 @@ def measure(receiver: Alone | WithControl, cameras: FakeCameras, seconds: float)
 def main() -> None:
     who, transport, size, pixel_format, rate_hz, seconds = sys.argv[1:]
     options = DemoOptions(
-        60.0, "fisher-map", None, None, "room", None, 0, cast(Transport, transport), None, True, False, None,
+        60.0, DEFAULT_POLICY, None, None, "room", None, 0, cast(Transport, transport), None, True, False, None,
         pixel_format=pixel_format, size=size,
     )  # fmt: skip
     with tempfile.TemporaryDirectory() as folder:

@@ -30,6 +30,9 @@ def examine(config: Path | None, as_document: bool, report: Path | None = None) 
         return True
     findings = judge(facts, need)
     if loaded is not None:
+        from autoexpose_daemon.doctor.judge_policy import judge_policy  # noqa: PLC0415  loads OpenCV
+
+        findings += judge_policy(loaded)
         findings += [Finding("calibration", "warning", note) for note in loaded.notes]
     if loaded is not None and not stops(findings) and any(camera.features for camera in loaded.sides.values()):
         from autoexpose_daemon.doctor.judge_features import judge_features  # noqa: PLC0415  loads Aravis

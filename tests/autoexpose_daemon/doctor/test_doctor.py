@@ -14,10 +14,13 @@ import pytest
 from rich.console import Console
 
 from autoexpose_daemon.config.document import Config
+from autoexpose_daemon.control.policies.belief import policy as belief
+from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from autoexpose_daemon.doctor.facts import Facts, GigeFacts
 from autoexpose_daemon.doctor.finding import Finding, Severity
 from autoexpose_daemon.doctor.judge import judge
 from autoexpose_daemon.doctor.judge_gige import judge_gige
+from autoexpose_daemon.doctor.judge_policy import judge_policy
 from autoexpose_daemon.doctor.need import Need
 from autoexpose_daemon.doctor.output import as_json, show
 from drivers.genicam import link_share
@@ -321,6 +324,15 @@ def test_the_json_holds_the_same_findings() -> None:
     assert document["stops"] is True
     assert [Finding(**finding) for finding in document["findings"]] == FINDINGS
     assert json.loads(as_json(FINDINGS[:1]))["stops"] is False
+
+
+def test_the_default_policy_stops_where_its_extension_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
+    config = Config.model_validate({"cameras": ONE})
+    assert list(judge_policy(config)) == []
+    monkeypatch.setattr(belief, "_native", None)
+    (finding,) = judge_policy(config)
+    assert (finding.check, finding.severity) == ("policy", "stops")
+    assert DEFAULT_POLICY in finding.sentence and "gcc" in (finding.fix or "")
 
 
 def test_a_bad_configuration_is_one_sentence() -> None:

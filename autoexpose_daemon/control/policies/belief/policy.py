@@ -169,7 +169,7 @@ class Belief(ExposurePolicy):
             )
 
     def _seconds_since_before(self, looks: Sequence[Look]) -> float:
-        """The time since the frames before, each by its own camera's clock; 0 for the first, and if a clock restarts."""
+        """The time since the frames before, by their cameras' own clocks; 0 for the first, and if a clock restarts."""
         intervals_ns = [look.device_time_ns - self.seen_ns.get(look.side, look.device_time_ns) for look in looks]
         self.seen_ns |= {look.side: look.device_time_ns for look in looks}
         return max(min(intervals_ns), 0) * 1e-9

@@ -1,0 +1,21 @@
+"""Whether the configured policy can work on this host."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from autoexpose_daemon.config.document import Config
+from autoexpose_daemon.control.loop import ControlLoop
+from autoexpose_daemon.doctor.finding import Finding
+from calibration.response import ResponseFunction
+from drivers.errors import ConfigurationError
+
+
+def judge_policy(config: Config) -> Iterator[Finding]:
+    """Build it as the daemon would."""
+    limits, start = config.exposure.limits(), config.start
+    try:
+        ControlLoop(config.control.policy, ResponseFunction.linear(), limits, start, config.control.parameters())
+    except ConfigurationError as error:
+        fix = "sudo apt-get install gcc python3-dev   # then install autoexpose-daemon again"
+        yield Finding("policy", "stops", str(error), fix)
