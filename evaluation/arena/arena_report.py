@@ -28,9 +28,9 @@ applies from frame k + D; D = {MAIN_DELAY} unless stated otherwise.
   noise, each split into time and gain as the policy splits it. 1.00 is perfect; a policy that departs from its rule
   of splitting may exceed it. With `lamp_right` the ratio is the mean over both cameras, as a share of what the best
   common exposure reaches; otherwise it is the left camera's.
-* **Objective ratio**: for `fisher-map` the share of Fisher information, which it maximises
+* **Objective ratio**: for `belief` and `fisher-map` the share of Fisher information, which they maximise
   ([policy.md](../policy.md)), with an oracle of its own; for all others the metric ratio, although most of them steer
-  a mean, entropy or the like. So its row is in another unit than the rest: compare policies by the metric ratio.
+  a mean, entropy or the like. So their rows are in another unit than the rest: compare policies by the metric ratio.
 * **Metric ratio to the best time and gain**: the metric ratio when the oracle also tries six ways of splitting each
   level (times of at most 7500, 3750, 1875, 938, 469 and 234 us, the rest gain). It shows what a split costs.
 * **Pair ratio**: what two successive frames are worth to each other, as localization uses them: the information of
@@ -52,7 +52,7 @@ applies from frame k + D; D = {MAIN_DELAY} unless stated otherwise.
   with their papers' parameters, on a sensor that is not their authors'. Better numbers on held-out courses than on
   those used for tuning mean that they are easier, which most policies agree on (the table by split).
 
-`autoexpose arena --count --policy fisher-map` counts what a policy's decision is made of: numbers, branches and
+`autoexpose arena --count` counts what a policy's decision is made of: numbers, branches and
 fields of its snapshot, in every Python and C file that it reaches. Its output says how it counts; `--json FILE` has
 the same by file. `autoexpose arena --ablate` alters each constant of the default policy, or of another `--policy`:
 doubled, halved and, where a file declares it in `NEUTRAL`, at the value that has no effect. Each alteration is a

@@ -9,12 +9,13 @@ import matplotlib.pyplot as plt
 import numpy as np
 from numpy.typing import NDArray
 
+from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from evaluation.arena.plan import MAIN_DELAY
 from evaluation.arena.runs import Run
 from evaluation.drawing import save
 from evaluation.scenes.scenarios import RATE_HZ
 
-SHOWN_POLICIES = ("fisher-map", "metric-map", "begin2022-code", "neves2009", "zhang2024")
+SHOWN_POLICIES = (DEFAULT_POLICY, "fisher-map", "begin2022-code", "neves2009", "zhang2024")
 """With more lines than these, a plot is unreadable. The oracle shown is that of the first."""
 
 

@@ -84,7 +84,7 @@ class Series:
     Attributes
     ----------
     by_metric, by_objective
-        How its frames do by M_g, and by what its policy maximises; the same for all policies but `fisher-map`.
+        How its frames do by M_g, and by what its policy maximises; the same unless that is information.
     by_any_split
         By M_g, against the best of all exposure times and gains.
     pair_shares

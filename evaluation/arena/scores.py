@@ -42,7 +42,7 @@ class Score:
     gain_db_mean
         Mean gain.
     objective_ratio_mean, objective_ratio_p05
-        Mean and fifth percentile of what the policy maximises as a share of the oracle's; M_g for all but `fisher-map`.
+        Mean and fifth percentile of what the policy maximises, information or M_g, as a share of the oracle's.
     any_split_ratio_mean
         Mean of M_g as a share of the best of all exposure times and gains, however the policy splits.
     pair_ratio_mean

@@ -27,7 +27,7 @@ LOG2_RADIANCES = np.arange(-14.0, 18.0, 0.25)
 """Bins of radiance, lux times reflectance in stops."""
 
 FRONT_END = 6.0
-"""Grey levels that detectors need, whatever the noise, as in `fisher-map`'s objective; 8 serves as well."""
+"""Grey levels that detectors need, whatever the noise, as in the objective of our policies; 8 serves as well."""
 
 BLUR_PX = 5.0
 """In the shrunk image, a blur of this length halves the energy of gradients."""

@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
+
 AUTOEXPOSE = [sys.executable, "-c", "from autoexpose_daemon.cli import main; main()"]
 
 
@@ -27,9 +29,9 @@ def test_a_drive_of_the_demo_is_recorded_and_judged(tmp_path: Path, transport: s
     shown = json.loads(summary.read_text())
     assert shown["triggers"] == shown["pairs"] + sum(shown["lost"].values())
     autoexpose("replay", drive)
-    said = autoexpose("rejudge", drive, "--policies", "fixed,fisher-map", "--json", figures)
+    said = autoexpose("rejudge", drive, "--policies", f"fixed,{DEFAULT_POLICY}", "--json", figures)
     judged = json.loads(figures.read_text())
-    assert [one["policy"] for one in judged["policies"]] == ["fixed", "fisher-map"]
+    assert [one["policy"] for one in judged["policies"]] == ["fixed", DEFAULT_POLICY]
     fixed, default = judged["policies"]
     assert default["metric"] > fixed["metric"]
     assert default["matches"] > 30

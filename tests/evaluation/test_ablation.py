@@ -117,9 +117,9 @@ def test_a_fresh_process_runs_what_is_altered() -> None:
 
 
 def test_every_constant_of_the_default_policy_is_found() -> None:
-    alterable, copied = ({constant.name for constant in each} for each in policy_constants("fisher-map"))
-    assert {"FisherMap.PROBES.worth", "BEATING_STOPS", "LONGEST_STEP", "HOLD_GAIN_FOLLOWING"} < alterable
-    assert {"CELLS", "QUANTISATION", "NEARER_UP"} < copied
+    alterable, copied = ({constant.name for constant in each} for each in policy_constants(DEFAULT_POLICY))
+    assert {"BRIGHTNESS_LOSS", "DisMotion.FLOW_SCALE", "MEMORY_S", "NOTHING"} < alterable
+    assert {"CELLS", "QUANTISATION"} < copied
 
 
 def test_constants_of_c_are_found_by_name_and_value() -> None:
@@ -178,7 +178,7 @@ def made_up(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.usefixtures("made_up")
 def test_table_has_a_row_for_each_alteration(tmp_path: Path) -> None:
     console = Console(record=True, width=200)
-    ablation = ablate("fisher-map", CONSTANTS, COURSES, 1, tmp_path, console=console)
+    ablation = ablate(DEFAULT_POLICY, CONSTANTS, COURSES, 1, tmp_path, console=console)
 
     trials = {(trial.constant.name, trial.what): trial for trial in ablation.trials}
     assert [trial.idle for trial in ablation.trials] == [True, True, False, False, False, True]
@@ -206,7 +206,7 @@ def test_table_has_a_row_for_each_alteration(tmp_path: Path) -> None:
 @pytest.mark.usefixtures("made_up")
 def test_an_interrupted_ablation_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def run(constants: int) -> Any:
-        arguments = ("fisher-map", CONSTANTS[:constants], COURSES, 1, tmp_path)
+        arguments = (DEFAULT_POLICY, CONSTANTS[:constants], COURSES, 1, tmp_path)
         return ablate(*arguments, console=Console(quiet=True))
 
     asked: list[str] = []
@@ -227,10 +227,10 @@ def test_an_interrupted_ablation_goes_on(tmp_path: Path, monkeypatch: pytest.Mon
 def test_a_policy_that_cannot_be_compared_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(ablation_module, "run_altered", lambda request: [[{"level": 6}] for _ in request.courses])
     with pytest.raises(AutoexposeError, match="decides otherwise"):
-        ablate("fisher-map", CONSTANTS, COURSES, 1, tmp_path, console=Console(quiet=True))
+        ablate(DEFAULT_POLICY, CONSTANTS, COURSES, 1, tmp_path, console=Console(quiet=True))
     monkeypatch.setattr(ablation_module, "run_altered", lambda request: "ValueError: no")
     with pytest.raises(AutoexposeError, match="fails without any alteration: ValueError: no"):
-        ablate("fisher-map", CONSTANTS, COURSES, 1, tmp_path / "other", console=Console(quiet=True))
+        ablate(DEFAULT_POLICY, CONSTANTS, COURSES, 1, tmp_path / "other", console=Console(quiet=True))
 
 
 def test_quick_has_few_courses_and_all_are_for_tuning() -> None:

@@ -57,7 +57,7 @@ def test_follows_imports_within_its_scope_and_the_calls_into_c(tmp_path: Path) -
         f"{control}/loop.py": "from autoexpose_daemon.control.policies import table",
         f"{control}/policies/__init__.py": "",
         f"{control}/policies/table.py": "from drivers.errors import Error",
-        f"{control}/policies/fisher_map/policy.py": """
+        f"{control}/policies/belief/policy.py": """
 from typing import TYPE_CHECKING
 from autoexpose_daemon.control import _native
 from calibration.response import Response
@@ -88,11 +88,11 @@ def decide():
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text(source)
 
-    python = python_files("fisher-map", tmp_path)
+    python = python_files(DEFAULT_POLICY, tmp_path)
     assert set(python) == {
         "autoexpose_daemon.control.loop",
         "autoexpose_daemon.control.policies.table",
-        "autoexpose_daemon.control.policies.fisher_map.policy",
+        "autoexpose_daemon.control.policies.belief.policy",
         "autoexpose_daemon.control.late",
         "calibration.response.function",
         "drivers.exposure",

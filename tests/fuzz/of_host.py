@@ -30,6 +30,7 @@ from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.config.load import load_config
 from autoexpose_daemon.config.request import read_request
 from autoexpose_daemon.control.loop import ControlSetup
+from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from autoexpose_daemon.control.snapshot import parse, plain
 from autoexpose_daemon.demo.fakes import read_pulses
 from autoexpose_daemon.messages.report import ConsumerTally
@@ -381,7 +382,9 @@ def control_answer(data: bytes) -> None:
 
 def control_answer_seeds() -> Iterator[bytes]:
     assert EXPOSING.requests is not None
-    yield Answer("fisher-map", EXPOSING.requests, Shot(ExposureSetting(500.0, 3.0), 7, {"left": 8})).to_json().encode()
+    yield (
+        Answer(DEFAULT_POLICY, EXPOSING.requests, Shot(ExposureSetting(500.0, 3.0), 7, {"left": 8})).to_json().encode()
+    )
 
 
 def grounds(data: bytes) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 
 from autoexpose_daemon.control.light_ahead import LightSeries
 from autoexpose_daemon.control.picture.tracked_cells import TrackedCells
+from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from autoexpose_daemon.messages.light import light_ahead
 from autoexpose_daemon.messages.registration import registration
 from autoexpose_daemon.messages.robot import odometry, twist, twist_stamped
@@ -69,7 +70,7 @@ def map_seeds() -> Iterator[bytes]:
     features = Features(
         random.uniform(0.0, 500.0, (6, 2)), random.random(6), random.integers(0, 256, (6, 32)).astype(np.uint8)
     )
-    with MapFile(path, MapInfo(720, 540, 600.0, "fast-orb", "fisher-map")) as file:
+    with MapFile(path, MapInfo(720, 540, 600.0, "fast-orb", DEFAULT_POLICY)) as file:
         taught = file.begin_run("teach", 1_700_000_000.0)
         for where_m in (0.0, 0.2):
             place = TaughtPlace(where_m, b"jpeg", ExposureSetting(1000.0, 0.0), features)

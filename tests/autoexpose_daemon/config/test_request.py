@@ -37,7 +37,7 @@ def test_a_request_is_read_as_it_was_sent() -> None:
         ('{"by": "x", "lock": true}', "lock: unknown key; did you mean locked?"),
         ('{"by": "x", "locked": 1}', "locked: input should be a valid boolean"),
         ('{"by": "x", "ev_stops": NaN}', "ev_stops: nan is out of bounds: give -3 to 3 stops"),
-        ('{"by": "x", "policy": "fisher"}', "policy: there is no policy 'fisher'; did you mean fisher-map?"),
+        ('{"by": "x", "policy": "believe"}', "policy: there is no policy 'believe'; did you mean belief?"),
         ('{"by": "x", "limits": {}}', "limits: no limit is named"),
         ('{"by": "x", "limits": {"max_time_us": 1e9}}', "limits.max_time_us: 1000000000.0 is out of bounds"),
         ('{"by": "x", "region": {}}', "region: no camera is named: give left, right, or both"),

@@ -1,18 +1,12 @@
-"""The policy `fisher-map` in closed loop, and its balance of time and gain."""
+"""The policy `fisher-map` in closed loop."""
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from autoexpose_daemon.control.loop import ControlLoop
-from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
 from autoexpose_daemon.control.parameters import ControlParameters
-from autoexpose_daemon.control.policies.fisher_map.balance import BlurPhotonBalance
 from calibration.response import ResponseFunction
 from drivers.exposure import ExposureSetting
 from drivers.frames import StereoPair
@@ -22,7 +16,6 @@ from .scene import LIMITS, at_time, expose, radiance, run
 LINEAR = ResponseFunction.linear()
 START = ExposureSetting(1000.0, 0.0)
 SCENE = radiance(1, 1.0)
-BALANCE = BlurPhotonBalance(SensorNoise(10_500.0, 3.0))
 
 
 def make(parameters: ControlParameters | None = None) -> ControlLoop:
@@ -79,14 +72,6 @@ def test_in_light_that_beats_with_the_frames_each_phase_finds_its_exposure(
         settings.append(loop.step(StereoPair(index, {"left": frame, "right": frame})).setting)
         exposed.append(setting.level - needed)
     assert np.mean(np.abs(exposed[90:]) < 1.0) > 0.95
-
-
-def test_a_bound_on_the_time_yields_only_to_the_greatest_gain() -> None:
-    bounded = replace(BALANCE, longest_us=500.0)
-    assert bounded.exposure_time_us(8.0, 0.0, LIMITS) == BALANCE.exposure_time_us(8.0, 0.0, LIMITS)
-    assert bounded.exposure_time_us(12.0, 0.0, LIMITS) == 500.0
-    needed_us = LIMITS.realise(15.0, 0.0).exposure_time_us
-    assert bounded.exposure_time_us(15.0, 0.0, LIMITS) == pytest.approx(needed_us) and needed_us > 500.0
 
 
 DARK_ROOM = np.where(np.arange(180) < 50, radiance(1, 1.0), 2.0**-7 * radiance(2, 1.0))
@@ -182,39 +167,3 @@ def test_another_balance_can_be_configured() -> None:
         watch=lambda decision: settings.append(decision.setting),
     )
     assert settings[-1].gain_db > 20
-
-
-def test_a_better_sensor_takes_shorter_times_in_motion() -> None:
-    """Its noise leaves room for gain."""
-    times = [
-        BlurPhotonBalance(SensorNoise(full_well_e, 3.0)).exposure_time_us(13.0, 10.0, LIMITS)
-        for full_well_e in (4000.0, 10_500.0, 40_000.0)
-    ]
-    assert times == sorted(times, reverse=True)
-    assert times[0] > 1.5 * times[-1]
-
-
-@given(st.floats(4.4, 17.8))
-def test_at_rest_gain_is_as_low_as_the_level_allows(level: float) -> None:
-    time_us = BALANCE.exposure_time_us(level, 0.0, LIMITS)
-    assert time_us == pytest.approx(min(2.0**level, LIMITS.max_time_us), rel=1e-6)
-
-
-@given(st.floats(4.4, 17.8), st.floats(0.0, 60.0), st.floats(0.0, 60.0))
-def test_faster_motion_never_asks_for_longer_exposures(level: float, one_px: float, other_px: float) -> None:
-    slow, fast = sorted((one_px, other_px))
-    times = [BALANCE.exposure_time_us(level, motion_px, LIMITS) for motion_px in (slow, fast)]
-    assert times[1] <= times[0]
-    for time_us in times:
-        setting = LIMITS.realise(level, time_us)
-        assert setting.level == pytest.approx(level, abs=1e-6)
-        assert setting.exposure_time_us == pytest.approx(time_us, rel=1e-6)
-
-
-@given(st.floats(4.4, 17.7), st.floats(0.0, 60.0))
-def test_more_level_takes_more_time_and_more_gain(level: float, motion_px: float) -> None:
-    """Within one step of the times compared: neither falls as the level rises."""
-    lower, higher = (BALANCE.exposure_time_us(each, motion_px, LIMITS) for each in (level, level + 0.1))
-    step = 2 ** (np.log2(LIMITS.max_time_us / LIMITS.min_time_us) / 30)
-    assert higher > lower / step
-    assert higher < lower * 2**0.1 * step

@@ -14,7 +14,7 @@ from autoexpose_daemon.control.parameters import BalanceId, ControlParameters, M
 from autoexpose_daemon.control.picture.image import ImagePreparation
 from autoexpose_daemon.control.picture.motion import DisMotion, FarnebackMotion, FlowMotion
 from autoexpose_daemon.control.picture.region import Rectangle, Region
-from autoexpose_daemon.control.policies.ids import POLICY_IDS
+from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY, POLICY_IDS
 from calibration.response import ResponseFunction
 from calibration.vignetting.model import Vignetting
 from drivers.errors import ConfigurationError
@@ -249,12 +249,12 @@ def test_the_steady_state_allocates_no_image(regions: dict[Side, Region]) -> Non
 def test_a_vignetting_of_another_size_is_refused_and_without_one_nothing_changes() -> None:
     frame = expose(radiance(1, 1.0), START, 11.0)
     lens = Vignetting(640, 480, (319.5, 239.5), (-0.5,))
-    loop = ControlLoop("fisher-map", LINEAR, LIMITS, START, vignettings={"left": lens})
+    loop = ControlLoop(DEFAULT_POLICY, LINEAR, LIMITS, START, vignettings={"left": lens})
     with pytest.raises(
         ConfigurationError, match="the vignetting is for frames of 640x480 pixels, but the left camera sends 180x136"
     ):
         loop.step(StereoPair(1, {"left": frame}))
-    plain, none = (ControlLoop("fisher-map", LINEAR, LIMITS, START, vignettings=each) for each in (None, {}))
+    plain, none = (ControlLoop(DEFAULT_POLICY, LINEAR, LIMITS, START, vignettings=each) for each in (None, {}))
     assert plain.step(StereoPair(1, {"left": frame})) == none.step(StereoPair(1, {"left": frame}))
 
 

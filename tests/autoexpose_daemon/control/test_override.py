@@ -10,7 +10,7 @@ import pytest
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.override import NO_OVERRIDE, Override
-from autoexpose_daemon.control.policies.ids import POLICY_IDS
+from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY, POLICY_IDS
 from autoexpose_daemon.control.policies.metric_map.exposure_map import ExposureMap
 from calibration.response import ResponseFunction
 from drivers.errors import ConfigurationError
@@ -23,11 +23,20 @@ LINEAR = ResponseFunction.linear()
 START = ExposureSetting(1000.0, 0.0)
 SCENES = radiance(1, 0.8, (72, 96)), radiance(2, 0.8, (72, 96))
 SHOT = ExposureSetting(100.0, 6.0)
-KINDS = ("neves2009", "majer2018-full", "zhang2017", "begin2022", "shim2018", "metric-map", "fisher-map")
+KINDS = (
+    "neves2009",
+    "majer2018-full",
+    "zhang2017",
+    "begin2022",
+    "shim2018",
+    "metric-map",
+    "fisher-map",
+    DEFAULT_POLICY,
+)
 """One of each kind of law."""
 SEARCHING = ("lu2010", "kim2018", "shin2019")
 """Where they end depends on the frames that they happened to try, to a stop or so."""
-COMPENSATED_UP = ("fixed", "neves2009", "metric-map", "fisher-map", "belief")
+COMPENSATED_UP = ("fixed", "neves2009", "metric-map", "fisher-map", DEFAULT_POLICY)
 
 Ask = Callable[[int, list[Decision]], Override]
 
@@ -80,8 +89,8 @@ def test_so_does_one_upward_where_the_policy_takes_it(policy_id: str, stops: flo
 
 
 def test_the_default_keeps_even_three_stops_up() -> None:
-    plain = rest(run(loop_of("fisher-map"), [11.0] * 60, nothing))
-    assert rest(run(loop_of("fisher-map"), [11.0] * 90, ev_from(30, 3.0))) - plain == pytest.approx(3.0, abs=0.3)
+    plain = rest(run(loop_of(DEFAULT_POLICY), [11.0] * 60, nothing))
+    assert rest(run(loop_of(DEFAULT_POLICY), [11.0] * 90, ev_from(30, 3.0))) - plain == pytest.approx(3.0, abs=0.3)
 
 
 @pytest.mark.parametrize("policy_id", POLICY_IDS)
@@ -126,14 +135,14 @@ def test_a_held_setting_stays_and_the_policy_decides_again_afterwards_as_if_noth
 def test_a_setting_that_is_no_longer_within_the_limits_is_held_at_the_nearest() -> None:
     limits = ExposureLimits(20.0, 500.0, 0.0, 30.0)
     held = ExposureSetting(1000.0, 0.0)
-    (decision,) = run(loop_of("fisher-map", limits), [11.0], lambda *_: Override(held=held))
+    (decision,) = run(loop_of(DEFAULT_POLICY, limits), [11.0], lambda *_: Override(held=held))
     assert limits.contain(decision.setting)
     assert decision.setting.level == pytest.approx(held.level)
 
 
 @pytest.mark.parametrize(
     ("policy_id", "delay"),
-    [("fisher-map", 1), ("neves2009", 3), *((policy_id, 2) for policy_id in (*KINDS, "kim2018"))],
+    [(DEFAULT_POLICY, 1), ("neves2009", 3), *((policy_id, 2) for policy_id in (*KINDS, "kim2018"))],
 )
 def test_a_shot_changes_one_frame_and_no_other_decision(policy_id: str, delay: int) -> None:
     taken = 50
@@ -177,7 +186,7 @@ def test_the_delay_of_the_loop_is_learnt_as_without_requests(delay: int) -> None
     assert loop._policy.latency.frames == delay
 
 
-@pytest.mark.parametrize("policy_id", ["fisher-map", "metric-map"])
+@pytest.mark.parametrize("policy_id", ["fisher-map", "metric-map", DEFAULT_POLICY])
 @pytest.mark.parametrize("stops", [-0.5, -1.0])
 def test_a_compensation_downward_is_steady_where_the_limits_leave_it_dark(policy_id: str, stops: float) -> None:
     """Dark with the compensation, and just not dark without it."""

@@ -36,7 +36,7 @@ from autoexpose_daemon.control.picture.tracking_memory import (
     TrackingMemory,
     favours,
 )
-from autoexpose_daemon.control.policies.ids import POLICY_IDS
+from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY, POLICY_IDS
 from autoexpose_daemon.control.policies.metric_map.exposure_map import LONGEST_STEP
 from autoexpose_daemon.control.policies.metric_map.memory import MetricMemory, Sighting
 from autoexpose_daemon.control.policies.metric_map.search import within_reason
@@ -260,12 +260,12 @@ def test_only_maps_of_information_and_the_belief_are_steered(policy_id: str) -> 
     steering = steer_to(RIGHT)
     same = followed(loops[0], None, 12) == followed(loops[1], steering, 12)
     assert [loop.steered for loop in loops] == [False, not same]
-    assert same == (policy_id not in ("belief", "fisher-map"))
+    assert same == (policy_id not in (DEFAULT_POLICY, "fisher-map"))
 
 
 @pytest.mark.parametrize("override", [Override(held=START), Override(shot=START), Override(held=START, unseen=True)])
 def test_a_setting_that_was_asked_for_is_not_steered(override: Override) -> None:
-    loop = ControlLoop("fisher-map", LINEAR, LIMITS, START)
+    loop = ControlLoop(DEFAULT_POLICY, LINEAR, LIMITS, START)
     frame = at_time(expose(SUN_AND_SHADE, START, HALF_SCALE), 0)
     pair = StereoPair(0, {"left": frame, "right": frame})
     loop.step(pair, override=override, steering=steer_to(RIGHT))
@@ -315,7 +315,7 @@ def worth(setting: ExposureSetting, where: str = "both") -> float:
 
 def test_the_side_that_is_tracked_is_exposed_better_and_the_whole_not_much_worse() -> None:
     found = {
-        name: followed(ControlLoop("fisher-map", LINEAR, LIMITS, START), steering, 60)[-1].setting
+        name: followed(ControlLoop(DEFAULT_POLICY, LINEAR, LIMITS, START), steering, 60)[-1].setting
         for name, steering in {"nobody": None, "sun": steer_to(LEFT), "shade": steer_to(RIGHT)}.items()
     }
     assert found["sun"].level <= found["nobody"].level < found["shade"].level
@@ -326,13 +326,13 @@ def test_the_side_that_is_tracked_is_exposed_better_and_the_whole_not_much_worse
 
 
 def test_when_consumers_turn_to_the_other_side_control_does_too() -> None:
-    loop = ControlLoop("fisher-map", LINEAR, LIMITS, START)
+    loop = ControlLoop(DEFAULT_POLICY, LINEAR, LIMITS, START)
     levels = [followed(loop, steer_to(where), 40)[-1].setting.level for where in (RIGHT, LEFT, RIGHT)]
     assert levels[0] - levels[1] > 0.4 and levels[2] - levels[1] > 0.4
 
 
 def test_a_steered_exposure_does_not_swing() -> None:
-    decisions = followed(ControlLoop("fisher-map", LINEAR, LIMITS, START), steer_to(RIGHT), 60)
+    decisions = followed(ControlLoop(DEFAULT_POLICY, LINEAR, LIMITS, START), steer_to(RIGHT), 60)
     assert np.ptp([decision.setting.level for decision in decisions[30:]]) <= 0.1
 
 
@@ -357,13 +357,13 @@ def test_who_claims_to_track_in_the_dark_steers_nothing() -> None:
 
 
 def test_steering_that_ends_leaves_nothing_behind() -> None:
-    loop, other = (ControlLoop("fisher-map", LINEAR, LIMITS, START) for _ in range(2))
+    loop, other = (ControlLoop(DEFAULT_POLICY, LINEAR, LIMITS, START) for _ in range(2))
     followed(loop, steer_to(RIGHT), 40)
     rest, never = followed(loop, None, 60)[-1], followed(other, None, 60)[-1]
     assert rest.setting.level == pytest.approx(never.setting.level, abs=0.6)
 
 
-@pytest.mark.parametrize("policy_id", ["belief", "fisher-map"])
+@pytest.mark.parametrize("policy_id", [DEFAULT_POLICY, "fisher-map"])
 def test_the_reason_of_a_decision_says_that_it_was_steered(policy_id: str) -> None:
     reasons = [
         followed(ControlLoop(policy_id, LINEAR, LIMITS, START), steer, 3)[-1].reason
@@ -372,15 +372,27 @@ def test_the_reason_of_a_decision_says_that_it_was_steered(policy_id: str) -> No
     assert [reason.endswith("; steered") for reason in reasons] == [False, True]
 
 
-def test_a_moving_camera_is_steered_in_steps() -> None:
-    """Odometry must find its points again, whatever consumers turn to."""
+def turned_to_in_turn(policy_id: str) -> NDArray[np.float64]:
+    """Levels of a moving camera whose consumers turn to the other side every 25 frames."""
     parameters, milder = ControlParameters(focal_length_px=800.0), np.where(np.arange(180) < 90, 2.0**-0.5, 2.0**0.5)
-    loop, settings = ControlLoop("fisher-map", LINEAR, LIMITS, START, parameters), [START, START]
+    loop, settings = ControlLoop(policy_id, LINEAR, LIMITS, START, parameters), [START, START]
     for index in range(100):
         frame = at_time(expose(SUN_AND_SHADE * milder, settings[index], HALF_SCALE), index)
         pair = StereoPair(index, {"left": frame, "right": frame})
         steering = steer_to(LEFT if index // 25 % 2 else RIGHT)
         settings.append(loop.step(pair, angular_rate_rad_s=0.3, steering=steering).setting)
-    levels = np.array([setting.level for setting in settings[10:]])
+    return np.array([setting.level for setting in settings[2:]])
+
+
+def test_a_moving_camera_leaps_once_when_consumers_turn_and_then_stays() -> None:
+    """Odometry loses the pair at the leap, and no other."""
+    levels = turned_to_in_turn(DEFAULT_POLICY).reshape(4, 25)
+    assert np.ptp(levels[:, 12:], axis=1).max() <= 0.1
+    assert np.ptp(levels[:, -1]) > 0.2
+
+
+def test_fisher_map_steers_a_moving_camera_in_steps() -> None:
+    """Odometry must find its points again, whatever consumers turn to."""
+    levels = turned_to_in_turn("fisher-map")[8:]
     assert np.abs(np.diff(levels)).max() < LONGEST_STEP + 0.05
     assert np.ptp(levels) > 0.2

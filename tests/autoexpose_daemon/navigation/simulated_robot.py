@@ -12,6 +12,7 @@ import numpy as np
 import zenoh
 
 from autoexpose_daemon.config.publish import PublishConfig
+from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from autoexpose_daemon.messages.keys import response_key, status_key
 from autoexpose_daemon.messages.response import response_to_json
 from autoexpose_daemon.messages.robot import odometry, read_velocity, twist
@@ -48,7 +49,7 @@ class SimulatedRobot:
         Where that listens.
     """
 
-    def __init__(self, robot_at: str, daemon_at: str, heading_rad: float = 0.0, policy: str = "fisher-map") -> None:
+    def __init__(self, robot_at: str, daemon_at: str, heading_rad: float = 0.0, policy: str = DEFAULT_POLICY) -> None:
         self.joystick: Velocity | None = None
         self.commands: list[Velocity] = []
         self.pose = Pose(0.0, 0.0, heading_rad)

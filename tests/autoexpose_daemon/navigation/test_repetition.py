@@ -12,6 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 from autoexpose_daemon.client import ReceivedPair
+from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from autoexpose_daemon.navigation.commands import _stop_on_signals, repeat_command
 from autoexpose_daemon.navigation.drive.lesson import EVERY_M, Lesson
 from autoexpose_daemon.navigation.drive.motion import STANDSTILL, Pose, Velocity
@@ -48,7 +49,7 @@ def taught(tmp_path: Path) -> Path:
     """Five local maps of the same wall, a metre in all."""
     path = tmp_path / "lap.map"
     lesson = Lesson(FINDERS["fast-orb"]())
-    with MapFile(path, MapInfo(720, 540, 600.0, "fast-orb", "fisher-map")) as file:
+    with MapFile(path, MapInfo(720, 540, 600.0, "fast-orb", DEFAULT_POLICY)) as file:
         run = file.begin_run("teach", 0.0)
         lesson.drive(Velocity(0.5, 0.0), 0.0)
         for centimetre in range(0, 100, 5):
@@ -140,7 +141,7 @@ def test_a_lesson_that_begins_while_the_robot_rolls_has_its_speed_from_the_start
     teacher = Teacher(path, 600.0, "fast-orb")
     for driven_m, forward_m_s in ((0.05, 0.1), (0.2, 0.2), (0.4, 0.3)):
         teacher.drive(Velocity(forward_m_s, 0.0), driven_m)
-    teacher.look(pair(view()), 0.45, "fisher-map")
+    teacher.look(pair(view()), 0.45, DEFAULT_POLICY)
     teacher.drive(Velocity(0.4, 0.0), 0.6)
     assert teacher.end(1.2) == pytest.approx(0.75)
     with MapFile(path) as file:
@@ -200,7 +201,7 @@ def test_drift_is_learnt_along_the_way_that_is_driven(tmp_path: Path, forward_m_
 def test_a_velocity_that_arrives_at_the_end_of_a_lesson_does_not_spoil_it(tmp_path: Path) -> None:
     path = tmp_path / "lap.map"
     teacher = Teacher(path, 600.0, "fast-orb")
-    teacher.look(pair(view()), 0.0, "fisher-map")
+    teacher.look(pair(view()), 0.0, DEFAULT_POLICY)
     teacher.drive(Velocity(0.4, 0.0), 1.21)
     assert teacher.end(1.2) == pytest.approx(1.21)
     with MapFile(path) as file:

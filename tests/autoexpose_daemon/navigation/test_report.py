@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from autoexpose_daemon.navigation.drive.lesson import Lesson
 from autoexpose_daemon.navigation.drive.motion import Velocity
 from autoexpose_daemon.navigation.drive.repeat import Repeater
@@ -30,7 +31,7 @@ def driven(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A quarter of a circle of 2 m, driven six times; from the second drive on its end looks different."""
     path = tmp_path_factory.mktemp("maps") / "lap.map"
     lesson = Lesson(FINDERS["fast-orb"]())
-    with MapFile(path, MapInfo(720, 540, 600.0, "fast-orb", "fisher-map")) as file:
+    with MapFile(path, MapInfo(720, 540, 600.0, "fast-orb", DEFAULT_POLICY)) as file:
         run = file.begin_run("teach", 0.0)
         lesson.drive(Velocity(0.5, 0.5 * math.pi / 2 / LENGTH_M), 0.0)
         for centimetre in range(0, 200, 5):

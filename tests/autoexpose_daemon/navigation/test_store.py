@@ -15,6 +15,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from autoexpose_daemon.navigation.maps.adaptation import LocalMap, Passing, adapt
 from autoexpose_daemon.navigation.store import MapError, MapFile, MapInfo, Run, TaughtPlace
 from autoexpose_daemon.navigation.store.database import FORMAT
@@ -22,7 +23,7 @@ from autoexpose_daemon.navigation.views.features import Features
 from autoexpose_daemon.navigation.views.registration import register
 from drivers.exposure import ExposureSetting
 
-INFO = MapInfo(720, 540, 600.0, "fast-orb", "fisher-map")
+INFO = MapInfo(720, 540, 600.0, "fast-orb", DEFAULT_POLICY)
 SETTING = ExposureSetting(3000.0, 1.5)
 START_S = 1_700_000_000.0
 

@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from autoexpose_daemon.client.status_client import StatusClient
+from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from autoexpose_daemon.navigation.drive.motion import STANDSTILL, Velocity
 from autoexpose_daemon.navigation.drive.repetition import LEAST_VOTES
 from autoexpose_daemon.navigation.store import MapFile
@@ -78,7 +79,7 @@ def lap(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @contextlib.contextmanager
 def repeating(
-    path: Path, *options: str, heading_rad: float = 0.0, policy: str = "fisher-map"
+    path: Path, *options: str, heading_rad: float = 0.0, policy: str = DEFAULT_POLICY
 ) -> Iterator[tuple[SimulatedRobot, subprocess.Popen[str]]]:
     robot_at, daemon_at = endpoint(), endpoint()
     where = ("--connect", daemon_at, "--robot", robot_at, "--odometry", ODOMETRY, "--command", COMMAND)
@@ -133,7 +134,7 @@ def test_without_drive_nothing_is_commanded(lap: Path) -> None:
         robot.joystick = FORWARD
         output = said(process)
         assert robot.commands == [] and "repeated 2." in output
-        assert "taught with fisher-map, while the daemon exposes by fixed" in output
+        assert f"taught with {DEFAULT_POLICY}, while the daemon exposes by fixed" in output
 
 
 def runs_of(path: Path) -> int:

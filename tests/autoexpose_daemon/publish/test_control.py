@@ -20,6 +20,7 @@ from autoexpose_daemon.client import ReceivedPair, StereoClient
 from autoexpose_daemon.client.control_client import ControlClient
 from autoexpose_daemon.config.publish import PublishConfig
 from autoexpose_daemon.config.request import LARGEST_REQUEST_BYTES, Request
+from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from autoexpose_daemon.messages.keys import control_key
 from autoexpose_daemon.publish import control as control_module
 from autoexpose_daemon.publish.control import WAITING_REQUESTS, ControlDoor
@@ -339,7 +340,7 @@ def test_the_terminal(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.Mo
         code, text = ctl(capsys, monkeypatch, *at_daemon, "lock")
         assert code == 0
         assert re.fullmatch(
-            r"policy    fisher-map\nexposure  locked at \d+ us, 0.0 dB\nEV        0\n"
+            rf"policy    {DEFAULT_POLICY}\nexposure  locked at \d+ us, 0.0 dB\nEV        0\n"
             r"bounds    20 to 7500 us, 0 to 30 dB\nchanged   nothing\nlatest    lock, asked by ana\n",
             text,
         )
@@ -360,7 +361,7 @@ def test_the_terminal(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.Mo
         assert "latest    reset, asked by ana\n" in ctl(capsys, monkeypatch, *at_daemon, "show")[1]
         for arguments, why in (
             (("ev", "9"), "ev_stops: 9.0 is out of bounds: give -3 to 3 stops"),
-            (("policy", "fisher"), "policy: there is no policy 'fisher'; did you mean fisher-map?"),
+            (("policy", "believe"), "policy: there is no policy 'believe'; did you mean belief?"),
             (("region", "left", "--rectangle", "1,2"), "1,2 is not a rectangle: give X,Y,WIDTH,HEIGHT"),
             (("shot", "--time-us", "9000"), "shot 9000 us, 0 dB is out of bounds: give 20 to 7500 us, 0 to 30 dB"),
         ):

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from autoexpose_daemon.config.publish import PublishConfig
-from autoexpose_daemon.control.policies.ids import POLICY_IDS
+from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY, POLICY_IDS
 from autoexpose_daemon.recording import recorder as recorder_module
 from autoexpose_daemon.recording.file import RecordingFile
 from autoexpose_daemon.recording.read import Recording
@@ -51,7 +51,7 @@ def test_decisions_by_an_imu_that_comes_and_goes_are_replayed_bit_for_bit(tmp_pa
 
 
 def test_decisions_by_the_light_of_an_earlier_drive_are_replayed_bit_for_bit(tmp_path: Path) -> None:
-    steps = replayed(record(tmp_path / "run.mcap", VirtualRun("fisher-map", driven_before=True), 60))
+    steps = replayed(record(tmp_path / "run.mcap", VirtualRun(DEFAULT_POLICY, driven_before=True), 60))
     assert [each.step.light_ahead is not None for each in steps] == [each.step.pair.trigger % 8 < 5 for each in steps]
     assert all(each.same for each in steps[1:])
 
@@ -62,7 +62,7 @@ def test_decisions_by_vignetting_are_replayed_bit_for_bit_from_what_the_recordin
         "left": Vignetting(width, height, (90.0, 60.5), (-0.7, 0.1)),
         "right": Vignetting(width, height, (89.5, 67.5), (), ((0.4, 0.8, 0.5), (0.7, 1.0, 0.6))),
     }
-    run, plain = VirtualRun("fisher-map", vignettings=lenses), VirtualRun("fisher-map")
+    run, plain = VirtualRun(DEFAULT_POLICY, vignettings=lenses), VirtualRun(DEFAULT_POLICY)
     path = record(tmp_path / "run.mcap", run)
     setups = [item for item in Recording(path) if isinstance(item, Setup)]
     assert setups[0].control.vignettings == lenses
@@ -71,14 +71,14 @@ def test_decisions_by_vignetting_are_replayed_bit_for_bit_from_what_the_recordin
     assert run.decisions != plain.decisions
 
 
-@pytest.mark.parametrize("policy_id", ["fisher-map", "neves2009"])
+@pytest.mark.parametrize("policy_id", [DEFAULT_POLICY, "neves2009"])
 def test_decisions_that_consumers_steered_are_replayed_bit_for_bit(tmp_path: Path, policy_id: str) -> None:
     steps = replayed(record(tmp_path / "run.mcap", VirtualRun(policy_id, tracked=True), 60))
     assert [each.step.steering is not None for each in steps] == [each.step.pair.trigger % 8 < 5 for each in steps]
     assert all(each.same for each in steps[1:])
 
 
-@pytest.mark.parametrize("policy_id", ["fisher-map", "neves2009", "kim2018"])
+@pytest.mark.parametrize("policy_id", [DEFAULT_POLICY, "neves2009", "kim2018"])
 def test_what_was_requested_is_replayed_bit_for_bit_and_named(tmp_path: Path, policy_id: str) -> None:
     path = record(tmp_path / "run.mcap", VirtualRun(policy_id, steered=True), 60)
     steps = replayed(path)

@@ -58,9 +58,9 @@ def test_orb_slam3_is_given_no_file_that_another_process_writes(
     monkeypatch.setattr(following, "write_taught_vocabulary", write)
     monkeypatch.setattr(following, "OrbSlam3", slam)
     everyone = following.Following(following.ORB_SLAM3, CAMERA, 0.1, tmp_path)
-    for name in ("fixed", "fisher-map"):
+    for name in ("fixed", "neves2009"):
         everyone.begin(name)
-    assert given == [("words", tmp_path / "fixed"), ("words", tmp_path / "fisher-map")]
+    assert given == [("words", tmp_path / "fixed"), ("words", tmp_path / "neves2009")]
 
 
 def test_what_a_program_complains_about_need_not_be_utf_8(tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ from autoexpose_daemon.control.loop import ControlLoop, ControlSetup
 from autoexpose_daemon.control.override import Override
 from autoexpose_daemon.control.parameters import Bracketing, ControlParameters
 from autoexpose_daemon.control.policies.bracket import KEPT
+from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from calibration.response import ResponseFunction
 from drivers.errors import ConfigurationError
 from drivers.exposure import ExposureLimits, ExposureSetting
@@ -97,7 +98,7 @@ def test_a_snapshot_goes_on_in_the_middle_of_a_cycle() -> None:
 def test_a_snapshot_splits_the_policys_frame_as_the_original_does() -> None:
     """By the size of the frames, before the policy of the restored loop has seen one."""
     bracketing = Bracketing(4, 4.0, keep=True)
-    setup = ControlSetup("fisher-map", {"left": LINEAR}, LIMITS, START, ControlParameters(bracket=bracketing), {}, {})
+    setup = ControlSetup(DEFAULT_POLICY, {"left": LINEAR}, LIMITS, START, ControlParameters(bracket=bracketing), {}, {})
     loop, again, settings = setup.loop(), setup.loop(), [START, START]
     for number in range(35):
         if number == 32:
@@ -133,7 +134,7 @@ def test_the_policys_frames_follow_the_light_under_ev_compensation() -> None:
     assert kept[-1] - kept[4] > 2.0
 
 
-@pytest.mark.parametrize("policy_id", ["zhang2017", "lu2010", "kim2018", "fisher-map"])
+@pytest.mark.parametrize("policy_id", ["zhang2017", "lu2010", "kim2018", DEFAULT_POLICY])
 def test_a_compensation_comes_out_in_the_policys_frames_as_asked_for(policy_id: str) -> None:
     """Laws relative to the frame would run away with it, and searches wait for their answers for ever."""
     parameters = ControlParameters(bracket=Bracketing(2, 1.0, keep=True))

@@ -17,6 +17,7 @@ from autoexpose_daemon.control.parameters import BalanceId, ControlParameters
 from autoexpose_daemon.control.policies.fisher_map.balance import BlurPhotonBalance
 from autoexpose_daemon.control.policies.fisher_map.policy import FisherMap
 from autoexpose_daemon.control.policies.flicker import FRAMES, FlickerWatch
+from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from autoexpose_daemon.control.policies.metric_map.view import DELTAS
 from autoexpose_daemon.control.policy import Look, Observation
 from autoexpose_daemon.control.registration import LightChange
@@ -58,7 +59,7 @@ def steady(*changes: tuple[float, float, float], repeat_s: float | None = None) 
 def drive(
     light: LightScript,
     rate_hz: float,
-    policy_id: str = "fisher-map",
+    policy_id: str = DEFAULT_POLICY,
     *,
     seconds: float = 3.0,
     speed_px: float = 0.0,
@@ -104,7 +105,7 @@ def found_s(seen: list[Seen], rate_hz: float) -> float:
     return next(index for index, each in enumerate(seen) if each.flicker_hz is not None) / rate_hz
 
 
-@pytest.mark.parametrize("policy_id", ["fisher-map", "metric-map", "neves2009", "begin2022"])
+@pytest.mark.parametrize("policy_id", [DEFAULT_POLICY, "metric-map", "neves2009", "begin2022"])
 @pytest.mark.parametrize(("rate_hz", "flicker_hz"), [(60.0, 100.0), (47.0, 100.0), (47.0, 120.0)])
 def test_a_lamp_is_found_and_vanishes_from_the_frames(policy_id: str, rate_hz: float, flicker_hz: float) -> None:
     mains = 1 + 1e-3  # they are never exact
@@ -168,7 +169,7 @@ HARMLESS = {
 }
 
 
-@pytest.mark.parametrize(("policy_id", "rate_hz"), [("fisher-map", 47.0), ("lu2010", 60.0), ("neves2009", 90.0)])
+@pytest.mark.parametrize(("policy_id", "rate_hz"), [(DEFAULT_POLICY, 47.0), ("lu2010", 60.0), ("neves2009", 90.0)])
 @pytest.mark.parametrize("what", HARMLESS)
 def test_other_changes_are_no_flicker(policy_id: str, rate_hz: float, what: str) -> None:
     light, speed_px = HARMLESS[what]

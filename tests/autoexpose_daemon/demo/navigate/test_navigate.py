@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
+from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from autoexpose_daemon.demo.navigate.control_line import ControlLine
 from autoexpose_daemon.demo.navigate.lessons import LIGHTS, TAUGHT_LUX, Lap
 from autoexpose_daemon.demo.navigate.picture import draw
@@ -107,7 +108,7 @@ def lap(policy: str, light: str, *, completed: bool = True) -> Lap:
 
 
 def test_figures_words_and_picture_of_laps(tmp_path: Path) -> None:
-    laps = [lap(policy, light) for policy in ("fisher-map", "fixed") for light in LIGHTS]
+    laps = [lap(policy, light) for policy in (DEFAULT_POLICY, "fixed") for light in LIGHTS]
     laps += [Lap("dusk", "fixed", False, [], [], "")]
     figures = laps[0].figures()
     assert figures["registered_share"] == 0.75
@@ -118,12 +119,12 @@ def test_figures_words_and_picture_of_laps(tmp_path: Path) -> None:
     said = console.export_text()
     assert said.count("75%") == 6
     assert said.strip().endswith("no")
-    draw(tmp_path / "laps.txt", laps, {"fisher-map": StepLog(1.0), "fixed": StepLog(1.0)})
+    draw(tmp_path / "laps.txt", laps, {DEFAULT_POLICY: StepLog(1.0), "fixed": StepLog(1.0)})
     assert (tmp_path / "laps.txt").stat().st_size > 10_000
 
 
 def test_each_policy_teaches_one_map() -> None:
-    assert compared("fisher-map") == ["fisher-map", "fixed"]
+    assert compared(DEFAULT_POLICY) == [DEFAULT_POLICY, "fixed"]
     assert compared("fixed") == ["fixed"]
 
 
