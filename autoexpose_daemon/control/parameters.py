@@ -88,7 +88,7 @@ class ControlParameters:
     focal_length_px
         Of the left camera, in pixels of its frames; needed for steps that are given an angular rate. None: unknown.
     full_well_e, read_noise_e
-        Of the cameras' sensors, for `fisher-map`: electrons that fill a pixel at 0 dB, and noise without light. The
+        Of the cameras' sensors, for our own policies: electrons that fill a pixel at 0 dB, and noise without light. The
         defaults are those of common global shutters (Sony IMX273 and its kin).
     bracket
         Record brackets instead of doing as the policy decides; None: do as it decides.

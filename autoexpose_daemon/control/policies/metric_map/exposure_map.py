@@ -86,7 +86,7 @@ _Worth = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
 
 
 class ExposureMap(ExposurePolicy):
-    """Goes where the map promises most, for both cameras of a pair; docs/policy.md says why.
+    """Goes where the map promises most, for both cameras of a pair; docs/fisher-map.md says why.
 
     A subclass says what an image is worth at other exposures. All targets are absolute levels, and the map is one of
     absolute levels, so frames in flight are never corrected twice.
