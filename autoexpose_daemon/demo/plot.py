@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -99,8 +98,8 @@ def _light(axes: Axes, pulse_s: NDArray[np.float64], lux: NDArray[np.float64], s
 
 
 def _exposure(curves: Sequence[Axes], step_log: StepLog, start_ns: int) -> None:
-    """Exposure time, gain, both together, and the resulting metric."""
-    time, gain, level, worth = curves
+    """Exposure time, gain, both together, and what is lost in the picture."""
+    time, gain, level, lost = curves
     times_s = _seconds([step.host_time_ns for step in step_log.steps], start_ns)
     time.set_title("Exposure time: a longer one gathers more light, and blurs what moves")
     time.semilogy(times_s, [step.applied.exposure_time_us / 1e3 for step in step_log.steps], color="tab:green")
@@ -115,11 +114,11 @@ def _exposure(curves: Sequence[Axes], step_log: StepLog, start_ns: int) -> None:
     level.plot(times_s, applied, color="tab:blue", lw=1.8, label="what frames were taken with")
     level.set_ylabel("stops")
     level.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=2, frameon=False, borderpad=0, borderaxespad=0.2)
-    worth.set_title("Gradient information in the image, 0 to 1")
-    worth.plot(
-        times_s, [math.nan if step.metric is None else step.metric for step in step_log.steps], color="tab:purple"
-    )
-    worth.set_ylabel("metric")
+    lost.set_title("What the image does not show: white or black pixels")
+    lost.plot(times_s, [100 * step.saturated_share for step in step_log.steps], color="tab:red", label="white")
+    lost.plot(times_s, [100 * step.black_share for step in step_log.steps], color="black", label="black")
+    lost.set_ylabel("%")
+    lost.legend(loc="center right", frameon=False)
 
 
 def _label(axes: Axes, unit: str) -> None:

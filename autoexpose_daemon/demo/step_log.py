@@ -17,13 +17,12 @@ _PICTURE_WIDTH = 180
 
 @dataclass(frozen=True, slots=True)
 class StepRecord:
-    """One control step: when and how the left frame was taken, its metric, and the decision."""
+    """One control step: when and how the left frame was taken, what of it is lost, and the decision."""
 
     trigger: int
     host_time_ns: int
     applied: ExposureSetting
     decided_level: float
-    metric: float | None
     saturated_share: float
     black_share: float
     reason: str
@@ -61,7 +60,6 @@ class StepLog:
                 frame.host_time_ns,
                 frame.setting,
                 decision.level,
-                decision.metric,
                 decision.saturated_share,
                 decision.black_share,
                 decision.reason,

@@ -123,6 +123,7 @@ class PolicyRun:
     def __init__(self, setup: ControlSetup, delay_frames: int, judge: Judge, *, told_motion: bool = True) -> None:
         parameters = replace(setup.parameters, focal_length_px=FOCAL_LENGTH_PX)
         self.loop: ControlLoop = replace(setup, parameters=parameters).loop()
+        self.loop.metric_asked = True
         self.judge = judge
         self._told = told_motion
         self.settings = [setup.start] * delay_frames

@@ -54,7 +54,6 @@ def replay_demo(
                 time_ns,
                 settings[index],
                 decision.level,
-                decision.metric,
                 decision.saturated_share,
                 decision.black_share,
                 decision.reason,

@@ -34,7 +34,7 @@ PERIOD_NS = 16_666_667
 
 def record(trigger: int, level: float, clipped: float = 0.0) -> StepRecord:
     setting = ExposureSetting(exp2(level), 0.0)
-    return StepRecord(trigger, trigger * PERIOD_NS, setting, level, 0.1, clipped, 0.0, "held")
+    return StepRecord(trigger, trigger * PERIOD_NS, setting, level, clipped, 0.0, "held")
 
 
 def test_settling_counts_to_the_first_of_ten_good_frames() -> None:

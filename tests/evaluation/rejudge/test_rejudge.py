@@ -13,6 +13,7 @@ import pytest
 import typer
 from typer.testing import CliRunner, Result
 
+from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from autoexpose_daemon.recording.replay_report import report_replay
 from calibration.geometry.formats.ros import ros_yaml
 from drivers.errors import AutoexposeError, ConfigurationError
@@ -62,7 +63,7 @@ def test_policies_are_judged_and_one_is_recommended(drive_file: Path, tmp_path: 
     outcome = run(
         drive_file,
         "--policies",
-        "fixed,neves2009",
+        f"{DEFAULT_POLICY},neves2009",
         "--jobs",
         "1",
         "--trajectory",
@@ -75,7 +76,7 @@ def test_policies_are_judged_and_one_is_recommended(drive_file: Path, tmp_path: 
     assert outcome.exit_code == 0, outcome.exception
     assert "36 pairs in 0.6 s, 4 to a cycle, 0 missing" in outcome.output.replace("\n", " ")
     written = json.loads(figures.read_text())
-    assert [one["policy"] for one in written["policies"]] == ["fixed", "neves2009"]
+    assert [one["policy"] for one in written["policies"]] == [DEFAULT_POLICY, "neves2009"]
     for one in written["policies"]:
         assert 0.05 < one["metric"] < 0.5
         assert one["matches"] > 30
