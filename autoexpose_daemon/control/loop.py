@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -15,7 +15,7 @@ from autoexpose_daemon.control.metrics.gradient import GradientMetric, mean_sign
 from autoexpose_daemon.control.override import NO_OVERRIDE, Compensation, Override
 from autoexpose_daemon.control.parameters import FASTEST_TURN_RAD_S, REMEMBERED_STEPS, ControlParameters
 from autoexpose_daemon.control.picture.image import median
-from autoexpose_daemon.control.picture.motion import DisMotion, FarnebackMotion, FlowMotion
+from autoexpose_daemon.control.picture.motion import DisMotion, FarnebackMotion, Motion, TileMotion
 from autoexpose_daemon.control.picture.region import Region
 from autoexpose_daemon.control.picture.steering import Steering
 from autoexpose_daemon.control.picture.tracking_memory import CellExposure
@@ -34,6 +34,12 @@ REFERENCE_RATE_HZ = 60.0
 """Image speeds are in pixels per 1/60 s, the unit of the paper's tuning."""
 
 _DEFAULT_PARAMETERS = ControlParameters()
+
+_MOTIONS: dict[str, Callable[[ResponseFunction], Motion]] = {
+    "tiles": TileMotion,
+    "dis": DisMotion,
+    "farneback": FarnebackMotion,
+}
 
 
 STATE_FORMAT = "autoexpose-control/11"
@@ -142,8 +148,7 @@ class ControlLoop:
             for side, response in by_side.items()
         }
         flow = self._policy.FLOW if parameters.motion == "policy" else parameters.motion
-        motion = FarnebackMotion if flow == "farneback" else DisMotion
-        self._motions: dict[Side, FlowMotion] = {side: motion(response) for side, response in by_side.items()}
+        self._motions: dict[Side, Motion] = {side: _MOTIONS[flow](response) for side, response in by_side.items()}
         self._motion_side = None
         self._motion_px = 0.0
         self._seen: list[Look] = []

@@ -250,7 +250,7 @@ class ExposurePolicy(ABC):
     Attributes
     ----------
     FLOW
-        The optical flow of its paper, used unless another is configured.
+        How motion is measured unless another way is configured: the optical flow of its paper; `tiles`: `TileMotion`.
     OBJECTIVE
         What it is judged by.
     compensated
@@ -268,7 +268,7 @@ class ExposurePolicy(ABC):
     """
 
     STATE: ClassVar[tuple[str, ...]] = ()
-    FLOW: ClassVar[Literal["dis", "farneback"]] = "dis"
+    FLOW: ClassVar[Literal["tiles", "dis", "farneback"]] = "dis"
     OBJECTIVE: ClassVar[Objective] = "metric"
     compensated: Literal["targets", "frames", "darker"] = "darker"
     STEERED: ClassVar[bool] = False

@@ -12,7 +12,7 @@ from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.metrics.gradient import GradientMetric
 from autoexpose_daemon.control.parameters import BalanceId, ControlParameters, MotionId
 from autoexpose_daemon.control.picture.image import ImagePreparation
-from autoexpose_daemon.control.picture.motion import DisMotion, FarnebackMotion, FlowMotion
+from autoexpose_daemon.control.picture.motion import DisMotion, FarnebackMotion, Motion, TileMotion
 from autoexpose_daemon.control.picture.region import Rectangle, Region
 from autoexpose_daemon.control.policies.ids import POLICY_IDS
 from calibration.response import ResponseFunction
@@ -189,16 +189,20 @@ def test_the_balance_can_be_chosen(balance: BalanceId, gain_db: float) -> None:
     [
         ("begin2022", "policy", FarnebackMotion),
         ("neves2009", "policy", DisMotion),
+        ("belief", "policy", TileMotion),
+        ("belief", "dis", DisMotion),
         ("begin2022", "dis", DisMotion),
         ("neves2009", "farneback", FarnebackMotion),
     ],
 )
-def test_the_flow_can_be_chosen(policy_id: str, motion: MotionId, flow: type[FlowMotion]) -> None:
+def test_the_flow_can_be_chosen(policy_id: str, motion: MotionId, flow: type[Motion]) -> None:
     frames = [at_time(expose(np.roll(radiance(5, 1.0, (540, 720)), 6 * i, 1), START, 11.0), i) for i in range(2)]
     loop = ControlLoop(policy_id, LINEAR, LIMITS, START, ControlParameters(motion=motion))
     expected, preparation = flow(LINEAR), ImagePreparation()
     for index, frame in enumerate(frames):
-        speed = expected.measure(preparation.prepare(frame.grey8()), 720, START.level, frame.device_time_ns)
+        speed = expected.measure(
+            preparation.prepare(frame.grey8(), filtered=policy_id != "belief"), 720, START.level, frame.device_time_ns
+        )
         assert loop.step(StereoPair(index, {"left": frame})).motion_px == pytest.approx(speed or 0.0, rel=1e-6)
 
 
