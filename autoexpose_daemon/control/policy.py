@@ -15,7 +15,7 @@ from autoexpose_daemon.control.balance import Balance, BlurNoiseBalance, Exposur
 from autoexpose_daemon.control.grounds import Grounds
 from autoexpose_daemon.control.light_ahead import LightAhead
 from autoexpose_daemon.control.metrics.extension import extension as _native
-from autoexpose_daemon.control.metrics.gradient import GradientMetric, grey_counts
+from autoexpose_daemon.control.metrics.gradient import GradientMetric, grey_counts, mean_signal
 from autoexpose_daemon.control.parameters import ControlParameters
 from autoexpose_daemon.control.picture.steering import Steering
 from calibration.response import ResponseFunction
@@ -120,8 +120,6 @@ class Observation:
         Its time stamp on its camera's clock.
     metric
         M_g of `image`, 0..1 per pixel; may be None for a policy that is not `FILTERED`.
-    mean
-        Mean signal of `image`, 0 at the black level to 1 at saturation.
     saturated_share, black_share
         Shares (0..1) of the pixels of `image` at or beyond saturation and the black level.
     motion_px
@@ -130,8 +128,6 @@ class Observation:
         Bounds and increments that the next setting will be cut to.
     past
         The latest decisions, oldest first, one per frame.
-    realised
-        The one of them that this frame was taken with; None if none fits its setting.
     by_flow
         Whether `motion_px` is from optical flow, which may mistake a change of light for motion, not from a gyroscope.
     flicker_hz
@@ -148,13 +144,11 @@ class Observation:
     setting: ExposureSetting
     device_time_ns: int
     metric: float | None
-    mean: float
     saturated_share: float
     black_share: float
     motion_px: float
     limits: ExposureLimits
     past: Sequence[PastStep] = ()
-    realised: PastStep | None = None
     by_flow: bool = True
     flicker_hz: float | None = None
     light_ahead: LightAhead | None = None
@@ -175,6 +169,17 @@ class Observation:
     def weights(self) -> NDArray[np.uint8] | None:
         """How much each pixel of `image` counts."""
         return self.looks[0].weights
+
+    @property
+    def mean(self) -> float:
+        """Mean signal of `image`, 0 at the black level to 1 at saturation."""
+        look = self.looks[0]
+        return mean_signal(look.image, look.response, look.weights, look.cumulative)
+
+    @property
+    def realised(self) -> PastStep | None:
+        """The latest of `past` that this frame was taken with; None if none fits its setting."""
+        return next((past for past in reversed(self.past) if past.setting.agrees_with(self.setting)), None)
 
     def realises(self, target: Target) -> bool:
         """Whether this frame was taken because `target` was asked for.

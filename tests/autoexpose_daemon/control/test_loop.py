@@ -15,6 +15,7 @@ from autoexpose_daemon.control.picture.image import ImagePreparation
 from autoexpose_daemon.control.picture.motion import DisMotion, FarnebackMotion, Motion, TileMotion
 from autoexpose_daemon.control.picture.region import Rectangle, Region
 from autoexpose_daemon.control.policies.ids import POLICY_IDS
+from autoexpose_daemon.control.policy import Observation
 from calibration.response import ResponseFunction
 from calibration.vignetting.model import Vignetting
 from drivers.errors import ConfigurationError
@@ -115,13 +116,14 @@ def test_feedback_compares_with_the_frame_whose_decision_is_realised() -> None:
     scene, loop = radiance(3, 0.7), make("begin2022")
     first = loop.step(StereoPair(0, {"left": at_time(expose(scene, START, 14.0), 0)}))
     loop.step(StereoPair(1, {"left": at_time(expose(scene, START, 8.0), 1)}))  # brighter now: another decision
-    past = loop._decision_realised_by(first.setting)
+    shown = Observation(loop._seen, first.setting, 0, None, 0.0, 0.0, 0.0, LIMITS, loop._past)
+    past = shown.realised
     assert past is not None
     assert past.metric == first.metric
     assert past.setting == first.setting
     rounded = ExposureSetting(first.setting.exposure_time_us * 1.005, first.setting.gain_db + 0.04)
-    assert loop._decision_realised_by(rounded) is past
-    assert loop._decision_realised_by(ExposureSetting(20.0, 0.0)) is None
+    assert replace(shown, setting=rounded).realised is past
+    assert replace(shown, setting=ExposureSetting(20.0, 0.0)).realised is None
 
 
 def test_frames_in_flight_are_not_corrected_twice() -> None:
