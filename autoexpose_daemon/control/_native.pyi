@@ -33,7 +33,7 @@ def light_change(
     clipped: NDArray[np.uint8],
     /,
 ) -> tuple[int, int, float]: ...
-def mean_shift(
+def median_shift(
     image: NDArray[np.uint8],
     side: int,
     light_of_sum: NDArray[np.int16],

@@ -208,9 +208,9 @@ static PyObject *light_change_of(PyObject *module, PyObject *arguments)
     return result;
 }
 
-PyDoc_STRVAR(mean_shift_doc,
-             "mean_shift(image, side, light_of_sum, before, now)\n--\n\n"
-             "How far the picture has moved in the mean, in pixels; None: nothing to go by, or no picture before.\n\n"
+PyDoc_STRVAR(median_shift_doc,
+             "median_shift(image, side, light_of_sum, before, now)\n--\n\n"
+             "How far the picture has moved, the median of its parts, in pixels; None: nothing to go by, or no picture before.\n\n"
              "image: uint8 (height, width), 16 to 90 blocks of `side` pixels either way. light_of_sum: int16\n"
              " (side * side * 255 + 1,), the light of a block in 1/128 stop by the sum of its grey levels, 0 if black, at\n"
              "most 2047. before: int16 (height // side, width // side), the light of the picture before; None: there is none.\n"
@@ -241,13 +241,13 @@ static PyObject *shift_into(Held *held, PyObject *const objects[4], Py_ssize_t s
     const Image pixels = image_of(image);
     if (light_of_blocks(&pixels, (size_t)side, light_of_sum, now))
         return PyErr_NoMemory();
-    const double shift = before ? mean_shift(before, now, (size_t)height, (size_t)width, light_of_sum[last]) : -1.0;
+    const double shift = before ? median_shift(before, now, (size_t)height, (size_t)width, light_of_sum[last]) : -1.0;
     if (isnan(shift))
         return PyErr_NoMemory();
     return shift < 0.0 ? Py_NewRef(Py_None) : PyFloat_FromDouble(shift * (double)side);
 }
 
-static PyObject *mean_shift_of(PyObject *module, PyObject *arguments)
+static PyObject *median_shift_of(PyObject *module, PyObject *arguments)
 {
     PyObject *objects[4];
     Py_ssize_t side;
@@ -267,6 +267,6 @@ PyMethodDef picture_methods[] = {
     {"grey_of_rank", grey_of_rank_of, METH_VARARGS, grey_of_rank_doc},
     {"sample_greys", sample_greys_of, METH_VARARGS, sample_greys_doc},
     {"light_change", light_change_of, METH_VARARGS, light_change_doc},
-    {"mean_shift", mean_shift_of, METH_VARARGS, mean_shift_doc},
+    {"median_shift", median_shift_of, METH_VARARGS, median_shift_doc},
     {NULL, NULL, 0, NULL},
 };

@@ -250,6 +250,19 @@ static void step(const Pictures *at, Shift *whole, Shift tiles[TILES])
     }
 }
 
+static double median_length(const Shift tiles[TILES])
+{
+    double sorted[TILES];
+    for (int tile = 0; tile < TILES; tile++) {
+        const double length = sqrt(tiles[tile].x * tiles[tile].x + tiles[tile].y * tiles[tile].y);
+        int place = tile;
+        for (; place > 0 && sorted[place - 1] > length; place--)
+            sorted[place] = sorted[place - 1];
+        sorted[place] = length;
+    }
+    return (sorted[TILES / 2 - 1] + sorted[TILES / 2]) / 2.0;
+}
+
 static double followed(const Pictures sizes[SIZES])
 {
     Shift whole = search(&sizes[SIZES - 1]), tiles[TILES];
@@ -262,13 +275,10 @@ static double followed(const Pictures sizes[SIZES])
         for (int i = 0; i < steps_at[size]; i++)
             step(&sizes[size], &whole, tiles);
     }
-    double sum = 0.0;
-    for (int tile = 0; tile < TILES; tile++)
-        sum += sqrt(tiles[tile].x * tiles[tile].x + tiles[tile].y * tiles[tile].y);
-    return sum / TILES;
+    return median_length(tiles);
 }
 
-double mean_shift(const int16_t *before, const int16_t *now, size_t height, size_t width, int16_t brightest)
+double median_shift(const int16_t *before, const int16_t *now, size_t height, size_t width, int16_t brightest)
 {
     int16_t rise;
     if (!rise_of(before, now, height * width, brightest, &rise))

@@ -33,7 +33,7 @@ LONGEST_INTERVAL_NS = 250e6
 
 
 class Motion(ABC):
-    """Mean speed of image points between successive frames, by what a subclass does with them."""
+    """Speed of image points between successive frames, by what a subclass does with them."""
 
     STATE: ClassVar[tuple[str, ...]] = ("_shape", "_previous_time_ns")
     _shape: tuple[int, ...]
@@ -55,7 +55,7 @@ class Motion(ABC):
         """
 
     def measure(self, image: NDArray[np.uint8], full_width: int, level: float, device_time_ns: int) -> float | None:
-        """Mean speed in pixels of full resolution per 1/60 s; None for a frame without a usable predecessor.
+        """Their speed in pixels of full resolution per 1/60 s; None for a frame without a usable predecessor.
 
         Parameters
         ----------
@@ -97,7 +97,7 @@ def _check_sides(width: int, height: int) -> None:
 
 
 class TileMotion(Motion):
-    """Motion of the log of light in twelve tiles of the picture, of blocks of pixels: a quarter of the time of DIS.
+    """Median motion of the log of light in twelve tiles of the picture, of blocks of pixels: a quarter of DIS' time.
 
     The picture as a whole is searched for at a quarter of the size; from there each tile takes Gauss-Newton steps. All
     of it goes by differences of light within a picture, as far as both pictures can show them: neither exposure nor
@@ -125,7 +125,7 @@ class TileMotion(Motion):
     def _moved_share(self, image: NDArray[np.uint8], level: float, *, compare: bool) -> float | None:
         height, width = image.shape
         now = np.empty((height // self._side, width // self._side), np.int16)
-        moved_px = _native.mean_shift(image, self._side, self._light_of_sum, self._previous if compare else None, now)
+        moved_px = _native.median_shift(image, self._side, self._light_of_sum, self._previous if compare else None, now)
         self._previous = now
         return None if moved_px is None else moved_px / width
 

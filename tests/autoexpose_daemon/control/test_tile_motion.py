@@ -31,7 +31,7 @@ def blocks_by_numpy(image: NDArray[np.uint8], side: int) -> NDArray[np.int64]:
 
 
 def shift_by_numpy(before: NDArray[np.int64], now: NDArray[np.int64]) -> float | None:
-    """As `mean_shift` in C, in blocks."""
+    """As `median_shift` in C, in blocks."""
     inside = (before > 0) & (before < BRIGHTEST) & (now > 0) & (now < BRIGHTEST)
     if inside.sum() < 0.01 * inside.size:
         return None
@@ -46,7 +46,7 @@ def shift_by_numpy(before: NDArray[np.int64], now: NDArray[np.int64]) -> float |
         whole, tiles = 2 * whole, 2 * tiles
         for _ in range(steps):
             whole, tiles = stepped(first, second, whole, tiles)
-    return float(np.hypot(*tiles.T).mean())
+    return float(np.median(np.hypot(*tiles.T)))
 
 
 def blurred(light: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -125,8 +125,8 @@ def test_the_extension_does_what_numpy_does(seed: int, height: int, width: int, 
     first, second = scene[:rows, :columns], scene[reach[0] :, reach[1] :]
     second = (second[: first.shape[0], : first.shape[1]] if alike else texture(seed + 1, *first.shape)).copy()
     before, now = np.empty((2, height, width), np.int16)
-    assert _native.mean_shift(first, side, light_of_sums(side), None, before) is None
-    shift = _native.mean_shift(second, side, light_of_sums(side), before, now)
+    assert _native.median_shift(first, side, light_of_sums(side), None, before) is None
+    shift = _native.median_shift(second, side, light_of_sums(side), before, now)
     assert before.tolist() == blocks_by_numpy(first, side).tolist()
     assert now.tolist() == blocks_by_numpy(second, side).tolist()
     expected = shift_by_numpy(before.astype(np.int64), now.astype(np.int64))
@@ -185,4 +185,4 @@ def test_what_does_not_fit_is_refused(change: dict[str, object], message: str) -
     fitting: dict[str, object] = {"image": np.zeros((80, 80), np.uint8), "side": 4, "light": light_of_sums(4)}
     fitting |= {"before": blocks, "now": blocks.copy()}
     with pytest.raises(ValueError, match=message):
-        _native.mean_shift(*(fitting | change).values())  # type: ignore[arg-type]
+        _native.median_shift(*(fitting | change).values())  # type: ignore[arg-type]
