@@ -14,8 +14,8 @@ enum { LEAST_BLOCKS = 16, MOST_BLOCKS = 90, LARGEST_BLOCK = 16 };
  * (height / side, width / side). Returns -1 without memory. */
 int light_of_blocks(const Image *image, size_t side, const int16_t *light_of_sum, int16_t *light);
 
-/* The median distance over the picture, in blocks, between where things are in two pictures of blocks, (height, width), whose light
- * ends at `brightest`. Negative if hardly anything is neither black nor white in both, NaN without memory. */
+/* The median distance over the picture, in blocks, between where things are in two pictures of blocks, (height, width),
+ * whose light ends at `brightest`. Negative if hardly anything is neither black nor white in both, NaN without memory. */
 double median_shift(const int16_t *before, const int16_t *now, size_t height, size_t width, int16_t brightest);
 
 #endif

@@ -76,8 +76,8 @@ class Motion(ABC):
         if image.shape != self._shape:
             self._shape, self._previous_time_ns = image.shape, None
         if image.shape != self._allocated_for:
-            self._allocated_for = image.shape
             self._allocate(image.shape)
+            self._allocated_for = image.shape
         interval_ns = 0 if self._previous_time_ns is None else device_time_ns - self._previous_time_ns
         self._previous_time_ns = device_time_ns
         share = self._moved_share(image, level, compare=0 < interval_ns <= LONGEST_INTERVAL_NS)
