@@ -25,7 +25,7 @@ from autoexpose_daemon.control.metrics.extension import extension
 from autoexpose_daemon.control.metrics.gradient import ExtremeShares, GradientMetric, PackedTables, mean_signal
 from autoexpose_daemon.control.parameters import ControlParameters, MotionId
 from autoexpose_daemon.control.picture.image import ImagePreparation
-from autoexpose_daemon.control.picture.motion import DisMotion, FarnebackMotion
+from autoexpose_daemon.control.picture.motion import DisMotion, FarnebackMotion, TileMotion
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY, LEARNED
 from autoexpose_daemon.control.policies.published.begin2022 import DEGREE, DELTA_LEVELS
 from autoexpose_daemon.control.search.optimum import PolynomialFit
@@ -132,6 +132,9 @@ def single_stages(frames: tuple[np.ndarray, ...], paths: dict[str, bool]) -> Sta
         "motion, Farneback": lambda turn: farneback.measure(images[turn % 2], 720, SETTING.level, turn * FRAME_NS),
         "polynomial, Newton": lambda turn: fit.maximum(curve),
     }
+    if "native" in paths:
+        tiles = TileMotion(RESPONSE)
+        stages["motion, tiles"] = lambda turn: tiles.measure(images[turn % 2], 720, SETTING.level, turn * FRAME_NS)
     for path, native in paths.items():
         metric = GradientMetric(native=native)
         stages[f"metric, {path}"] = lambda turn, metric=metric: metric.measure(image)

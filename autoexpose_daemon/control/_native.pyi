@@ -33,6 +33,14 @@ def light_change(
     clipped: NDArray[np.uint8],
     /,
 ) -> tuple[int, int, float]: ...
+def median_shift(
+    image: NDArray[np.uint8],
+    side: int,
+    light_of_sum: NDArray[np.int16],
+    before: NDArray[np.int16] | None,
+    now: NDArray[np.int16],
+    /,
+) -> float | None: ...
 def predict_information(
     energy: NDArray[np.float64],
     count: NDArray[np.float64],

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -11,11 +11,11 @@ from autoexpose_daemon.control.balance import Balance, whole_periods_us
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.grounds import Grounds
 from autoexpose_daemon.control.light_ahead import LightAhead
-from autoexpose_daemon.control.metrics.gradient import GradientMetric, mean_signal
+from autoexpose_daemon.control.metrics.gradient import GradientMetric
 from autoexpose_daemon.control.override import NO_OVERRIDE, Compensation, Override
 from autoexpose_daemon.control.parameters import FASTEST_TURN_RAD_S, REMEMBERED_STEPS, ControlParameters
 from autoexpose_daemon.control.picture.image import median
-from autoexpose_daemon.control.picture.motion import DisMotion, FarnebackMotion, FlowMotion
+from autoexpose_daemon.control.picture.motion import DisMotion, FarnebackMotion, Motion, TileMotion
 from autoexpose_daemon.control.picture.region import Region
 from autoexpose_daemon.control.picture.steering import Steering
 from autoexpose_daemon.control.picture.tracking_memory import CellExposure
@@ -27,13 +27,19 @@ from autoexpose_daemon.control.view import View
 from calibration.response import ResponseFunction
 from calibration.vignetting.model import Vignetting
 from drivers.errors import ConfigurationError
-from drivers.exposure import SAME_GAIN_DB, ExposureLimits, ExposureSetting
+from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import SIDES, Frame, Side, StereoPair
 
 REFERENCE_RATE_HZ = 60.0
 """Image speeds are in pixels per 1/60 s, the unit of the paper's tuning."""
 
 _DEFAULT_PARAMETERS = ControlParameters()
+
+_MOTIONS: dict[str, Callable[[ResponseFunction], Motion]] = {
+    "tiles": TileMotion,
+    "dis": DisMotion,
+    "farneback": FarnebackMotion,
+}
 
 
 STATE_FORMAT = "autoexpose-control/11"
@@ -142,8 +148,7 @@ class ControlLoop:
             for side, response in by_side.items()
         }
         flow = self._policy.FLOW if parameters.motion == "policy" else parameters.motion
-        motion = FarnebackMotion if flow == "farneback" else DisMotion
-        self._motions: dict[Side, FlowMotion] = {side: motion(response) for side, response in by_side.items()}
+        self._motions: dict[Side, Motion] = {side: _MOTIONS[flow](response) for side, response in by_side.items()}
         self._motion_side = None
         self._motion_px = 0.0
         self._seen: list[Look] = []
@@ -293,13 +298,11 @@ class ControlLoop:
             looks=looks,
             setting=setting,
             metric=self._metric_of(look),
-            mean=mean_signal(look.image, look.response, look.weights, look.cumulative),
             saturated_share=saturated_share,
             black_share=black_share,
             motion_px=self._speed_px(look, frame, setting, angular_rate_rad_s),
             limits=limits,
             past=self._past,
-            realised=self._decision_realised_by(setting),
             by_flow=angular_rate_rad_s is None,
             flicker_hz=self.flicker_hz,
             light_ahead=light_ahead,
@@ -370,14 +373,6 @@ class ControlLoop:
             speed_px = 0.0 if self._motion_side == look.side else self._motion_px
         self._motion_side, self._motion_px = look.side, speed_px
         return speed_px
-
-    def _decision_realised_by(self, setting: ExposureSetting) -> PastStep | None:
-        """The latest remembered step that decided on `setting`."""
-        for past in reversed(self._past):
-            # Most often the gain alone shows that two settings differ.
-            if abs(past.setting.gain_db - setting.gain_db) < SAME_GAIN_DB and past.setting.agrees_with(setting):
-                return past
-        return None
 
 
 def _in_words(target: Target, ev_stops: float, level: float) -> str:

@@ -83,8 +83,8 @@ class ControlParameters:
         Flashes of the light per second, for the balance `flicker`: twice the mains frequency. None: found from the
         frames, and times are whole periods whatever the balance.
     motion
-        How optical flow is computed; `policy`: Farneback's for the policies of Begin & Hunter, as in the paper, and DIS
-        for all others.
+        How motion is measured; `policy`: by Farneback's flow for the policies of Begin & Hunter, as in the paper, by
+        tiles (`TileMotion`) for `belief`, and by DIS flow for all others.
     focal_length_px
         Of the left camera, in pixels of its frames; needed for steps that are given an angular rate. None: unknown.
     full_well_e, read_noise_e

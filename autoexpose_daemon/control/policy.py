@@ -15,7 +15,7 @@ from autoexpose_daemon.control.balance import Balance, BlurNoiseBalance, Exposur
 from autoexpose_daemon.control.grounds import Grounds
 from autoexpose_daemon.control.light_ahead import LightAhead
 from autoexpose_daemon.control.metrics.extension import extension as _native
-from autoexpose_daemon.control.metrics.gradient import GradientMetric, grey_counts
+from autoexpose_daemon.control.metrics.gradient import GradientMetric, grey_counts, mean_signal
 from autoexpose_daemon.control.parameters import ControlParameters
 from autoexpose_daemon.control.picture.steering import Steering
 from calibration.response import ResponseFunction
@@ -121,8 +121,6 @@ class Observation:
         Exposure time and gain that the frame was actually taken with.
     metric
         M_g of `image`, 0..1 per pixel; may be None for a policy that is not `FILTERED`.
-    mean
-        Mean signal of `image`, 0 at the black level to 1 at saturation.
     saturated_share, black_share
         Shares (0..1) of the pixels of `image` at or beyond saturation and the black level.
     motion_px
@@ -131,8 +129,6 @@ class Observation:
         Bounds and increments that the next setting will be cut to.
     past
         The latest decisions, oldest first, one per frame.
-    realised
-        The one of them that this frame was taken with; None if none fits its setting.
     by_flow
         Whether `motion_px` is from optical flow, which may mistake a change of light for motion, not from a gyroscope.
     flicker_hz
@@ -148,13 +144,11 @@ class Observation:
     looks: Sequence[Look]
     setting: ExposureSetting
     metric: float | None
-    mean: float
     saturated_share: float
     black_share: float
     motion_px: float
     limits: ExposureLimits
     past: Sequence[PastStep] = ()
-    realised: PastStep | None = None
     by_flow: bool = True
     flicker_hz: float | None = None
     light_ahead: LightAhead | None = None
@@ -175,6 +169,17 @@ class Observation:
     def weights(self) -> NDArray[np.uint8] | None:
         """How much each pixel of `image` counts."""
         return self.looks[0].weights
+
+    @property
+    def mean(self) -> float:
+        """Mean signal of `image`, 0 at the black level to 1 at saturation."""
+        look = self.looks[0]
+        return mean_signal(look.image, look.response, look.weights, look.cumulative)
+
+    @property
+    def realised(self) -> PastStep | None:
+        """The latest of `past` that this frame was taken with; None if none fits its setting."""
+        return next((past for past in reversed(self.past) if past.setting.agrees_with(self.setting)), None)
 
     def realises(self, target: Target) -> bool:
         """Whether this frame was taken because `target` was asked for.
@@ -250,7 +255,7 @@ class ExposurePolicy(ABC):
     Attributes
     ----------
     FLOW
-        The optical flow of its paper, used unless another is configured.
+        How motion is measured unless another way is configured: the optical flow of its paper; `tiles`: `TileMotion`.
     OBJECTIVE
         What it is judged by.
     compensated
@@ -268,7 +273,7 @@ class ExposurePolicy(ABC):
     """
 
     STATE: ClassVar[tuple[str, ...]] = ()
-    FLOW: ClassVar[Literal["dis", "farneback"]] = "dis"
+    FLOW: ClassVar[Literal["tiles", "dis", "farneback"]] = "dis"
     OBJECTIVE: ClassVar[Objective] = "metric"
     compensated: Literal["targets", "frames", "darker"] = "darker"
     STEERED: ClassVar[bool] = False

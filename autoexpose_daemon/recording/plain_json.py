@@ -11,7 +11,7 @@ import numpy as np
 
 from autoexpose_daemon.control.snapshot import Plain
 
-_DTYPES = ("uint8", "float32", "float64")
+_DTYPES = ("uint8", "int16", "float32", "float64")
 _KEYS = {"dtype", "shape", "base64"}
 
 

@@ -57,6 +57,16 @@ const float *hold_floats(Held *held, PyObject *object, Py_ssize_t count, const c
     return numbers(held, object, count, "f", 0, what);
 }
 
+const int16_t *hold_shorts(Held *held, PyObject *object, Py_ssize_t count, const char *what)
+{
+    return numbers(held, object, count, "h", 0, what);
+}
+
+int16_t *hold_short_results(Held *held, PyObject *object, Py_ssize_t count, const char *what)
+{
+    return numbers(held, object, count, "h", PyBUF_WRITABLE, what);
+}
+
 Py_ssize_t held_numbers(const Held *held)
 {
     return held->views[held->count - 1].len / held->views[held->count - 1].itemsize;

@@ -30,6 +30,10 @@ double *hold_result(Held *held, PyObject *object, Py_ssize_t count, const char *
 /* The same of float32, to be read. */
 const float *hold_floats(Held *held, PyObject *object, Py_ssize_t count, const char *what);
 
+/* The same of int16, to be read, and to be written. */
+const int16_t *hold_shorts(Held *held, PyObject *object, Py_ssize_t count, const char *what);
+int16_t *hold_short_results(Held *held, PyObject *object, Py_ssize_t count, const char *what);
+
 /* How many numbers the last buffer has. */
 Py_ssize_t held_numbers(const Held *held);
 

@@ -1,8 +1,10 @@
-/* contrast.h and tones.h for Python. */
+/* contrast.h, shift.h and tones.h for Python. */
 #include "arguments.h"
 #include "bindings.h"
 #include "contrast.h"
+#include "shift.h"
 #include "tones.h"
+#include <math.h>
 
 PyDoc_STRVAR(contrast_sums_doc,
              "contrast_sums(image, black, saturated, energy, count, region=None)\n--\n\n"
@@ -206,6 +208,58 @@ static PyObject *light_change_of(PyObject *module, PyObject *arguments)
     return result;
 }
 
+PyDoc_STRVAR(median_shift_doc,
+             "median_shift(image, side, light_of_sum, before, now)\n--\n\n"
+             "How far the picture has moved, the median of its parts, in pixels; None: nothing to go by, or no picture before.\n\n"
+             "image: uint8 (height, width), 16 to 90 blocks of `side` pixels either way. light_of_sum: int16\n"
+             " (side * side * 255 + 1,), the light of a block in 1/128 stop by the sum of its grey levels, 0 if black, at\n"
+             "most 2047. before: int16 (height // side, width // side), the light of the picture before; None: there is none.\n"
+             "now: the same of this one, written.");
+
+static int are_blocks(Py_ssize_t count)
+{
+    return count >= LEAST_BLOCKS && count <= MOST_BLOCKS;
+}
+
+static PyObject *shift_into(Held *held, PyObject *const objects[4], Py_ssize_t side)
+{
+    const Py_buffer *image;
+    const int16_t *light_of_sum, *before = NULL;
+    int16_t *now;
+    if (!(image = hold_bytes(held, objects[0], 2, PyBUF_STRIDES, "image")))
+        return NULL;
+    if (side < 1 || side > LARGEST_BLOCK || !are_blocks(image->shape[0] / side) || !are_blocks(image->shape[1] / side))
+        return PyErr_Format(PyExc_ValueError, "image must have %d to %d blocks either way, of 1 to %d pixels",
+                            (int)LEAST_BLOCKS, (int)MOST_BLOCKS, (int)LARGEST_BLOCK);
+    const Py_ssize_t height = image->shape[0] / side, width = image->shape[1] / side, last = side * side * 255;
+    if (!(light_of_sum = hold_shorts(held, objects[1], last + 1, "light_of_sum")) ||
+        (objects[2] != Py_None && !(before = hold_shorts(held, objects[2], height * width, "before"))) ||
+        !(now = hold_short_results(held, objects[3], height * width, "now")))
+        return NULL;
+    if (light_of_sum[last] < 0 || light_of_sum[last] > BRIGHTEST)
+        return PyErr_Format(PyExc_ValueError, "light_of_sum must end at 0 to %d", (int)BRIGHTEST);
+    const Image pixels = image_of(image);
+    if (light_of_blocks(&pixels, (size_t)side, light_of_sum, now))
+        return PyErr_NoMemory();
+    const double shift = before ? median_shift(before, now, (size_t)height, (size_t)width, light_of_sum[last]) : -1.0;
+    if (isnan(shift))
+        return PyErr_NoMemory();
+    return shift < 0.0 ? Py_NewRef(Py_None) : PyFloat_FromDouble(shift * (double)side);
+}
+
+static PyObject *median_shift_of(PyObject *module, PyObject *arguments)
+{
+    PyObject *objects[4];
+    Py_ssize_t side;
+    Held held = {0};
+    (void)module;
+    if (!PyArg_ParseTuple(arguments, "OnOOO", &objects[0], &side, &objects[1], &objects[2], &objects[3]))
+        return NULL;
+    PyObject *result = shift_into(&held, objects, side);
+    release(&held);
+    return result;
+}
+
 PyMethodDef picture_methods[] = {
     {"contrast_sums", contrast_sums_of, METH_VARARGS, contrast_sums_doc},
     {"grey_counts", grey_counts_of, METH_VARARGS, grey_counts_doc},
@@ -213,5 +267,6 @@ PyMethodDef picture_methods[] = {
     {"grey_of_rank", grey_of_rank_of, METH_VARARGS, grey_of_rank_doc},
     {"sample_greys", sample_greys_of, METH_VARARGS, sample_greys_doc},
     {"light_change", light_change_of, METH_VARARGS, light_change_doc},
+    {"median_shift", median_shift_of, METH_VARARGS, median_shift_doc},
     {NULL, NULL, 0, NULL},
 };

@@ -1,7 +1,8 @@
-"""How fast the image moves: rough optical flow (Begin & Hunter 2022, algorithm 1, lines 1 to 6)."""
+"""How fast the image moves: tiles, or rough optical flow (Begin & Hunter 2022, algorithm 1, lines 1 to 6)."""
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from typing import ClassVar
 
@@ -9,6 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from autoexpose_daemon.control.metrics.extension import extension as _native
 from autoexpose_daemon.control.picture.image import FLOW_SIZE, fit
 from calibration.response import ResponseFunction
 from calibration.response.prediction import prediction_table
@@ -17,44 +19,43 @@ from drivers.errors import ConfigurationError
 REFERENCE_INTERVAL_NS = 1e9 / 60
 """Speeds are per 1/60 s: the paper's tuning (k_offset, w) belongs to displacements per frame of its 60 Hz camera."""
 
-_DIS_LEAST_SIDE = 16
-"""Twice DIS' patches of 8 pixels; OpenCV 5.0 may crash on less."""
+_LEAST_SIDE = 16
+"""Twice DIS' patches of 8 pixels (OpenCV 5.0 may crash on less); four blocks at the size that tiles start from."""
+
+BLACK = 1.5
+"""Grey levels above the black level: the log of less is mostly noise."""
+
+_STEPS, _MOST_LIGHT = 128.0, 2047.0
+"""Steps in a stop of the log of light, and the most of them (16 stops) that fit the integers of the C extension."""
 
 LONGEST_INTERVAL_NS = 250e6
 """Frames further apart (a quarter of a second, 15 frames of the paper's camera) no longer show the same things."""
 
 
-class FlowMotion(ABC):
-    """Mean speed of image points between successive frames, by the optical flow of a subclass.
+class Motion(ABC):
+    """Speed of image points between successive frames, by what a subclass does with them."""
 
-    The previous frame is first brought to the exposure of this one through the response function, since flow mistakes a
-    change of brightness for motion.
-    """
-
-    STATE: ClassVar[tuple[str, ...]] = ("_shape", "_previous", "_previous_level", "_previous_time_ns")
-    FLOW_SCALE: ClassVar[int] = 1
+    STATE: ClassVar[tuple[str, ...]] = ("_shape", "_previous_time_ns")
     _shape: tuple[int, ...]
-    _previous: NDArray[np.uint8]
-    _previous_level: float
     _previous_time_ns: int | None
 
-    def __init__(self, response: ResponseFunction) -> None:
-        self._response = response
-        self._shape = (0, 0)
-        self._previous = np.empty((0, 0), np.uint8)
-        self._previous_level = 0.0
+    def __init__(self) -> None:
+        self._shape = self._allocated_for = (0, 0)
         self._previous_time_ns = None
-        self._allocate(self._shape)
 
     @abstractmethod
-    def _calculate(self, previous: NDArray[np.uint8], current: NDArray[np.uint8], flow: NDArray[np.float32]) -> None:
-        """Write into `flow`, (height, width, 2), how far each pixel of `previous` has moved, in pixels.
+    def _allocate(self, shape: tuple[int, ...]) -> None:
+        """Make what images of a shape need."""
 
-        Its size is that of the images over `FLOW_SCALE`, and it is in pixels of that size.
+    @abstractmethod
+    def _moved_share(self, image: NDArray[np.uint8], level: float, *, compare: bool) -> float | None:
+        """Take in an image; `compare`: and say by what share of its width it has moved since the one before.
+
+        None if they do not tell.
         """
 
     def measure(self, image: NDArray[np.uint8], full_width: int, level: float, device_time_ns: int) -> float | None:
-        """Mean speed in pixels of full resolution per 1/60 s; None for a frame without a usable predecessor.
+        """Their speed in pixels of full resolution per 1/60 s; None for a frame without a usable predecessor.
 
         Parameters
         ----------
@@ -70,26 +71,95 @@ class FlowMotion(ABC):
         Raises
         ------
         ConfigurationError
-            For frames that `DisMotion` cannot work on.
+            For frames that are too narrow.
         """
         if image.shape != self._shape:
             self._shape, self._previous_time_ns = image.shape, None
         if image.shape != self._allocated_for:
             self._allocate(image.shape)
-        self._shrink(image)
-        speed = None
-        if self._previous_time_ns is not None:
-            interval_ns = device_time_ns - self._previous_time_ns
-            if 0 < interval_ns <= LONGEST_INTERVAL_NS:
-                displacement = self._mean_displacement(level) * full_width / self._current.shape[1]
-                speed = displacement * REFERENCE_INTERVAL_NS / interval_ns
-        self._previous = self._current.copy()
-        self._previous_level, self._previous_time_ns = level, device_time_ns
-        return speed
+            self._allocated_for = image.shape
+        interval_ns = 0 if self._previous_time_ns is None else device_time_ns - self._previous_time_ns
+        self._previous_time_ns = device_time_ns
+        share = self._moved_share(image, level, compare=0 < interval_ns <= LONGEST_INTERVAL_NS)
+        return None if share is None else share * full_width * REFERENCE_INTERVAL_NS / interval_ns
 
     def forget(self) -> None:
         """Treat the next frame as one without a predecessor."""
         self._previous_time_ns = None
+
+
+def _check_sides(width: int, height: int) -> None:
+    if min(height, width) < _LEAST_SIDE:
+        raise ConfigurationError(
+            f"frames shrunk to {width}x{height} pixels are too narrow to measure motion: at least {_LEAST_SIDE} pixels "
+            "either way are needed; use Farneback flow or a squarer region of the sensor"
+        )
+
+
+class TileMotion(Motion):
+    """Median motion of the log of light in twelve tiles of the picture, of blocks of pixels: a quarter of DIS' time.
+
+    The picture as a whole is searched for at a quarter of the size; from there each tile takes Gauss-Newton steps. All
+    of it goes by differences of light within a picture, as far as both pictures can show them: neither exposure nor
+    light that changes looks like motion, and `level` does not matter. Needs the C extension.
+    """
+
+    STATE: ClassVar[tuple[str, ...]] = (*Motion.STATE, "_previous")
+    _previous: NDArray[np.int16]
+
+    def __init__(self, response: ResponseFunction) -> None:
+        super().__init__()
+        self._response = response
+        self._previous = np.empty((0, 0), np.int16)
+
+    def _allocate(self, shape: tuple[int, ...]) -> None:
+        height, width = shape
+        side = self._side = math.ceil(max(width / FLOW_SIZE[0], height / FLOW_SIZE[1]))
+        _check_sides(width // side, height // side)
+        greys = np.arange(side * side * 255 + 1) / (side * side)
+        black, white = self._response.inverse_between(np.array([self._response.black_level + BLACK, 255.0]))
+        black = max(black, white - _MOST_LIGHT / _STEPS)
+        light = self._response.inverse_between(greys).clip(black, white) - black
+        self._light_of_sum = np.rint(_STEPS * light).astype(np.int16)
+
+    def _moved_share(self, image: NDArray[np.uint8], level: float, *, compare: bool) -> float | None:
+        height, width = image.shape
+        now = np.empty((height // self._side, width // self._side), np.int16)
+        moved_px = _native.median_shift(image, self._side, self._light_of_sum, self._previous if compare else None, now)
+        self._previous = now
+        return None if moved_px is None else moved_px / width
+
+
+class FlowMotion(Motion):
+    """Motion by the optical flow of a subclass.
+
+    The previous frame is first brought to the exposure of this one through the response function, since flow mistakes a
+    change of brightness for motion.
+    """
+
+    STATE: ClassVar[tuple[str, ...]] = (*Motion.STATE, "_previous", "_previous_level")
+    FLOW_SCALE: ClassVar[int] = 1
+    _previous: NDArray[np.uint8]
+    _previous_level: float
+
+    def __init__(self, response: ResponseFunction) -> None:
+        super().__init__()
+        self._response = response
+        self._previous = np.empty((0, 0), np.uint8)
+        self._previous_level = 0.0
+
+    @abstractmethod
+    def _calculate(self, previous: NDArray[np.uint8], current: NDArray[np.uint8], flow: NDArray[np.float32]) -> None:
+        """Write into `flow`, (height, width, 2), how far each pixel of `previous` has moved, in pixels.
+
+        Its size is that of the images over `FLOW_SCALE`, and it is in pixels of that size.
+        """
+
+    def _moved_share(self, image: NDArray[np.uint8], level: float, *, compare: bool) -> float | None:
+        self._shrink(image)
+        share = self._mean_displacement(level) / self._current.shape[1] if compare else None
+        self._previous, self._previous_level = self._current.copy(), level
+        return share
 
     def _shrink(self, image: NDArray[np.uint8]) -> None:
         """Halve by area, then interpolate: close to an area average at a ratio like 3.97, for a sixth of its cost."""
@@ -112,8 +182,7 @@ class FlowMotion(ABC):
         return self.FLOW_SCALE * float(np.add.reduce(self._length, axis=None) / self._length.size)  # as `mean`, quicker
 
     def _allocate(self, shape: tuple[int, ...]) -> None:
-        self._allocated_for = shape
-        width, height = fit(shape, FLOW_SIZE) if min(shape) else (0, 0)
+        width, height = fit(shape, FLOW_SIZE)
         half_width, half_height = max(width, shape[1] // 2), max(height, shape[0] // 2)
         self._half = np.empty((half_height, half_width), np.uint8)
         self._current = np.empty((height, width), np.uint8)
@@ -153,11 +222,7 @@ class DisMotion(FlowMotion):
     def _allocate(self, shape: tuple[int, ...]) -> None:
         super()._allocate(shape)
         height, width = self._current.shape
-        if min(shape) and min(height, width) < _DIS_LEAST_SIDE:
-            raise ConfigurationError(
-                f"frames shrunk to {width}x{height} pixels are too narrow for DIS flow: at least {_DIS_LEAST_SIDE} "
-                "pixels either way are needed; use Farneback flow or a squarer region of the sensor"
-            )
+        _check_sides(width, height)
 
     def _calculate(self, previous: NDArray[np.uint8], current: NDArray[np.uint8], flow: NDArray[np.float32]) -> None:
         flow.fill(0)  # DIS starts from its content

@@ -111,7 +111,7 @@ class Bracket(ExposurePolicy):
         if self._policy is None or (self._kept is not None and not (realised is not None and _is_kept(realised))):
             return
         own = [past for past in observation.past if _is_kept(past)]
-        target = self._policy.decide(replace(observation, past=own, realised=realised if own else None))
+        target = self._policy.decide(replace(observation, past=own))
         self._kept = replace(target, reason=KEPT + target.reason)
 
     def _followed(self, limits: ExposureLimits) -> float:

@@ -48,7 +48,7 @@ class WithoutFeedback(ExposurePolicy):
 
     def decide(self, observation: Observation) -> Target:
         """What the law would decide."""
-        return self.law.decide(replace(observation, realised=None))
+        return self.law.decide(replace(observation, past=()))
 
 
 class LeavesWhiteAndBlack(ExposurePolicy):

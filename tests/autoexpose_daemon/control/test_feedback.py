@@ -31,7 +31,7 @@ def test_the_prediction_is_the_maximum_of_the_polynomial_not_the_best_sample(sto
     peaks = [root.real for root in through.deriv().roots() if abs(root.imag) < 1e-9]
     peak = min((place for place in peaks if through.deriv(2)(place) < 0), key=abs)
 
-    seen = Observation([Look("left", image, LINEAR)], START, samples[3], 0.0, 0.0, 0.0, 0.0, LIMITS)
+    seen = Observation([Look("left", image, LINEAR)], START, samples[3], 0.0, 0.0, 0.0, LIMITS)
     target = Begin2022({"left": LINEAR}, GradientMetric(), ExposurePriority()).decide(seen)
     assert target.level - START.level == pytest.approx(peak, abs=1e-3)
     assert target.predicted_metric == pytest.approx(through(peak), rel=1e-3)

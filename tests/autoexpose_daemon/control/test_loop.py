@@ -12,9 +12,10 @@ from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.metrics.gradient import GradientMetric
 from autoexpose_daemon.control.parameters import BalanceId, ControlParameters, MotionId
 from autoexpose_daemon.control.picture.image import ImagePreparation
-from autoexpose_daemon.control.picture.motion import DisMotion, FarnebackMotion, FlowMotion
+from autoexpose_daemon.control.picture.motion import DisMotion, FarnebackMotion, Motion, TileMotion
 from autoexpose_daemon.control.picture.region import Rectangle, Region
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY, POLICY_IDS
+from autoexpose_daemon.control.policy import Observation
 from calibration.response import ResponseFunction
 from calibration.vignetting.model import Vignetting
 from drivers.errors import ConfigurationError
@@ -115,13 +116,14 @@ def test_feedback_compares_with_the_frame_whose_decision_is_realised() -> None:
     scene, loop = radiance(3, 0.7), make("begin2022")
     first = loop.step(StereoPair(0, {"left": at_time(expose(scene, START, 14.0), 0)}))
     loop.step(StereoPair(1, {"left": at_time(expose(scene, START, 8.0), 1)}))  # brighter now: another decision
-    past = loop._decision_realised_by(first.setting)
+    shown = Observation(loop._seen, first.setting, 0, None, 0.0, 0.0, 0.0, LIMITS, loop._past)
+    past = shown.realised
     assert past is not None
     assert past.metric == first.metric
     assert past.setting == first.setting
     rounded = ExposureSetting(first.setting.exposure_time_us * 1.005, first.setting.gain_db + 0.04)
-    assert loop._decision_realised_by(rounded) is past
-    assert loop._decision_realised_by(ExposureSetting(20.0, 0.0)) is None
+    assert replace(shown, setting=rounded).realised is past
+    assert replace(shown, setting=ExposureSetting(20.0, 0.0)).realised is None
 
 
 def test_frames_in_flight_are_not_corrected_twice() -> None:
@@ -189,16 +191,20 @@ def test_the_balance_can_be_chosen(balance: BalanceId, gain_db: float) -> None:
     [
         ("begin2022", "policy", FarnebackMotion),
         ("neves2009", "policy", DisMotion),
+        ("belief", "policy", TileMotion),
+        ("belief", "dis", DisMotion),
         ("begin2022", "dis", DisMotion),
         ("neves2009", "farneback", FarnebackMotion),
     ],
 )
-def test_the_flow_can_be_chosen(policy_id: str, motion: MotionId, flow: type[FlowMotion]) -> None:
+def test_the_flow_can_be_chosen(policy_id: str, motion: MotionId, flow: type[Motion]) -> None:
     frames = [at_time(expose(np.roll(radiance(5, 1.0, (540, 720)), 6 * i, 1), START, 11.0), i) for i in range(2)]
     loop = ControlLoop(policy_id, LINEAR, LIMITS, START, ControlParameters(motion=motion))
     expected, preparation = flow(LINEAR), ImagePreparation()
     for index, frame in enumerate(frames):
-        speed = expected.measure(preparation.prepare(frame.grey8()), 720, START.level, frame.device_time_ns)
+        speed = expected.measure(
+            preparation.prepare(frame.grey8(), filtered=policy_id != "belief"), 720, START.level, frame.device_time_ns
+        )
         assert loop.step(StereoPair(index, {"left": frame})).motion_px == pytest.approx(speed or 0.0, rel=1e-6)
 
 

@@ -41,7 +41,7 @@ def policy() -> MetricMap:
 
 def observe(image: NDArray[np.uint8], setting: ExposureSetting = START, motion_px: float = 0.0) -> Observation:
     metric = GradientMetric().measure(image)
-    return Observation([Look("left", image, LINEAR)], setting, metric, 0.0, 0.0, 0.0, motion_px, LIMITS)
+    return Observation([Look("left", image, LINEAR)], setting, metric, 0.0, 0.0, motion_px, LIMITS)
 
 
 def metric(level: float, half_scale_level: float, scene: NDArray[np.float64] = SCENE) -> float:

@@ -6,14 +6,14 @@ import pytest
 from numpy.typing import NDArray
 
 from autoexpose_daemon.control.picture.image import ImagePreparation
-from autoexpose_daemon.control.picture.motion import DisMotion, FarnebackMotion, FlowMotion
+from autoexpose_daemon.control.picture.motion import DisMotion, FarnebackMotion, FlowMotion, Motion, TileMotion
 from calibration.response import ResponseFunction
 from drivers.errors import ConfigurationError
 
 SIXTIETH_NS = 16_666_667
 
 
-BOTH = pytest.mark.parametrize("flow", [FarnebackMotion, DisMotion])
+ALL = pytest.mark.parametrize("flow", [FarnebackMotion, DisMotion, TileMotion])
 
 
 def view(shift_px: int, gain: float = 1.0, noise: float = 0.0) -> NDArray[np.uint8]:
@@ -26,7 +26,7 @@ def view(shift_px: int, gain: float = 1.0, noise: float = 0.0) -> NDArray[np.uin
 
 
 def speed(
-    flow: type[FlowMotion],
+    flow: type[Motion],
     second: NDArray[np.uint8],
     *,
     stops: float = 0.0,
@@ -38,33 +38,40 @@ def speed(
     return motion.measure(second, 720, 10.0 + stops, interval_ns)
 
 
-@BOTH
+@ALL
 @pytest.mark.parametrize("shift_px", [4, 8, 16, 24, 32, 40])
-def test_pixels_of_full_resolution_per_sixtieth(flow: type[FlowMotion], shift_px: int) -> None:
+def test_pixels_of_full_resolution_per_sixtieth(flow: type[Motion], shift_px: int) -> None:
     assert speed(flow, view(shift_px)) == pytest.approx(shift_px, rel=0.1)
 
 
-@BOTH
-def test_the_true_interval_counts(flow: type[FlowMotion]) -> None:
+@ALL
+def test_the_true_interval_counts(flow: type[Motion]) -> None:
     assert speed(flow, view(8), interval_ns=2 * SIXTIETH_NS) == pytest.approx(speed(flow, view(8)) / 2)
 
 
-@BOTH
-def test_a_still_image_has_no_motion(flow: type[FlowMotion]) -> None:
+@ALL
+def test_a_still_image_has_no_motion(flow: type[Motion]) -> None:
     assert speed(flow, view(0)) < 0.1
 
 
-@BOTH
+@pytest.mark.parametrize("flow", [FarnebackMotion, DisMotion])
 def test_a_change_of_exposure_is_not_motion(flow: type[FlowMotion]) -> None:
     compensated, ignored = speed(flow, view(0, 2.0), stops=1.0), speed(flow, view(0, 2.0))
     assert compensated < 0.5
     assert ignored > 2 * compensated
 
 
+@pytest.mark.parametrize("stops", [0.0, 1.0])
+def test_tiles_take_neither_exposure_nor_light_for_motion(stops: float) -> None:
+    assert speed(TileMotion, view(0, 2.0), stops=stops) < 0.3
+    assert speed(TileMotion, view(24, 2.0), stops=stops) == pytest.approx(24, rel=0.1)
+
+
 @pytest.mark.parametrize("shift_px", [8, 24, 40])
-def test_dis_sees_in_the_dark_what_farneback_misses(shift_px: int) -> None:
+def test_dis_and_tiles_see_in_the_dark_what_farneback_misses(shift_px: int) -> None:
     first, second = view(0, 0.06, 1.5), view(shift_px, 0.06, 1.5)
     assert speed(DisMotion, second, first=first) == pytest.approx(shift_px, rel=0.12)
+    assert speed(TileMotion, second, first=first) == pytest.approx(shift_px, rel=0.12)
     assert speed(FarnebackMotion, second, first=first) < shift_px / 2
 
 
@@ -75,15 +82,17 @@ def test_each_flow_starts_from_zero() -> None:
     assert last == pytest.approx(speed(DisMotion, view(8)))
 
 
-def test_dis_refuses_strips_that_are_too_narrow() -> None:
-    motion = DisMotion(ResponseFunction.linear())
-    with pytest.raises(ConfigurationError, match="90x12 pixels are too narrow"):
-        motion.measure(np.zeros((50, 360), np.uint8), 720, 10.0, 0)  # the first frame: before anything depends on it
+@pytest.mark.parametrize("flow", [DisMotion, TileMotion])
+def test_strips_that_are_too_narrow_are_refused(flow: type[Motion]) -> None:
+    motion = flow(ResponseFunction.linear())
+    for _ in range(2):  # from the first frame on, before anything depends on it, and not only then
+        with pytest.raises(ConfigurationError, match="90x12 pixels are too narrow"):
+            motion.measure(np.zeros((50, 360), np.uint8), 720, 10.0, 0)
 
 
-@BOTH
+@ALL
 @pytest.mark.parametrize("interval_ns", [0, -SIXTIETH_NS, 10**9])
-def test_no_speed_across_a_gap_or_a_clock_that_went_back(flow: type[FlowMotion], interval_ns: int) -> None:
+def test_no_speed_across_a_gap_or_a_clock_that_went_back(flow: type[Motion], interval_ns: int) -> None:
     assert speed(flow, view(8), interval_ns=interval_ns) is None
 
 

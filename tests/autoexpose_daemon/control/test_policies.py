@@ -36,7 +36,7 @@ SETTING = ExposureSetting(1000.0, 6.0)
 def observe(image: NDArray[np.uint8], realised: PastStep | None = None) -> Observation:
     metric = GradientMetric().measure(image)
     looks = [Look("left", image, LINEAR)]
-    return Observation(looks, SETTING, metric, float(image.mean()) / 255, 0.0, 0.0, 0.0, LIMITS, realised=realised)
+    return Observation(looks, SETTING, metric, 0.0, 0.0, 0.0, LIMITS, [realised] if realised else [])
 
 
 def flat(grey: int) -> NDArray[np.uint8]:

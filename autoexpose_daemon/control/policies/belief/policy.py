@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping, Sequence
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,6 +73,7 @@ class Belief(ExposurePolicy):
     STATE: ClassVar[tuple[str, ...]] = (
         "registration", "forecast", "foresight", "cadence", "latency", "beliefs", "motion_px", "seen_ns",
     )  # fmt: skip
+    FLOW: ClassVar[Literal["tiles"]] = "tiles"
     OBJECTIVE: ClassVar[Objective] = "information"
     STEERED: ClassVar[bool] = True
     FILTERED: ClassVar[bool] = False

@@ -141,7 +141,7 @@ def test_fisher_map_judges_a_level_by_the_setting_that_it_would_get(balance: Bal
     policy, setting = FisherMap({"left": LINEAR}, balance, NOISE, native=False), ExposureSetting(21_034.0, 24.0)
     policy.motion_px = 0.0
     looks = [Look("left", np.zeros((136, 180), np.uint8), LINEAR)]
-    observation = Observation(looks, setting, 0.0, 0.0, 0.0, 0.0, 0.0, limits, flicker_hz=100.0)
+    observation = Observation(looks, setting, 0.0, 0.0, 0.0, 0.0, limits, flicker_hz=100.0)
     times_us, gains = policy._splits(observation)
     for level, time_us, gain in zip(setting.level + DELTAS, times_us, gains, strict=True):
         within = limits.clamp_level(level)

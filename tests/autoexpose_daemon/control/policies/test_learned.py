@@ -40,7 +40,7 @@ def look_at(image: NDArray[np.uint8], weights: NDArray[np.uint8] | None = None, 
 
 def observe(image: NDArray[np.uint8], setting: ExposureSetting = START) -> Observation:
     black, white = (float((image == grey).mean()) for grey in (0, 255))
-    return Observation([look_at(image)], setting, 0.1, float(image.mean()) / 255, white, black, 0.0, LIMITS)
+    return Observation([look_at(image)], setting, 0.1, white, black, 0.0, LIMITS)
 
 
 def built(policy_id: str) -> LearnedPolicy:
