@@ -79,7 +79,7 @@ void pass_time(const Scene *scene, double kept, double moved, ptrdiff_t risen)
         }
         fade(scene->energy[bin], kept * (1.0 - moved));
         fade(scene->precision[bin], kept * (1.0 - moved));
-        scene->seen[bin] *= kept;
+        scene->seen[bin] *= kept * (1.0 - moved / CELLS); /* by so much the picture is new */
         if (scene->seen[bin] < FADED)
             forget_bin(scene, bin);
     }

@@ -53,16 +53,23 @@ static void share_out(const Expected *expected, const double *information, doubl
     }
 }
 
+/* What a level holds by a hypothesis, if hopes for what is hidden come true. */
+static inline double hoped(const Expected *expected, const double *information, const double *nothing, size_t level)
+{
+    return expected->sharp[level] * (nothing[level] + expected->hope * (information[level] - nothing[level]));
+}
+
 /* What would be gained over staying at the best level, if a camera's hypothesis were known to be right. */
-static double gain_of(const Expected *expected, const double *information, double vote, double best, const double *share,
-                      const double *worth, size_t now)
+static double gain_of(const Expected *expected, const double *information, const double *nothing, double vote, double best,
+                      const double *share, const double *worth, size_t now)
 {
     double greatest = best, gained = 0.0;
     for (size_t i = 0; i < expected->levels; i++)
-        greatest = fmax(greatest, expected->sharp[i] * information[i]);
-    const double unit = vote / greatest, stay = worth[now] - share[now] + unit * expected->sharp[now] * information[now];
+        greatest = fmax(greatest, hoped(expected, information, nothing, i));
+    const double unit = vote / greatest;
+    const double stay = worth[now] - share[now] + unit * hoped(expected, information, nothing, now);
     for (size_t i = 0; i < expected->levels; i++)
-        gained = fmax(gained, worth[i] - share[i] + unit * expected->sharp[i] * information[i] - stay);
+        gained = fmax(gained, worth[i] - share[i] + unit * hoped(expected, information, nothing, i) - stay);
     return gained;
 }
 
@@ -81,7 +88,8 @@ int weigh_levels(const Expected *expected, double *worth, double *look)
     for (size_t camera = 0; camera < expected->cameras; camera++)
         for (size_t hypothesis = 0; hypothesis < HYPOTHESES; hypothesis++) {
             const size_t place = camera * HYPOTHESES + hypothesis;
-            const double gained = gain_of(expected, expected->information + place * n, expected->votes[camera],
+            const double gained = gain_of(expected, expected->information + place * n,
+                                          expected->information + camera * HYPOTHESES * n, expected->votes[camera],
                                           best[camera], shares + camera * n, worth, now);
             for (size_t i = 0; i < n; i++)
                 look[i] += expected->served * expected->probability[place] * gained * expected->revealed[place * n + i];
@@ -121,17 +129,24 @@ static double mean_light(const Plan *plan, size_t frame)
     return light;
 }
 
+/* What a frame is worth of which so much is left to the one before it: one that is lost costs more than its worth. */
+static inline double worth_of_pair(double left, double lost_below, double lost_cost)
+{
+    return left - lost_cost * (left < lost_below ? 1.0 - left / lost_below : 0.0);
+}
+
 /* What each level of a frame promises, if the best follows in the next one, whose levels promise so much. left[i]: what is
  * left of the next frame's worth if its level is by i - (count - 1) steps higher. */
-VECTORISED static void look_ahead(const double *worth, const double *later, const double *left, size_t count,
-                                  double *restrict promised)
+VECTORISED static void look_ahead(const Plan *plan, const double *worth, const double *later, const double *left,
+                                  size_t count, double *restrict promised)
 {
+    const double lost_below = plan->lost_below, lost_cost = plan->lost_cost;
     for (size_t i = 0; i < count; i++)
-        promised[i] = 0.0;
+        promised[i] = -INFINITY;
     for (size_t next = 0; next < count; next++) {
         const double *reversed = left + (count - 1 - next);
         for (size_t i = 0; i < count; i++) {
-            const double value = worth[next] * reversed[i] + later[next];
+            const double value = worth_of_pair(worth[next] * reversed[i], lost_below, lost_cost) + later[next];
             promised[i] = value > promised[i] ? value : promised[i];
         }
     }
@@ -151,7 +166,7 @@ int plan_frames(const Plan *plan, double *values, double *looks)
         read_off(plan, plan->worth, frame, n, worth);
         for (size_t i = 0; i < 2 * n - 1; i++) /* the next level is lower by i - (n - 1) steps */
             left[i] = exp(-plan->brightness_loss * fabs(risen - plan->step * ((double)i - (double)(n - 1))));
-        look_ahead(worth, later, left, n, promised);
+        look_ahead(plan, worth, later, left, n, promised);
         memcpy(later, promised, n * sizeof *later);
     }
     const double risen = mean_light(plan, 1) - mean_light(plan, 0);
@@ -159,7 +174,8 @@ int plan_frames(const Plan *plan, double *values, double *looks)
     read_off(plan, plan->look, 1, n, looks);
     for (size_t i = 0; i < n; i++) {
         const double change = plan->lowest + plan->step * (double)i + risen - plan->before;
-        values[i] = worth[i] * exp(-plan->brightness_loss * fabs(change)) + later[i] + looks[i];
+        const double kept = worth[i] * exp(-plan->brightness_loss * fabs(change));
+        values[i] = worth_of_pair(kept, plan->lost_below, plan->lost_cost) + later[i] + looks[i];
     }
     free(worth);
     return 0;

@@ -13,7 +13,7 @@ typedef struct {
     const double *probability;                       /* [camera][hypothesis] */
     const double *votes;                             /* [camera] */
     const double *sharp;                             /* [level], what motion blur leaves of information */
-    double least_camera, steering_share, served;     /* as in policy.py */
+    double hope, least_camera, steering_share, served; /* as in policy.py */
 } Expected;
 
 /* What each level is worth now, and what it is worth to see what it would reveal. Returns 0, or -1 if out of memory. */
@@ -23,7 +23,8 @@ int weigh_levels(const Expected *expected, double *worth, double *look);
  * only to read off what others are worth in other light. */
 typedef struct {
     size_t levels, beyond, frames, paths;
-    double step, lowest, before, brightness_loss;
+    double step, lowest, before;
+    double brightness_loss, lost_below, lost_cost; /* as in plan.py */
     const double *worth, *look; /* [level] */
     const double *light;        /* [path][frames + 1], stops by which it will have risen */
     const double *chances;      /* [path] */

@@ -4,12 +4,12 @@
 #include "plan.h"
 
 PyDoc_STRVAR(weigh_levels_doc,
-             "weigh_levels(information, favoured, revealed, probability, votes, sharp, least_camera, steering_share, served,\n"
-             "             worth, look)\n--\n\n"
+             "weigh_levels(information, favoured, revealed, probability, votes, sharp, hope, least_camera, steering_share,\n"
+             "             served, worth, look)\n--\n\n"
              "What levels are worth to all cameras now, and for what they would reveal: `worth`, `look`, written.\n\n"
              "All float64. information, favoured, revealed: (cameras, 3, n); favoured: or None. probability: (cameras, 3).\n"
-             "votes: (cameras,). sharp, worth, look: (n,), at least 1. least_camera, steering_share: as in policy.py. served:\n"
-             "frames.");
+             "votes: (cameras,). sharp, worth, look: (n,), at least 1. hope, least_camera, steering_share: as in policy.py.\n"
+             "served: frames.");
 
 static PyObject *weigh_levels_of(PyObject *module, PyObject *arguments)
 {
@@ -18,8 +18,9 @@ static PyObject *weigh_levels_of(PyObject *module, PyObject *arguments)
     Expected expected = {0};
     Held held = {0};
     (void)module;
-    if (!PyArg_ParseTuple(arguments, "OOOOOOdddOO", &information, &favoured, &revealed, &probability, &votes, &sharp,
-                          &expected.least_camera, &expected.steering_share, &expected.served, &worths, &looks))
+    if (!PyArg_ParseTuple(arguments, "OOOOOOddddOO", &information, &favoured, &revealed, &probability, &votes, &sharp,
+                          &expected.hope, &expected.least_camera, &expected.steering_share, &expected.served, &worths,
+                          &looks))
         return NULL;
     int fits = (expected.votes = hold_doubles(&held, votes, -1, "votes")) != NULL;
     const Py_ssize_t hypotheses = fits ? times(HYPOTHESES, held_numbers(&held)) : 0;
@@ -41,7 +42,8 @@ static PyObject *weigh_levels_of(PyObject *module, PyObject *arguments)
 }
 
 PyDoc_STRVAR(plan_frames_doc,
-             "plan_frames(worth, look, light, chances, lowest, step, before, brightness_loss, values, looks)\n--\n\n"
+             "plan_frames(worth, look, light, chances, lowest, step, before, brightness_loss, lost_below,\n"
+             "            lost_cost, values, looks)\n--\n\n"
              "What levels promise for the first of some frames, if the best follows; as plan.py has it, with the parameters.\n\n"
              "All float64. worth, look: (n,), at least 2. light: (paths, frames + 1). chances: (paths,). values, looks: (n - 2k,),\n"
              "written, of the levels from `lowest` on, stops.");
@@ -53,8 +55,8 @@ static PyObject *plan_frames_of(PyObject *module, PyObject *arguments)
     Plan plan;
     Held held = {0};
     (void)module;
-    if (!PyArg_ParseTuple(arguments, "OOOOddddOO", &worth, &look, &light, &chances, &plan.lowest, &plan.step,
-                          &plan.before, &plan.brightness_loss, &promised, &of_looks))
+    if (!PyArg_ParseTuple(arguments, "OOOOddddddOO", &worth, &look, &light, &chances, &plan.lowest, &plan.step,
+                          &plan.before, &plan.brightness_loss, &plan.lost_below, &plan.lost_cost, &promised, &of_looks))
         return NULL;
     int fits = (plan.worth = hold_doubles(&held, worth, -1, "worth")) != NULL;
     const Py_ssize_t n = fits ? held_numbers(&held) : 0;

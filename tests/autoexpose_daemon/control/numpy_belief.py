@@ -12,8 +12,8 @@ from autoexpose_daemon.control.metrics.contrast import CELLS, Contrast
 from autoexpose_daemon.control.metrics.information import FRONT_END_DN, share_of_noise, variance_of
 from autoexpose_daemon.control.picture.steering import STEERING_SHARE
 from autoexpose_daemon.control.policies.belief.optics import Optics
-from autoexpose_daemon.control.policies.belief.plan import BRIGHTNESS_LOSS, Prospects
-from autoexpose_daemon.control.policies.belief.policy import LEAST_CAMERA
+from autoexpose_daemon.control.policies.belief.plan import BRIGHTNESS_LOSS, LOST_BELOW, LOST_COST, Prospects
+from autoexpose_daemon.control.policies.belief.policy import HOPE, LEAST_CAMERA
 from autoexpose_daemon.control.policies.belief.scene_belief import (
     BIN,
     BINS,
@@ -53,7 +53,7 @@ class NumpyBelief(SceneBelief):
         kept = np.exp(-seconds / MEMORY_S)
         self.energy *= kept
         self.precision *= kept
-        self.seen *= kept
+        self.seen *= kept * (1.0 - moved_cells / CELLS)
         self.nothing = NOTHING + kept * (self.nothing - NOTHING)
         self.age_s += seconds
         if moved_cells > 0:
@@ -223,7 +223,8 @@ def weigh_levels(
     look = np.zeros(sharp.size)
     cameras = zip(sharp * information, probability, revealed, votes, shares, best, strict=True)
     for of_camera, chances, shown, vote, share, one in cameras:
-        if_right = worth - share + vote * of_camera / np.maximum(of_camera.max(axis=1), one)[:, None]
+        hoped = of_camera[0] + HOPE * (of_camera - of_camera[0])
+        if_right = worth - share + vote * hoped / np.maximum(hoped.max(axis=1), one)[:, None]
         gained = if_right.max(axis=1) - if_right[:, now]
         look += (chances * gained) @ shown
     if favoured is not None:
@@ -252,9 +253,14 @@ def plan_values(prospects: Prospects) -> tuple[Array, Array]:
     later = np.zeros(levels.size)
     for frame in range(len(worths) - 1, 0, -1):
         change = np.abs(brightness[frame] - brightness[frame - 1][:, None])
-        later = (worths[frame] * np.exp(-BRIGHTNESS_LOSS * change) + later).max(axis=1)
+        later = (_of_pairs(worths[frame], change) + later).max(axis=1)
     change = np.abs(brightness[0] - (prospects.before + light[0]))
-    return np.asarray(worths[0] * np.exp(-BRIGHTNESS_LOSS * change) + later + looks), looks
+    return np.asarray(_of_pairs(worths[0], change) + later + looks), looks
+
+
+def _of_pairs(worth: Array, change: Array) -> Array:
+    left = worth * np.exp(-BRIGHTNESS_LOSS * change)
+    return np.asarray(left - LOST_COST * np.maximum(1.0 - left / LOST_BELOW, 0.0))
 
 
 def _clipping(optics: Optics) -> Array:

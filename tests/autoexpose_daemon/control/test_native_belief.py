@@ -16,7 +16,7 @@ from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
 from autoexpose_daemon.control.picture.steering import STEERING_SHARE
 from autoexpose_daemon.control.policies.belief.optics import Optics
 from autoexpose_daemon.control.policies.belief.plan import Prospects
-from autoexpose_daemon.control.policies.belief.policy import LEAST_CAMERA
+from autoexpose_daemon.control.policies.belief.policy import HOPE, LEAST_CAMERA
 from autoexpose_daemon.control.policies.belief.scene_belief import HYPOTHESES, RULES, Outlook, SceneBelief
 from calibration.response import ResponseFunction
 
@@ -95,7 +95,7 @@ def test_levels_are_worth_the_same(seed: int, cameras: int, count: int, steered:
     sharp, served = rng.random(count), rng.uniform(1.0, 120.0)
     outlooks = information, favoured if steered else None, revealed, probability
     worth, look = np.empty((2, count))
-    _native.weigh_levels(*outlooks, votes, sharp, LEAST_CAMERA, STEERING_SHARE, served, worth, look)
+    _native.weigh_levels(*outlooks, votes, sharp, HOPE, LEAST_CAMERA, STEERING_SHARE, served, worth, look)
     expected = weigh_levels(*outlooks, votes=votes, sharp=sharp, served=served)
     assert_allclose((worth, look), expected, rtol=1e-9, atol=1e-12)
 
@@ -142,15 +142,15 @@ CELLS_WIDE, NONE = np.ones(64), np.ones(0)
             (RULES, SCENE, TABLES, *[np.ones(2)] * 2, 1.0, 1.0, *[CELLS_WIDE] * 2, None, np.ones(8), None, np.ones(7)),
             "revealed must have 8",
         ),
-        ("weigh_levels", (NONE, None, NONE, np.ones(4), np.ones(1), NONE, *[0.1] * 3, NONE, NONE), "at least one"),
+        ("weigh_levels", (NONE, None, NONE, np.ones(4), np.ones(1), NONE, *[0.1] * 4, NONE, NONE), "at least one"),
         (
             "plan_frames",
-            (*[np.ones(4)] * 2, np.ones(3), np.ones(1), *[1.0] * 4, *[np.ones(3)] * 2),
+            (*[np.ones(4)] * 2, np.ones(3), np.ones(1), *[1.0] * 6, *[np.ones(3)] * 2),
             "shapes of one plan",
         ),
         (
             "plan_frames",
-            (*[np.ones(4)] * 2, np.ones(0), np.ones(0), *[1.0] * 4, *[np.ones(4)] * 2),
+            (*[np.ones(4)] * 2, np.ones(0), np.ones(0), *[1.0] * 6, *[np.ones(4)] * 2),
             "shapes of one plan",
         ),
         ("split_levels", (np.ones(2), np.ones(2), 1.0, 1.0, np.ones(2), np.ones(3)), "sharp must have 2"),

@@ -15,6 +15,10 @@ BRIGHTNESS_LOSS = 0.7
 """A frame is worth exp(-0.7) to the one before it, by which it is found or aligned, if its image is a stop brighter or
 darker than that."""
 
+LOST_BELOW, LOST_COST = 0.1, 2.0
+"""A frame worth less than this to the one before it is lost to consumers, and costs as much again as so many of the best:
+what they missed has to be bridged by a guess. A look into the dark loses two frames, one of two or three stops none."""
+
 HORIZON = 8
 """Frames that a plan looks ahead: fewer do not move in time, from 16 on plans jitter."""
 
@@ -54,11 +58,12 @@ class Prospects:
     def values(self) -> tuple[Array, Array]:
         """What the levels that can be taken promise for the first frame, if the best follows; and of that, for looks.
 
-        The sum over frames of what each is worth, times what the change of its image's brightness leaves of that.
+        The sum over frames of what each is worth, times what the change of its image's brightness leaves of that, less
+        what it costs if that is next to nothing.
         """
         values, looks = np.empty((2, self.levels.size - 2 * self.beyond))
         _native.plan_frames(
             self.worth, self.look, self.light, self.chances, self.levels[self.beyond], self.step, self.before,
-            BRIGHTNESS_LOSS, values, looks,
+            BRIGHTNESS_LOSS, LOST_BELOW, LOST_COST, values, looks,
         )  # fmt: skip
         return values, looks

@@ -48,6 +48,9 @@ SERVED_FRAMES = 120.0
 PASSING_PX = 50.0
 """... and fewer for one that moves: half if the picture moves by 50/120 px per 1/60 s, one if by 50 px."""
 
+HOPE = 1.5
+"""What is hidden may hold more than what is beside it: looks are valued as if it were worth so much more than expected."""
+
 LARGE_CHANGE = 0.5
 """Stops. Flow measured across a larger change is wrong. If the light changes by more and cannot be measured, all that
 was believed is dropped."""
@@ -235,7 +238,7 @@ class Belief(ExposurePolicy):
         worth, look = np.empty((2, levels.size))
         _native.weigh_levels(
             information, None if steering is None else favoured, revealed, probability, self._votes(beliefs.values()),
-            sharp, LEAST_CAMERA, STEERING_SHARE, served, worth, look,
+            sharp, HOPE, LEAST_CAMERA, STEERING_SHARE, served, worth, look,
         )  # fmt: skip
         return worth, look
 
