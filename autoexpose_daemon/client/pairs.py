@@ -160,13 +160,14 @@ def alike(*pairs: ReceivedPair, bits: Bits = 8, dither: bool = False, flat: bool
 
 
 def _difference(pairs: Sequence[NormalisedPair]) -> float:
-    """Ratio of the largest to the smallest mean of left images, over the pixels black or saturated in none of them."""
-    images = np.stack([pair.left[::_COMPARED, ::_COMPARED] for pair in pairs])
+    """Ratio of the largest to the smallest mean of left images, over the pixels black or saturated in none of them.
+
+    0 without such pixels.
+    """
+    images: NDArray[Any] = np.stack([pair.left[::_COMPARED, ::_COMPARED].reshape(-1) for pair in pairs])
     known = ((images > 0) & (images < np.iinfo(images.dtype).max)).all(axis=0)
-    if not known.any():
-        return 1.0
-    means = images[:, known].mean(axis=1)
-    return float(means.max() / means.min())
+    sums = (images * known).sum(axis=1, dtype=np.int64)
+    return float(sums.max() / max(sums.min(), 1))
 
 
 @dataclass(slots=True)
