@@ -160,14 +160,14 @@ def alike(*pairs: ReceivedPair, bits: Bits = 8, dither: bool = False, flat: bool
 
 
 def _difference(pairs: Sequence[NormalisedPair]) -> float:
-    """Ratio of the largest to the smallest mean of left images, over the pixels black or saturated in none of them.
+    """How much successive left images differ from pixel to pixel, as a share of their light.
 
-    0 without such pixels.
+    Pixels count that are saturated in none of them; without any it is 0.
     """
-    images: NDArray[Any] = np.stack([pair.left[::_COMPARED, ::_COMPARED].reshape(-1) for pair in pairs])
-    known = ((images > 0) & (images < np.iinfo(images.dtype).max)).all(axis=0)
-    sums = (images * known).sum(axis=1, dtype=np.int64)
-    return float(sums.max() / max(sums.min(), 1))
+    images: NDArray[Any] = np.stack([pair.left[::_COMPARED, ::_COMPARED] for pair in pairs])
+    known = (images < np.iinfo(images.dtype).max).all(axis=0)
+    light = (images * known).astype(np.int64)
+    return float(np.abs(np.diff(light, axis=0)).sum() / max(light.sum(), 1))
 
 
 @dataclass(slots=True)
