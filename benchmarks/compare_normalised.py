@@ -1,6 +1,6 @@
 """What frames brought to one exposure are worth to ORB, SIFT and KLT when the exposure changes: docs/frames-out.md.
 
-python benchmarks/compare_normalised.py stills loop
+python benchmarks/compare_normalised.py [stills] [loop] [apart]
 """
 
 from __future__ import annotations
@@ -54,6 +54,8 @@ SPEEDS_PX = (4.0, 24.0)
 
 FRAMES = 3
 """Of a still."""
+
+APART_SCENARIOS, APART_FRAMES = ("pan", "sun_shadow"), 12
 
 LOOP_FRAMES, LOOP_PAIRS = 120, 6
 """Of a course: scored frames, and how many of the pairs whose exposure has changed are matched, evenly spread."""
@@ -119,6 +121,11 @@ class Inliers:
                 counts = [judge(before[kind], after[kind], truth) for before, after in (raw, brought)]
                 self._counts[f"{name} {kind}"].append((*counts, counts[self._brought[-1]]))
 
+    def add(self, more: Inliers) -> None:
+        self._brought += more._brought
+        for name, counts in more._counts.items():
+            self._counts[name] += counts
+
     def lines(self) -> Iterator[str]:
         """Mean inliers, and in brackets the pairs with fewer than `FEWEST_INLIERS`."""
         yield f"{len(self._brought)} pairs, of which `alike` brings {sum(self._brought)} to one exposure"
@@ -164,17 +171,27 @@ def _bright_enough(stage: Stage) -> ExposureSetting:
 
 
 def loop() -> Iterator[str]:
-    """A policy in closed loop, on painted stills: pairs between which the exposure changed."""
+    """A policy in closed loop, on painted stills: successive frames between which the exposure changed."""
+    return _looped(LOOP_SCENARIOS, 1)
+
+
+def apart() -> Iterator[str]:
+    """The same of frames that are further apart, as key frames are."""
+    return _looped(APART_SCENARIOS, APART_FRAMES)
+
+
+def _looped(scenarios: Sequence[str], apart_frames: int) -> Iterator[str]:
     every = Inliers(), Inliers()
-    for name in LOOP_SCENARIOS:
+    for name in scenarios:
         of_scenario = Inliers(), Inliers()
         for painter in PAINTERS:
-            pairs = _changes(name, painter)
+            pairs = _changes(name, painter, apart_frames)
             for place in np.unique(np.linspace(0, len(pairs) - 1, min(len(pairs), LOOP_PAIRS)).astype(int)):
                 first, second = pairs[place]
                 lit = abs(math.log2(second.lux / first.lux)) > CHANGED_STOPS
-                for inliers in (of_scenario[lit], every[lit]):
-                    inliers.match(first, second)
+                of_scenario[lit].match(first, second)
+        for inliers, more in zip(every, of_scenario, strict=True):
+            inliers.add(more)
         yield from _split(name, of_scenario)
     yield from _split("all", every)
 
@@ -185,8 +202,8 @@ def _split(name: str, inliers: tuple[Inliers, Inliers]) -> Iterator[str]:
         yield from of_light.lines()
 
 
-def _changes(name: str, painter: str) -> list[tuple[Taken, Taken]]:
-    """Successive scored frames of one course between which the exposure changed."""
+def _changes(name: str, painter: str, apart_frames: int) -> list[tuple[Taken, Taken]]:
+    """Frames of one course, so many frames apart, between which the exposure changed; the second one is scored."""
     scenario = SCENARIOS[name]
     course = scenario.draw(np.random.default_rng(SEED))
     stage = Stage(build_views(painter, SEED, course.gaze, scenario.at_window), course, NOISE_SEED)
@@ -197,12 +214,12 @@ def _changes(name: str, painter: str) -> list[tuple[Taken, Taken]]:
         taken.append(Taken.of(delayed.step(stage.take), stage, course.gaze))
     return [
         (before, now)
-        for before, now in pairwise(taken[course.first_scored - 1 :])
+        for before, now in zip(taken[course.first_scored - apart_frames :], taken[course.first_scored :], strict=False)
         if abs(now.pair.level - before.pair.level) > CHANGED_STOPS
     ]
 
 
-PARTS: dict[str, Callable[[], Iterator[str]]] = {"stills": stills, "loop": loop}
+PARTS: dict[str, Callable[[], Iterator[str]]] = {"stills": stills, "loop": loop, "apart": apart}
 
 
 def main(parts: Sequence[str]) -> None:
