@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import sys
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -219,16 +219,18 @@ def _changes(name: str, painter: str, apart_frames: int) -> list[tuple[Taken, Ta
     ]
 
 
-PARTS: dict[str, Callable[[], Iterator[str]]] = {"stills": stills, "loop": loop, "apart": apart}
+Parts = Mapping[str, Callable[[], Iterator[str]]]
+
+PARTS: Parts = {"stills": stills, "loop": loop, "apart": apart}
 
 
-def main(parts: Sequence[str]) -> None:
+def print_parts(parts: Parts, names: Iterable[str]) -> None:
     cv2.setNumThreads(1)
-    for part in parts:
-        print(part, flush=True)
-        for line in PARTS[part]():
+    for name in names:
+        print(name, flush=True)
+        for line in parts[name]():
             print("   ", line, flush=True)
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:] or list(PARTS))
+    print_parts(PARTS, sys.argv[1:] or PARTS)

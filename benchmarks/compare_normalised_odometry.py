@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import closing
 from multiprocessing import get_context
@@ -15,7 +15,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from compare_normalised import longer, received
+from compare_normalised import Parts, longer, print_parts, received
 from numpy.typing import NDArray
 
 from drivers.exposure import ExposureSetting
@@ -116,16 +116,8 @@ def _slam_lap(name: str, room: int, change: float, vocabulary: Path) -> dict[str
         return lap({name: slam}, room, change)
 
 
-PARTS: dict[str, Callable[[], Iterator[str]]] = {"in_house": our_own, "orbslam3": orbslam3}
-
-
-def main(parts: Sequence[str]) -> None:
-    cv2.setNumThreads(1)
-    for part in parts:
-        print(part, flush=True)
-        for line in PARTS[part]():
-            print("   ", line, flush=True)
+PARTS: Parts = {"in_house": our_own, "orbslam3": orbslam3}
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:] or ["in_house"])
+    print_parts(PARTS, sys.argv[1:] or ["in_house"])

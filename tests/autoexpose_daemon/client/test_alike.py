@@ -50,12 +50,14 @@ def test_pairs_are_alike_at_the_brightest_exposure() -> None:
 
 @pytest.mark.parametrize("bits", [8, 16])
 def test_pairs_keep_their_exposures_when_these_followed_the_light(bits: Bits) -> None:
-    """Half the light at twice the exposure; a few pixels are white, and some are black."""
+    """Half the light at twice the exposure, an eighth at eight times; some pixels are white, some black."""
     image = np.array([0, *range(20, 121), 255], np.uint8).repeat(50).reshape(103, 50)
-    before, after = alike(pair(image, 0.0), pair(image, 1.0), bits=bits)
-    assert (before.reference, after.reference) == (LEVEL, LEVEL + 1.0)
-    assert before.right is not None and after.right is not None
-    assert np.array_equal(before.left, after.left) and np.array_equal(before.right, after.right)
+    before, after, last = alike(pair(image, 0.0), pair(image, 1.0), pair(image, 3.0), bits=bits)
+    assert [one.reference for one in (before, after, last)] == [LEVEL, LEVEL + 1.0, LEVEL + 3.0]
+    assert before.right is not None
+    assert after.right is not None
+    assert np.array_equal(before.left, after.left)
+    assert np.array_equal(before.right, after.right)
 
 
 def test_pairs_that_show_nothing_are_brought_to_one_exposure() -> None:
