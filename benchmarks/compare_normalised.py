@@ -1,62 +1,72 @@
-"""What normalised frames are worth to KLT and odometry when the exposure changes between frames: docs/frames-out.md.
+"""What frames brought to one exposure are worth to ORB, SIFT and KLT when the exposure changes: docs/frames-out.md.
 
-python benchmarks/compare_normalised.py klt loop odometry orbslam3
+python benchmarks/compare_normalised.py [stills] [loop] [apart]
 """
 
 from __future__ import annotations
 
 import math
 import sys
-import tempfile
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from contextlib import closing
-from multiprocessing import get_context
-from pathlib import Path
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from autoexpose_daemon.client import ReceivedPair, alike
 from calibration.response import ResponseFunction
 from drivers.exposure import ExposureSetting
-from drivers.frames import Frame, Side, StereoPair
-from evaluation.odometry.errors import relative_errors_mm
-from evaluation.odometry.lap import odometry_stage
-from evaluation.odometry.orb import in_house
-from evaluation.odometry.orb_slam3 import OrbSlam3
-from evaluation.odometry.stereo import StereoCamera, StereoOdometry, Tracked, prepared
-from evaluation.odometry.tracking import EVERY
-from evaluation.odometry.vocabulary import write_vocabulary
+from drivers.frames import Side, StereoPair
+from evaluation.experiments.worth.matches.motions import Similarity
+from evaluation.experiments.worth.matches.pairs import (
+    FEWEST_INLIERS,
+    PREPARATIONS,
+    Seen,
+    Truth,
+    klt_motion,
+    orb_motion,
+    seen,
+    sift_inliers,
+)
 from evaluation.scenes.scenarios import RATE_HZ, SCENARIOS, Course, steady
 from evaluation.scenes.stills import PAINTERS
-from evaluation.scenes.views import CAMERA, build_views
+from evaluation.scenes.views import CAMERA, Gaze, build_views
 from evaluation.stage.delayed_loop import Entrant
 from evaluation.stage.oracle import Oracle, best_start
 from evaluation.stage.rendering import Stage
-from fake_camera.world.simulation import RoomView
+
+POLICY = "belief"
+LOOP_SCENARIOS = ("step_up", "step_down", "pan", "tunnel", "sun_shadow")
 
 CHANGES = (0.0, 0.25, 0.5, 1.0, 2.0)
 """Stops between consecutive frames."""
 
+CHANGED_STOPS = 0.1
+"""In closed loop: exposures that differ by more have changed, and so has light."""
+
 LUX, MEAN_GREY = 150.0, 80.0
 """Light on the stills, and the mean grey level at least of the exposure that the others alternate around."""
 
-SPEED_PX = 4.0
+SPEEDS_PX = (4.0, 24.0)
+"""From frame to frame. The arena's fastest pan has 15."""
+
+FRAMES = 3
+"""Of a still."""
+
+APART_SCENARIOS, APART_FRAMES = ("pan", "sun_shadow"), 12
+
+LOOP_FRAMES, LOOP_PAIRS = 120, 6
+"""Of a course: scored frames, and how many of the pairs whose exposure has changed are matched, evenly spread."""
+
 SEED, NOISE_SEED = 7, 3
-CORNERS = 400
-MARGIN_PX = 10
-"""Corners that come nearer to the edge of the next image do not count."""
 
-LAP_FRAMES = 180
-ROOMS = (1, 2)
-INPUTS = ("raw", "normalised")
-TAUGHT_ROOM, TAUGHT_FRAMES = 9, range(0, 240, 20)
-"""Whose features make ORB-SLAM3's vocabulary."""
-
-LAP_SETTING = ExposureSetting(1880.0, 12.0)
-"""What the exposures of a lap in even light alternate around."""
+JUDGES: dict[str, Callable[[Seen, Seen, Truth], int]] = {
+    "ORB": lambda first, second, truth: orb_motion(first, second, truth).inliers,
+    "SIFT": sift_inliers,
+    "KLT": lambda first, second, truth: klt_motion(first, second, truth).inliers,
+}
 
 LINEAR = ResponseFunction.linear()
 RESPONSES: dict[Side, ResponseFunction] = {"left": LINEAR, "right": LINEAR}
@@ -67,70 +77,90 @@ def received(pair: StereoPair) -> ReceivedPair:
     return ReceivedPair(pair.frames["left"], pair.frames.get("right"), 0, 1, 1, None, 0, RESPONSES)
 
 
-def middle_s(stage: Stage, frame: Frame) -> float:
-    return stage.start_s(stage.frame) + frame.setting.exposure_time_us / 2e6
-
-
 def longer(setting: ExposureSetting, stops: float) -> ExposureSetting:
     return ExposureSetting(setting.exposure_time_us * 2.0**stops, setting.gain_db)
 
 
-class Klt:
-    """How well corners are followed from frame to frame, of raw frames and of frames alike."""
+@dataclass(frozen=True, slots=True, eq=False)
+class Taken:
+    """A frame, with the light and the place in the middle of its exposure."""
+
+    pair: ReceivedPair
+    raw: dict[str, Seen]
+    lux: float
+    at_px: float
+
+    @classmethod
+    def of(cls, pair: StereoPair, stage: Stage, gaze: Gaze) -> Taken:
+        exposure_s, start_s = pair.frames["left"].setting.exposure_time_us / 1e6, stage.start_s(stage.frame)
+        lux, at_px = stage.light.mean_lux(start_s, exposure_s), CAMERA.focal_px * gaze(start_s + exposure_s / 2)
+        return cls(received(pair), seen(pair.frames["left"].grey8()), lux, at_px)
+
+    def brought_to(self, level: float) -> dict[str, Seen]:
+        """What is seen in this frame at another exposure level."""
+        return self.raw if level == self.pair.level else seen(np.asarray(self.pair.normalised(level).left, np.uint8))
+
+
+class Inliers:
+    """Matches that agree with the true motion: of raw frames, of frames brought to one exposure, of frames alike."""
 
     def __init__(self) -> None:
-        self._scores: dict[str, list[tuple[float, float]]] = {"raw": [], "alike": []}
+        self._counts: dict[str, list[tuple[int, ...]]] = defaultdict(list)
+        self._brought: list[bool] = []
 
-    def follow(self, first: ReceivedPair, second: ReceivedPair, shift_px: float) -> None:
-        """Follow the corners of one frame to the next, which has moved by a known distance along its rows."""
-        then, now = alike(first, second)
-        self._scores["raw"].append(_tracked(first.left.grey8(), second.left.grey8(), shift_px))
-        self._scores["alike"].append(_tracked(then.left, now.left, shift_px))
+    def match(self, first: Taken, second: Taken) -> None:
+        """Match two frames between which the scene has moved along the rows."""
+        truth = Truth(np.array([[1.0, 0.0, second.at_px - first.at_px], [0, 1, 0], [0, 0, 1]]), Similarity())
+        brightest = max(first.pair.level, second.pair.level)
+        raw = first.raw, second.raw
+        brought = first.brought_to(brightest), second.brought_to(brightest)
+        here, there = alike(first.pair, second.pair)
+        self._brought.append(here.reference == there.reference)
+        for name, judge in JUDGES.items():
+            for kind in PREPARATIONS:
+                counts = [judge(before[kind], after[kind], truth) for before, after in (raw, brought)]
+                self._counts[f"{name} {kind}"].append((*counts, counts[self._brought[-1]]))
 
-    def __str__(self) -> str:
-        """Inliers to 1 px in %, the median of their errors in px, and frames with less than half, raw then alike."""
-        figures = []
-        for scores in self._scores.values():
-            inliers, errors = np.array(scores).T
-            figures.append(f"{100 * inliers.mean():5.1f} % {np.nanmean(errors):.3f} px, {(inliers < 0.5).sum():3d} bad")
-        return f"{len(self._scores['raw']):4d} frames: {'; '.join(figures)}"
+    def add(self, more: Inliers) -> None:
+        self._brought += more._brought
+        for name, counts in more._counts.items():
+            self._counts[name] += counts
+
+    def lines(self) -> Iterator[str]:
+        """Mean inliers, and in brackets the pairs with fewer than `FEWEST_INLIERS`."""
+        yield f"{len(self._brought)} pairs, of which `alike` brings {sum(self._brought)} to one exposure"
+        if self._brought:
+            yield f"{'':22}{'raw':>9}  {'brought':>9}  {'alike':>9}"
+        for name, counts in self._counts.items():
+            table = np.array(counts)
+            means, lost = table.mean(axis=0), (table < FEWEST_INLIERS).sum(axis=0)
+            cells = (f"{mean:4.0f} ({few:2d})" for mean, few in zip(means, lost, strict=True))
+            yield f"    {name:18}" + "  ".join(f"{cell:>9}" for cell in cells)
 
 
-def _tracked(first: NDArray[np.uint8], second: NDArray[np.uint8], shift_px: float) -> tuple[float, float]:
-    """Share of corners followed to within a pixel, and the median of their errors (px)."""
-    corners = cv2.goodFeaturesToTrack(first, CORNERS, 0.01, 8)
-    if corners is None:
-        return 0.0, math.nan
-    found, good, _ = cv2.calcOpticalFlowPyrLK(first, second, corners, None)
-    back, good_back, _ = cv2.calcOpticalFlowPyrLK(second, first, found, None)
-    returns = np.linalg.norm((back - corners)[:, 0], axis=1) < 1.0
-    should_x = corners[:, 0, 0] + shift_px
-    inside = (should_x > MARGIN_PX) & (should_x < CAMERA.width - MARGIN_PX)
-    errors = np.hypot(found[:, 0, 0] - should_x, found[:, 0, 1] - corners[:, 0, 1])
-    inliers = inside & (good[:, 0] == 1) & (good_back[:, 0] == 1) & returns & (errors < 1.0)
-    return inliers.sum() / max(1, inside.sum()), float(np.median(errors[inliers])) if inliers.any() else math.nan
-
-
-def klt() -> Iterator[str]:
+def stills() -> Iterator[str]:
     """Exposures that alternate, on painted stills."""
-    for change in CHANGES:
-        scores = Klt()
-        for painter in PAINTERS:
-            stage = Stage(build_views(painter, SEED, _turning, False), Course(steady(LUX), _turning, 0), NOISE_SEED)
-            middle = _bright_enough(stage)
-            before: tuple[ReceivedPair, float] | None = None
-            for frame in range(12):
-                stage.go_to(frame)
-                pair = received(stage.take(longer(middle, (-1) ** frame * change / 2), ["left"]))
-                at_px = CAMERA.focal_px * _turning(middle_s(stage, pair.left))
-                if before is not None:
-                    scores.follow(before[0], pair, at_px - before[1])
-                before = pair, at_px
-        yield f"{change:.2f} stops: {scores}"
+    for speed_px in SPEEDS_PX:
+        for change in CHANGES:
+            inliers = Inliers()
+            for painter in PAINTERS:
+                _alternate(inliers, painter, speed_px, change)
+            yield f"{speed_px:.0f} px, {change:.2f} stops"
+            yield from inliers.lines()
 
 
-def _turning(time_s: float) -> float:
-    return SPEED_PX / CAMERA.focal_px * RATE_HZ * time_s
+def _alternate(inliers: Inliers, painter: str, speed_px: float, change: float) -> None:
+    def gaze(time_s: float) -> float:
+        return speed_px / CAMERA.focal_px * RATE_HZ * time_s
+
+    stage = Stage(build_views(painter, SEED, gaze, False), Course(steady(LUX), gaze, 0), NOISE_SEED)
+    middle = _bright_enough(stage)
+    taken = []
+    for frame in range(FRAMES):
+        stage.go_to(frame)
+        taken.append(Taken.of(stage.take(longer(middle, (-1) ** frame * change / 2), ["left"]), stage, gaze))
+    for first, second in pairwise(taken):
+        inliers.match(first, second)
 
 
 def _bright_enough(stage: Stage) -> ExposureSetting:
@@ -141,108 +171,66 @@ def _bright_enough(stage: Stage) -> ExposureSetting:
 
 
 def loop() -> Iterator[str]:
-    """The default policy in closed loop, on painted stills."""
-    for name in ("step_up", "step_down", "pan", "sun_shadow", "tunnel"):
-        every, changed = Klt(), Klt()
+    """A policy in closed loop, on painted stills: successive frames between which the exposure changed."""
+    return _looped(LOOP_SCENARIOS, 1)
+
+
+def apart() -> Iterator[str]:
+    """The same of frames that are further apart, as key frames are."""
+    return _looped(APART_SCENARIOS, APART_FRAMES)
+
+
+def _looped(scenarios: Sequence[str], apart_frames: int) -> Iterator[str]:
+    every = Inliers(), Inliers()
+    for name in scenarios:
+        of_scenario = Inliers(), Inliers()
         for painter in PAINTERS:
-            scenario = SCENARIOS[name]
-            course = scenario.draw(np.random.default_rng(SEED))
-            stage = Stage(build_views(painter, SEED, course.gaze, scenario.at_window), course, NOISE_SEED)
-            delayed = Entrant.of("metric-map").enter(best_start(Oracle(stage)))
-            before: tuple[ReceivedPair, float] | None = None
-            for frame in range(course.first_scored + 90):
-                stage.go_to(frame)
-                pair = received(delayed.step(stage.take))
-                at_px = CAMERA.focal_px * course.gaze(middle_s(stage, pair.left))
-                if before is not None and frame >= course.first_scored:
-                    of_change = [changed] if abs(pair.level - before[0].level) > 0.1 else []
-                    for scores in (every, *of_change):
-                        scores.follow(before[0], pair, at_px - before[1])
-                before = pair, at_px
-        yield f"{name:10} all {every}"
-        yield f"{name:10} changes {changed}"
+            pairs = _changes(name, painter, apart_frames)
+            for place in np.unique(np.linspace(0, len(pairs) - 1, min(len(pairs), LOOP_PAIRS)).astype(int)):
+                first, second = pairs[place]
+                lit = abs(math.log2(second.lux / first.lux)) > CHANGED_STOPS
+                of_scenario[lit].match(first, second)
+        for inliers, more in zip(every, of_scenario, strict=True):
+            inliers.add(more)
+        yield from _split(name, of_scenario)
+    yield from _split("all", every)
 
 
-def odometry() -> Iterator[str]:
-    """In-house odometry on laps in even light, the exposures alternating."""
-    for change in CHANGES:
-        scores = [_lap({name: in_house() for name in INPUTS}, room, change) for room in ROOMS]
-        yield _lap_text(change, scores)
+def _split(name: str, inliers: tuple[Inliers, Inliers]) -> Iterator[str]:
+    for of_light, what in zip(inliers, ("the light did not change", "the light changed, too"), strict=True):
+        yield f"{name}, {what}"
+        yield from of_light.lines()
 
 
-def _lap_text(change: float, scores: Sequence[dict[str, tuple[float, float]]]) -> str:
-    """RPE over 20 mm and pairs lost, means over rooms."""
-    texts = []
-    for name in INPUTS:
-        error_mm, lost = np.mean([of_room[name] for of_room in scores], axis=0)
-        texts.append(f"{name} {error_mm:.2f} mm, {100 * lost:.1f} % lost")
-    return f"{change:.2f} stops: {'; '.join(texts)}"
-
-
-def _lap(trackers: dict[str, StereoOdometry], room: int, change: float) -> dict[str, tuple[float, float]]:
-    """Error (mm) and share of lost pairs of each tracker."""
-    stage = odometry_stage("even", room, 0, 0)
-    view = stage.views["left"]
-    assert isinstance(view, RoomView)
-    truth: list[NDArray[np.float64]] = []
-    found: dict[str, list[Tracked]] = {name: [] for name in trackers}
-    for number, frame in enumerate(range(0, LAP_FRAMES, EVERY)):
+def _changes(name: str, painter: str, apart_frames: int) -> list[tuple[Taken, Taken]]:
+    """Frames of one course, so many frames apart, between which the exposure changed; the second one is scored."""
+    scenario = SCENARIOS[name]
+    course = scenario.draw(np.random.default_rng(SEED))
+    stage = Stage(build_views(painter, SEED, course.gaze, scenario.at_window), course, NOISE_SEED)
+    delayed = Entrant.of(POLICY).enter(best_start(Oracle(stage)))
+    taken: list[Taken] = []
+    for frame in range(course.first_scored + LOOP_FRAMES):
         stage.go_to(frame)
-        pair = received(stage.take(longer(LAP_SETTING, (-1) ** number * change / 2)))
-        same = pair.normalised(LAP_SETTING.level + change / 2)
-        assert pair.right is not None
-        assert same.right is not None
-        images = {"raw": (pair.left.grey8(), pair.right.grey8()), "normalised": (same.left, same.right)}
-        for name, tracker in trackers.items():
-            left, right = images[name]
-            found[name].append(tracker.track(prepared(left), prepared(right)))
-        truth.append(view.pose(middle_s(stage, pair.left)))
-    return {
-        name: (
-            float(np.mean(relative_errors_mm(truth, [one.pose for one in run]))),
-            float(np.mean([one.lost for one in run])),
-        )
-        for name, run in found.items()
-    }
+        taken.append(Taken.of(delayed.step(stage.take), stage, course.gaze))
+    return [
+        (before, now)
+        for before, now in zip(taken[course.first_scored - apart_frames :], taken[course.first_scored :], strict=False)
+        if abs(now.pair.level - before.pair.level) > CHANGED_STOPS
+    ]
 
 
-def orbslam3() -> Iterator[str]:
-    """ORB-SLAM3 on the same laps; each run has its own process, since it numbers key frames for the whole process."""
-    with (
-        tempfile.TemporaryDirectory() as folder,
-        ProcessPoolExecutor(1, get_context("spawn"), max_tasks_per_child=1) as pool,
-    ):
-        file = Path(folder) / "vocabulary.txt"
-        stage = odometry_stage("even", TAUGHT_ROOM, 0, 0)
-        orb = cv2.ORB.create(1000)
-        seen = []
-        for frame in TAUGHT_FRAMES:
-            stage.go_to(frame)
-            image = prepared(stage.expose("left", LAP_SETTING))
-            seen.append(np.asarray(orb.detectAndCompute(image, None)[1], np.uint8))
-        write_vocabulary(np.concatenate(seen), file)
-        for change in CHANGES:
-            runs = [[pool.submit(_slam_lap, name, room, change, file) for name in INPUTS] for room in ROOMS]
-            yield _lap_text(change, [{k: v for run in of_room for k, v in run.result().items()} for of_room in runs])
+Parts = Mapping[str, Callable[[], Iterator[str]]]
+
+PARTS: Parts = {"stills": stills, "loop": loop, "apart": apart}
 
 
-def _slam_lap(name: str, room: int, change: float, vocabulary: Path) -> dict[str, tuple[float, float]]:
-    with closing(OrbSlam3(StereoCamera.simulated(), vocabulary, vocabulary.parent)) as slam:
-        return _lap({name: slam}, room, change)
-
-
-PARTS: dict[str, Callable[[], Iterator[str]]] = {
-    "klt": klt, "loop": loop, "odometry": odometry, "orbslam3": orbslam3,
-}  # fmt: skip
-
-
-def main(parts: Sequence[str]) -> None:
+def print_parts(parts: Parts, names: Iterable[str]) -> None:
     cv2.setNumThreads(1)
-    for part in parts:
-        print(part, flush=True)
-        for line in PARTS[part]():
+    for name in names:
+        print(name, flush=True)
+        for line in parts[name]():
             print("   ", line, flush=True)
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:] or list(PARTS))
+    print_parts(PARTS, sys.argv[1:] or PARTS)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import bisect
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
@@ -37,6 +37,9 @@ _KEPT_BYTES = 256 << 20
 
 _LONGEST_GAP = 1_000_000
 """Four hours at 60 Hz: a larger jump means that a new count has begun."""
+
+_COMPARED = 5
+"""Every fifth row and column tells whether images are alike; being odd, it meets every colour of a mosaic."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -137,18 +140,34 @@ class NormalisedPair:
 
 
 def alike(*pairs: ReceivedPair, bits: Bits = 8, dither: bool = False, flat: bool = False) -> list[NormalisedPair]:
-    """Pairs in one photometric scale: each as if taken with the brightest of their exposures.
+    """Pairs of one rig in one photometric scale: each as if taken with the brightest of their exposures.
 
     At that level all are saturated alike: what is saturated in the brightest frame is not shown by any other either.
-    `flat` is that of `ReceivedPair.normalised`.
+    If the left images differ less as they were taken, the exposure has followed the light: then each pair keeps its own
+    exposure, and `reference` differs. `flat` is that of `ReceivedPair.normalised`.
 
     Raises
     ------
     ConfigurationError
         If the responses are not known, or with `flat` the vignetting.
     """
-    reference = max(pair.level for pair in pairs)
-    return [pair.normalised(reference, bits, dither=dither, flat=flat) for pair in pairs]
+    brightest = max(pair.level for pair in pairs)
+    brought = [pair.normalised(brightest, bits, dither=dither, flat=flat) for pair in pairs]
+    if all(pair.level == brightest for pair in pairs):
+        return brought
+    own = [pair.normalised(pair.level, bits, dither=dither, flat=flat) for pair in pairs]
+    return min(brought, own, key=_difference)
+
+
+def _difference(pairs: Sequence[NormalisedPair]) -> float:
+    """How much successive left images differ from pixel to pixel, as a share of their light.
+
+    Pixels count that are saturated in none of them; without any it is 0.
+    """
+    images: NDArray[Any] = np.stack([pair.left[::_COMPARED, ::_COMPARED] for pair in pairs])
+    known = (images < np.iinfo(images.dtype).max).all(axis=0)
+    light = (images * known).astype(np.int64)
+    return float(np.abs(np.diff(light, axis=0)).sum() / max(light.sum(), 1))
 
 
 @dataclass(slots=True)

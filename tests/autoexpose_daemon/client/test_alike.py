@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from autoexpose_daemon.client import ReceivedPair, alike
 from calibration.response import ResponseFunction
+from calibration.response.normalised import Bits
 from calibration.vignetting.model import Vignetting
 from drivers.errors import ConfigurationError
 from drivers.exposure import ExposureSetting
@@ -19,6 +20,7 @@ from drivers.pixels.layout import Pixels
 from evaluation.scenes.scenarios import RATE_HZ, Course, steady
 from evaluation.scenes.views import CAMERA, build_views
 from evaluation.stage.rendering import Stage
+from fake_camera.world.lighting import Change, LightScript
 
 LINEAR = ResponseFunction.linear()
 ALL_GREYS = np.arange(256, dtype=np.uint8).reshape(16, 16)
@@ -46,6 +48,23 @@ def test_pairs_are_alike_at_the_brightest_exposure() -> None:
     assert np.array_equal(dark.left, ALL_GREYS // 4 * 4)
 
 
+@pytest.mark.parametrize("bits", [8, 16])
+def test_pairs_keep_their_exposures_when_these_followed_the_light(bits: Bits) -> None:
+    """Half the light at twice the exposure, an eighth at eight times; some pixels are white, some black."""
+    image = np.array([0, *range(20, 121), 255], np.uint8).repeat(50).reshape(103, 50)
+    before, after, last = alike(pair(image, 0.0), pair(image, 1.0), pair(image, 3.0), bits=bits)
+    assert [one.reference for one in (before, after, last)] == [LEVEL, LEVEL + 1.0, LEVEL + 3.0]
+    assert before.right is not None
+    assert after.right is not None
+    assert np.array_equal(before.left, after.left)
+    assert np.array_equal(before.right, after.right)
+
+
+def test_pairs_that_show_nothing_are_brought_to_one_exposure() -> None:
+    dark, bright = alike(pair(np.zeros_like(ALL_GREYS), -2.0), pair(np.full_like(ALL_GREYS, 255), 0.0))
+    assert dark.reference == bright.reference == LEVEL
+
+
 def test_without_responses_the_client_is_told_how_to_get_them() -> None:
     one = frame(ALL_GREYS)
     with pytest.raises(ConfigurationError, match="normalised=True"):
@@ -69,15 +88,18 @@ def test_flat_pairs_have_the_same_light_everywhere() -> None:
         replace(known, left=frame(image[:, :8])).normalised(flat=True)
 
 
-def test_klt_keeps_its_points_across_a_change_of_one_stop() -> None:
+@pytest.mark.parametrize("followed", [False, True], ids=["same light", "exposure follows the light"])
+def test_klt_keeps_its_points_across_a_change_of_one_stop(followed: bool) -> None:
     """4 pixels of motion between two frames; the second one is exposed half a stop less, the first half a stop more."""
     rate = 4.0 / CAMERA.focal_px * RATE_HZ
-    stage = Stage(build_views("street", 7, lambda s: rate * s, False), Course(steady(150.0), lambda s: rate * s, 0), 3)
+    light = LightScript((Change(0.0, 75.0), Change(0.5 / RATE_HZ, 150.0))) if followed else steady(150.0)
+    stage = Stage(build_views("street", 7, lambda s: rate * s, False), Course(light, lambda s: rate * s, 0), 3)
     pairs = []
     for number, stops in ((0, 0.5), (1, -0.5)):
         stage.go_to(number)
         pairs.append(pair(stage.expose("left", ExposureSetting(TIME_US * 2.0**stops, 0.0)), stops))
-    assert inliers(*(one.left.grey8() for one in pairs)) < 0.6
+    raw, brought = [one.left.grey8() for one in pairs], [one.normalised(LEVEL + 0.5).left for one in pairs]
+    assert inliers(*(brought if followed else raw)) < 0.8
     assert inliers(*(one.left for one in alike(*pairs))) > 0.9
 
 
