@@ -116,7 +116,7 @@ def test_feedback_compares_with_the_frame_whose_decision_is_realised() -> None:
     scene, loop = radiance(3, 0.7), make("begin2022")
     first = loop.step(StereoPair(0, {"left": at_time(expose(scene, START, 14.0), 0)}))
     loop.step(StereoPair(1, {"left": at_time(expose(scene, START, 8.0), 1)}))  # brighter now: another decision
-    shown = Observation(loop._seen, first.setting, 0, None, 0.0, 0.0, 0.0, LIMITS, loop._past)
+    shown = Observation(loop._seen, first.setting, None, 0.0, 0.0, 0.0, LIMITS, loop._past)
     past = shown.realised
     assert past is not None
     assert past.metric == first.metric

@@ -36,6 +36,7 @@ from autoexpose_daemon.control.picture.tracking_memory import (
     TrackingMemory,
     favours,
 )
+from autoexpose_daemon.control.policies.belief.scene_belief import BIN
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY, POLICY_IDS
 from autoexpose_daemon.control.policies.metric_map.exposure_map import LONGEST_STEP
 from autoexpose_daemon.control.policies.metric_map.memory import MetricMemory, Sighting
@@ -387,7 +388,7 @@ def turned_to_in_turn(policy_id: str) -> NDArray[np.float64]:
 def test_a_moving_camera_leaps_once_when_consumers_turn_and_then_stays() -> None:
     """Odometry loses the pair at the leap, and no other."""
     levels = turned_to_in_turn(DEFAULT_POLICY).reshape(4, 25)
-    assert np.ptp(levels[:, 12:], axis=1).max() <= 0.1
+    assert np.ptp(levels[:, 12:], axis=1).max() < 1.1 * BIN  # one level of the plan
     assert np.ptp(levels[:, -1]) > 0.2
 
 

@@ -16,8 +16,8 @@ BRIGHTNESS_LOSS = 0.7
 darker than that."""
 
 LOST_BELOW, LOST_COST = 0.1, 2.0
-"""A frame worth less than this to the one before it is lost to consumers, and costs as much again as so many of the best:
-what they missed has to be bridged by a guess. A look into the dark loses two frames, one of two or three stops none."""
+"""A frame worth less than this to the one before it is lost to consumers, and costs as much as so many of the best are
+worth: what it would have shown is bridged by a guess. A look by eight stops loses two frames, one by two stops none."""
 
 HORIZON = 8
 """Frames that a plan looks ahead: fewer do not move in time, from 16 on plans jitter."""

@@ -49,7 +49,7 @@ PASSING_PX = 50.0
 """... and fewer for one that moves: half if the picture moves by 50/120 px per 1/60 s, one if by 50 px."""
 
 HOPE = 1.5
-"""What is hidden may hold more than what is beside it: looks are valued as if it were worth so much more than expected."""
+"""What is hidden may hold more than what is beside it: looks are valued as if it were worth so many times as much."""
 
 LARGE_CHANGE = 0.5
 """Stops. Flow measured across a larger change is wrong. If the light changes by more and cannot be measured, all that
