@@ -172,7 +172,9 @@ static void look_at(const Rules *rules, const Scene *scene, const Optics *optics
 {
     const double level = frames->levels[frame];
     const Bins reached = bins_reached(rules, scene, optics, level, level);
-    const Bins shown = bins_with_middles(rules, scene->bins, optics->low[1] - level, optics->low[optics->bins - 1] - level);
+    const double black = optics->low[1] - level, saturated = optics->low[optics->bins - 1] - level, half = rules->bin / 2;
+    /* Wholly: the rest of a bin would be looked for again and again. */
+    const Bins shown = bins_with_middles(rules, scene->bins, black + half, saturated - half);
     const double hidden = fmax(sum_of_cells(scene->hidden[DARK]) + sum_of_cells(scene->hidden[BRIGHT]), LEAST_PIXELS);
     double found[HYPOTHESES][ALL_CELLS] = {{0.0}};
     for (size_t first = 0, end; first < ALL_CELLS; first = end) {

@@ -197,9 +197,9 @@ class NumpyBelief(SceneBelief):
         return np.asarray(worth.mean(axis=2))
 
     def _visible(self, levels: Array) -> NDArray[np.bool_]:
-        """Which bins are neither black nor saturated at these levels, shape (n, BINS)."""
+        """Which bins are wholly between black and saturated at these levels, shape (n, BINS)."""
         exposures, (black, saturated) = MIDDLES + levels[:, None] + self.drift, _clipping(self.optics)
-        return np.asarray((exposures > black) & (exposures < saturated))
+        return np.asarray((exposures >= black + BIN / 2) & (exposures < saturated - BIN / 2))
 
     def _richness(self) -> Array:
         unsure = UNSURE * self.usual_richness**-2
