@@ -17,5 +17,4 @@ def judge_policy(config: Config) -> Iterator[Finding]:
     try:
         ControlLoop(config.control.policy, ResponseFunction.linear(), limits, start, config.control.parameters())
     except ConfigurationError as error:
-        fix = "sudo apt-get install gcc python3-dev   # then install autoexpose-daemon again"
-        yield Finding("policy", "stops", str(error), fix)
+        yield Finding("policy", "stops", str(error))

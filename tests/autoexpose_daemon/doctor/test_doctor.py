@@ -332,7 +332,7 @@ def test_the_default_policy_stops_where_its_extension_is_missing(monkeypatch: py
     monkeypatch.setattr(belief, "_native", None)
     (finding,) = judge_policy(config)
     assert (finding.check, finding.severity) == ("policy", "stops")
-    assert DEFAULT_POLICY in finding.sentence and "gcc" in (finding.fix or "")
+    assert DEFAULT_POLICY in finding.sentence and "gcc" in finding.sentence
 
 
 def test_a_bad_configuration_is_one_sentence() -> None:
