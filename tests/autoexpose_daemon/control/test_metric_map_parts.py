@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from autoexpose_daemon.control.metrics.gradient import GradientMetric
-from autoexpose_daemon.control.policies.metric_map.forecast import LEAST_CHANGE, LEAST_FRAMES, RESIDUE, Forecast
-from autoexpose_daemon.control.policies.metric_map.loop_delay import LoopDelay
+from autoexpose_daemon.control.policies.belief.forecast import LEAST_CHANGE, LEAST_FRAMES, RESIDUE, Forecast
+from autoexpose_daemon.control.policies.belief.loop_delay import LoopDelay
 from autoexpose_daemon.control.policies.metric_map.memory import FORGOTTEN, LEAST_GAP, MetricMemory, Sighting
 from autoexpose_daemon.control.policies.metric_map.search import Probes, dark_jump, plateau_centre
 from autoexpose_daemon.control.policies.metric_map.view import DELTAS, FEWER_DELTAS, FEWEST_DELTAS, MetricView, Viewer

@@ -22,7 +22,7 @@ from autoexpose_daemon.control.metrics.contrast import CELLS, Contrast
 from autoexpose_daemon.control.metrics.gradient import ExtremeShares, grey_counts
 from autoexpose_daemon.control.metrics.information import InformationPrediction
 from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
-from autoexpose_daemon.control.policies.fisher_map.balance import BlurPhotonBalance
+from autoexpose_daemon.control.policies.belief.balance import BlurPhotonBalance
 from autoexpose_daemon.control.policies.metric_map.memory import MetricMemory, Sighting
 from autoexpose_daemon.control.policies.metric_map.search import Probes, worth_of_levels
 from autoexpose_daemon.control.policies.metric_map.view import DELTAS, MetricView, Tones

@@ -13,7 +13,7 @@ from autoexpose_daemon.control.metrics.contrast import CELLS, contrast
 from autoexpose_daemon.control.metrics.information import InformationPrediction, sharper
 from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
 from autoexpose_daemon.control.picture.steering import Steering
-from autoexpose_daemon.control.policies.fisher_map.balance import BlurPhotonBalance, bounded, fitted, times_of_levels
+from autoexpose_daemon.control.policies.belief.balance import BlurPhotonBalance, bounded, fitted, times_of_levels
 from autoexpose_daemon.control.policies.metric_map.exposure_map import ExposureMap
 from autoexpose_daemon.control.policies.metric_map.search import Probes
 from autoexpose_daemon.control.policies.metric_map.view import DELTAS, MetricView, Tones

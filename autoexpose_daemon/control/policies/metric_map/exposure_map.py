@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autoexpose_daemon.control.balance import Balance
-from autoexpose_daemon.control.policies.metric_map.forecast import Forecast
-from autoexpose_daemon.control.policies.metric_map.foresight import FORGOTTEN_FRAMES, Foresight
-from autoexpose_daemon.control.policies.metric_map.loop_delay import LoopDelay
+from autoexpose_daemon.control.policies.belief.forecast import Forecast
+from autoexpose_daemon.control.policies.belief.foresight import FORGOTTEN_FRAMES, Foresight
+from autoexpose_daemon.control.policies.belief.loop_delay import LoopDelay
 from autoexpose_daemon.control.policies.metric_map.memory import CELL, TRUSTED_RISE, MetricMemory, Sighting
 from autoexpose_daemon.control.policies.metric_map.search import (
     LONGEST_PROBE,

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autoexpose_daemon.control.light_ahead import WINDOW_FRAMES, LightAhead
-from autoexpose_daemon.control.policies.metric_map.foresight import Foresight
+from autoexpose_daemon.control.policies.belief.foresight import Foresight
 
 FAR_STOPS: Final = 2.0
 """Levels farther apart than this are good for different parts of a view: a room, and what is behind its window."""

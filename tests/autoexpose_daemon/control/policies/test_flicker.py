@@ -14,7 +14,7 @@ from autoexpose_daemon.control.balance import Balance, ExposurePriority, whole_p
 from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
 from autoexpose_daemon.control.parameters import BalanceId, ControlParameters
-from autoexpose_daemon.control.policies.fisher_map.balance import BlurPhotonBalance
+from autoexpose_daemon.control.policies.belief.balance import BlurPhotonBalance
 from autoexpose_daemon.control.policies.fisher_map.policy import FisherMap
 from autoexpose_daemon.control.policies.flicker import FRAMES, FlickerWatch
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY

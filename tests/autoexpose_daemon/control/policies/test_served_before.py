@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from autoexpose_daemon.control.light_ahead import LightAhead
-from autoexpose_daemon.control.policies.metric_map.foresight import Foresight
+from autoexpose_daemon.control.policies.belief.foresight import Foresight
 from autoexpose_daemon.control.policies.metric_map.served_before import (
     BELIEVED,
     BELIEVED_AGAIN,

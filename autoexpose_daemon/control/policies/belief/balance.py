@@ -13,7 +13,7 @@ from autoexpose_daemon.control.balance import Balance, whole_periods_us
 from autoexpose_daemon.control.metrics.extension import extension as _native
 from autoexpose_daemon.control.metrics.information import FRONT_END_DN, PER_US, blur_length_px, sharpness, variance_of
 from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
-from autoexpose_daemon.control.policies.metric_map.forecast import SWING_FRAMES, Forecast
+from autoexpose_daemon.control.policies.belief.forecast import SWING_FRAMES, Forecast
 from autoexpose_daemon.control.policy import Look, Observation
 from drivers.exposure import DB_PER_STOP, ExposureLimits
 
