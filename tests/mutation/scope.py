@@ -29,7 +29,7 @@ LEFT_OUT = {
 
 LISTED = (
     # The feedback compares with the oldest decision that agrees.
-    ("autoexpose_daemon/control/loop.py", "in reversed(self._past):", "in self._past:"),
+    ("autoexpose_daemon/control/policy.py", "in reversed(self.past) if", "in self.past if"),
     # The best sample is promised instead of the polynomial's maximum.
     ("autoexpose_daemon/control/policies/published/begin2022.py", "beyond), best.value)", "beyond), metrics.max())"),
     ("autoexpose_daemon/control/policies/metric_map/exposure_map.py", "LONGEST_STEP = 0.4", "LONGEST_STEP = 0.8"),
