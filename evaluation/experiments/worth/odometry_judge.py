@@ -21,7 +21,7 @@ JUDGES: dict[str, Literal["higher", "lower"]] = {
 GROUP = len(LUX)
 """Drives of a job, one of each kind."""
 
-SET_UP_S, COST_PER_S = 2.0, 3.5
+SET_UP_S, COST_PER_S = 2.0, 5.5
 """Seconds of one core to build a room, and for a second of a drive with one contender."""
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -36,18 +36,19 @@ LONGEST_US = 3000.0
 def run(drive: Drive, contender: Contender) -> list[dict[str, Any]]:
     """Rows of a contender, which starts from the best exposure of the first frame.
 
-    It decides on frames with one noise; its settings are scored with another.
+    It decides on frames with one noise; its settings are scored with others.
     """
     stage = drive.stage()
     start = best_start(Oracle(stage))
     loop = DelayedLoop(contender.make_loop(ResponseFunction.linear(), LIMITS, start), DELAY_FRAMES)
-    follower = Follower(stage, drive, SCORED)
+    followers = _followers(stage, drive, SCORED)
     for frame in range(drive.frames):
         stage.go_to(frame)
         pair = loop.step(stage.take)
         if frame % EVERY == 0:
-            follower.look(pair.reference.setting)
-    return _rows(drive, contender.name, dict.fromkeys(PREPARATIONS, follower), medians(loop.settings))
+            for follower in followers:
+                follower.look(pair.reference.setting)
+    return _rows(drive, contender.name, dict.fromkeys(PREPARATIONS, followers), medians(loop.settings))
 
 
 def hindsight(drive: Drive) -> list[dict[str, Any]]:
@@ -55,31 +56,41 @@ def hindsight(drive: Drive) -> list[dict[str, Any]]:
     stage = drive.stage()
     levels = [float(np.log2(WHITE_US_LUX / drive.lux)) + stops for stops in TRIED_STOPS]
     tried = [LIMITS.realise(level, min(exp2(level), LONGEST_US)) for level in levels]
-    chosen = _followed(stage, drive, CHOICE, tried)
-    best = {name: min(tried, key=lambda one: chosen[one].error_mm(name)) for name in PREPARATIONS}
+    chosen = _followed(stage, drive, (CHOICE,), tried)
+    best = {name: min(tried, key=lambda one: _error_mm(chosen[one], name)) for name in PREPARATIONS}
     scored = _followed(stage, drive, SCORED, list(best.values()))
     return _rows(drive, FIXED_IN_HINDSIGHT, {name: scored[setting] for name, setting in best.items()}, {})
 
 
+def _followers(stage: Stage, drive: Drive, repeats: Sequence[int]) -> list[Follower]:
+    return [Follower(stage, drive, repeat) for repeat in repeats]
+
+
 def _followed(
-    stage: Stage, drive: Drive, repeat: int, settings: list[ExposureSetting]
-) -> dict[ExposureSetting, Follower]:
-    followers = {setting: Follower(stage, drive, repeat) for setting in settings}
+    stage: Stage, drive: Drive, repeats: Sequence[int], settings: list[ExposureSetting]
+) -> dict[ExposureSetting, list[Follower]]:
+    followed = {setting: _followers(stage, drive, repeats) for setting in settings}
     for frame in range(0, drive.frames, EVERY):
         stage.go_to(frame)
-        for setting, follower in followers.items():
-            follower.look(setting)
-    return followers
+        for setting, followers in followed.items():
+            for follower in followers:
+                follower.look(setting)
+    return followed
+
+
+def _error_mm(followers: Sequence[Follower], kind: str) -> float:
+    """Geometric mean over the noises."""
+    return float(np.exp(np.mean([np.log(follower.error_mm(kind)) for follower in followers])))
 
 
 def _rows(
-    drive: Drive, name: str, followers: Mapping[str, Follower], more: Mapping[str, float]
+    drive: Drive, name: str, followers: Mapping[str, Sequence[Follower]], more: Mapping[str, float]
 ) -> list[dict[str, Any]]:
-    """One plain row for each judge, given who followed each preparation."""
+    """One plain row for each judge, given who followed each preparation. It has failed if it has with any noise."""
     base = {"course": drive.name, "policy": name}
-    failed = {kind: follower.failed(kind) for kind, follower in followers.items()}
+    failed = {kind: [follower.failed(kind) for follower in each] for kind, each in followers.items()}
     errors = [
-        {"judge": f"odometry-{kind}", **base, "value": follower.error_mm(kind), "failed": failed[kind], **more}
-        for kind, follower in followers.items()
+        {"judge": f"odometry-{kind}", **base, "value": _error_mm(each, kind), "failed": any(failed[kind]), **more}
+        for kind, each in followers.items()
     ]
     return [*errors, {"judge": "odometry-failures", **base, "value": float(np.mean(list(failed.values())))}]
