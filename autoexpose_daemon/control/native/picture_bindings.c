@@ -213,7 +213,7 @@ PyDoc_STRVAR(median_shift_doc,
              "How far the picture has moved, the median of its parts, in pixels; None: nothing to go by, or no picture before.\n\n"
              "image: uint8 (height, width), 16 to 90 blocks of `side` pixels either way. light_of_sum: int16\n"
              " (side * side * 255 + 1,), the light of a block in 1/128 stop by the sum of its grey levels, 0 if black, at\n"
-             "most 2047. before: int16 (height // side, width // side), the light of the picture before; None: there is none.\n"
+             "most 2047. before: int16 (height // side, width // side), the light of the previous picture, or None.\n"
              "now: the same of this one, written.");
 
 static int are_blocks(Py_ssize_t count)

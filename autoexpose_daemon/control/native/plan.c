@@ -53,7 +53,7 @@ static void share_out(const Expected *expected, const double *information, doubl
     }
 }
 
-/* What a level holds by a hypothesis, if hopes for what is hidden come true. */
+/* What a level holds under a hypothesis if what is hidden holds as much as is hoped. */
 static inline double hoped(const Expected *expected, const double *information, const double *nothing, size_t level)
 {
     return expected->sharp[level] * (nothing[level] + expected->hope * (information[level] - nothing[level]));
@@ -129,7 +129,7 @@ static double mean_light(const Plan *plan, size_t frame)
     return light;
 }
 
-/* What a frame is worth of which so much is left to the one before it: one that is lost costs more than its worth. */
+/* A frame's worth, given what the change of brightness leaves of it: a lost frame costs more than it would be worth. */
 static inline double worth_of_pair(double left, double lost_below, double lost_cost)
 {
     return left - lost_cost * (left < lost_below ? 1.0 - left / lost_below : 0.0);

@@ -7,7 +7,7 @@ PyDoc_STRVAR(weigh_levels_doc,
              "weigh_levels(information, favoured, revealed, probability, votes, sharp, hope, least_camera, steering_share,\n"
              "             served, worth, look)\n--\n\n"
              "What levels are worth to all cameras now, and for what they would reveal: `worth`, `look`, written.\n\n"
-             "All float64. information, favoured, revealed: (cameras, 3, n); favoured: or None. probability: (cameras, 3).\n"
+             "All float64. information, favoured, revealed: (cameras, 4, n); favoured: or None. probability: (cameras, 4).\n"
              "votes: (cameras,). sharp, worth, look: (n,), at least 1. hope, least_camera, steering_share: as in policy.py.\n"
              "served: frames.");
 
