@@ -17,7 +17,8 @@ KEYS = 3
 """A pair is tied to this many key pairs and to the pair before it, so that their errors average out."""
 
 STALE_SHARE = 0.6
-"""A pair becomes a key pair when it shares fewer points with the last one than this part of the most so far."""
+"""A pair becomes a key pair when it shares fewer points with the last one than this part of the most so far, or than
+`FEWEST_INLIERS`: one that nobody shares anything with is not the last for long."""
 
 FEWEST_INLIERS = 20
 """Fewer points may agree on a motion by chance."""
@@ -98,7 +99,7 @@ class OrbOdometry:
             self._motion = np.eye(4)
         first = self._before is None
         self._pose, self._before = pose, self._keep(pose, features)
-        if shared < STALE_SHARE * self._most_shared or tied is None:
+        if shared < max(STALE_SHARE * self._most_shared, FEWEST_INLIERS) or tied is None:
             self._keys = [*self._keys[1 - KEYS :], self._before]
             self._most_shared = 0
         lost = len(self._before.points) < FEWEST_INLIERS if first else tied is None

@@ -124,6 +124,18 @@ def test_pairs_without_anything_to_see_are_marked_as_lost() -> None:
     assert np.allclose(odometry.track(black, black).pose, np.eye(4))
 
 
+def test_a_black_pair_is_not_what_later_ones_are_compared_with() -> None:
+    stage, black = odometry_stage("even", 1, 0, 0), np.zeros((540, 720), np.uint8)
+    odometry = OrbOdometry(CAMERA)
+    tied = []
+    for number in range(6):
+        stage.go_to(60 + 2 * number)
+        pair = images(stage.take(ExposureSetting(940.0, 24.0))) if number != 3 else (black, black)
+        assert odometry.track(*pair).lost == (number == 3)
+        tied.append(len(odometry.inliers_px))
+    assert tied[5] > 0.7 * tied[2]
+
+
 def test_the_lap_starts_from_rest_and_keeps_to_its_speeds() -> None:
     path = lap(0)
     times_s = np.arange(0.0, 12.0, 0.02)
