@@ -14,6 +14,9 @@ from calibration.response import GREY_LEVELS, ResponseFunction
 
 Array = NDArray[np.float64]
 
+DARK_DN = 2
+"""Grey levels above black that count as black: rounding and noise leave hardly anything of how much light there was."""
+
 _STEP = 1 / 32
 """Stops between the log exposures that are tabulated."""
 
@@ -37,7 +40,7 @@ class Optics:
     """
 
     def __init__(self, response: ResponseFunction, noise: SensorNoise) -> None:
-        self.bins = GreyBins(response)
+        self.bins = GreyBins(response, DARK_DN)
         greys = np.arange(GREY_LEVELS)
         full = float(response.inverse(np.array([response.saturation]))[0])
         exposures, slopes = response.inverse(greys) - full, response_slopes(response)
