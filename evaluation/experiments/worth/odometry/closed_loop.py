@@ -11,6 +11,7 @@ from calibration.response import ResponseFunction
 from drivers.exposure import ExposureSetting
 from drivers.python310 import exp2
 from evaluation.experiments.worth.contender import Contender, medians
+from evaluation.experiments.worth.contenders import CONTENDERS
 from evaluation.experiments.worth.matches.pairs import PREPARATIONS
 from evaluation.experiments.worth.names import FIXED_IN_HINDSIGHT
 from evaluation.experiments.worth.odometry.drives import CHOICE, SCORED, Drive
@@ -31,6 +32,16 @@ WHITE_US_LUX = 2000.0 * 150.0
 
 LONGEST_US = 3000.0
 """Of these settings, unless the most gain needs more: hardly any blur."""
+
+
+def measure_contender(*, drives: list[dict[str, Any]], contender: str) -> list[dict[str, Any]]:
+    """Rows of one of `CONTENDERS`."""
+    return [row for drive in drives for row in run(Drive.of(drive), CONTENDERS[contender])]
+
+
+def measure_hindsight(*, drives: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Rows of `fixed-in-hindsight`."""
+    return [row for drive in drives for row in hindsight(Drive.of(drive))]
 
 
 def run(drive: Drive, contender: Contender) -> list[dict[str, Any]]:
