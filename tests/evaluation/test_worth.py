@@ -18,7 +18,7 @@ from drivers.exposure import ExposureSetting
 from evaluation.committed import PAINTINGS
 from evaluation.experiments.experiment import Figure, Table
 from evaluation.experiments.statistics import Comparison, over_places
-from evaluation.experiments.worth import matches_judge, worth
+from evaluation.experiments.worth import matches_judge, odometry_judge, worth
 from evaluation.experiments.worth.contenders import CONTENDERS
 from evaluation.experiments.worth.matches import courses, hindsight
 from evaluation.experiments.worth.matches.closed_loop import START
@@ -29,6 +29,7 @@ from evaluation.experiments.worth.matches.scenes import StillView
 from evaluation.experiments.worth.matches.scoring import CHOICE_SEED, JUDGES, PAIR_JUDGES, SCORING_SEEDS
 from evaluation.experiments.worth.matches_judge import measure_contender
 from evaluation.experiments.worth.names import BOUNDS
+from evaluation.experiments.worth.odometry.drives import LUX, PERIODS_S, Drive, drives
 from evaluation.experiments.worth.tables import MARGINS, Verdicts, claims_tables
 from evaluation.stage.camera import LIMITS
 from tests.evaluation.sections import check_no_prose
@@ -86,10 +87,24 @@ def rows_of(values: dict[str, list[float]], judge: str) -> list[dict[str, Any]]:
     ]
 
 
-def test_incomplete_results_are_refused() -> None:
+def test_policies_are_compared_on_the_courses_of_both_and_averaged_on_those_of_all() -> None:
+    errors = np.exp(np.random.default_rng(2).normal(0.0, 0.3, 24))
+    every, few = errors_of("mine", errors, {3}), errors_of("screened", 2.0 * errors, {3})[::4]
+    rows = [*every, *errors_of("closest", 1.5 * errors, set()), *few]
+    verdicts = Verdicts(rows, {"odometry-raw": "lower"})
+    close, far = (verdicts.compare("odometry-raw", other, "mine") for other in ("closest", "screened"))
+    assert close and close.worse.value == pytest.approx(0.5) and close.left_out == 1
+    assert far and far.worse.value == pytest.approx(1.0) and far.left_out == 0  # room 3 is not screened
+    average = verdicts.average("odometry-raw", "mine")
+    assert average and average.value == pytest.approx(float(np.exp(np.log(errors[::4]).mean())))
+    texts = {row[0]: row[1] for row in claims_tables(verdicts, ["closest", "screened"], "mine")[0].rows}
+    assert "6 courses" in texts["`screened`"] and "courses" not in texts["`closest`"]
+
+
+def test_results_that_cannot_be_compared_are_refused() -> None:
     rows = rows_of({DEFAULT_POLICY: [1.0, 2.0], "fixed": [1.0, 2.0]}, "matches-orb-raw")
-    with pytest.raises(ValueError, match="same courses"):
-        Verdicts(rows[:-1], JUDGES)
+    with pytest.raises(ValueError, match="in common"):
+        Verdicts([rows[0], rows[-1]], JUDGES)
     with pytest.raises(ValueError, match="finite"):
         Verdicts([*rows[:-1], rows[-1] | {"value": math.nan}], JUDGES)
 
@@ -181,7 +196,6 @@ def test_the_section_is_made_from_the_rows_of_all_contenders(tmp_path: Path, mon
 def test_everyone_takes_part() -> None:
     names = set(CONTENDERS)
     assert names >= set(POLICY_IDS) - {"majer2018-fixed"}
-    assert names >= {"metric-map, exposure priority", "metric-map, at most 3 ms"}
     for quick in (True, False):
         jobs = matches_judge.jobs_of("report", quick)
         by_course: dict[str, set[str]] = {}
@@ -192,15 +206,31 @@ def test_everyone_takes_part() -> None:
         assert all(taking_part == {*names, "bounds"} for taking_part in by_course.values())
 
 
+def test_odometry_screens_everyone_in_all_kinds_of_rooms_at_all_speeds() -> None:
+    driven: dict[str, set[str]] = {}
+    for job in odometry_judge.jobs_of("report", False):
+        group = job.arguments["drives"]
+        assert isinstance(group, list)
+        driven.setdefault(str(job.arguments.get("contender", "bounds")), set()).update(
+            Drive.of(one).name for one in group
+        )
+    every = {drive.name: drive for drive in drives("report")}
+    assert set(driven) == {*CONTENDERS, "bounds"}
+    assert all(driven[one] == set(every) for one in odometry_judge.CLOSEST)
+    screened = driven["bounds"]
+    assert all(driven[one] == screened for one in CONTENDERS if one not in odometry_judge.CLOSEST)
+    both = [(every[name].kind, every[name].speed) for name in screened]
+    assert len(both) == len(set(both)) == len(LUX) * len(PERIODS_S)
+
+
 def test_a_quick_run_opens_no_scene_of_the_report() -> None:
     opened = [json.dumps(job.arguments) for job in worth.EXPERIMENT.jobs(True)]
     assert set(opened) == {json.dumps(job.arguments) for job in worth.TUNING.jobs(True)}
     assert not set(opened) & {json.dumps(job.arguments) for job in worth.EXPERIMENT.jobs(False)}
 
 
-def test_a_cap_holds_and_fixed_stays_where_it_was_put() -> None:
-    loop = CONTENDERS["metric-map, at most 3 ms"].make_loop(COURSE.response, LIMITS, START)
-    assert loop.setup.limits.max_time_us == 3000.0 and loop.setup.start == START
+def test_fixed_stays_where_it_was_put_and_others_start_with_the_course() -> None:
+    assert CONTENDERS[DEFAULT_POLICY].make_loop(COURSE.response, LIMITS, START).setup.start == START
     fixed = CONTENDERS["fixed"].make_loop(COURSE.response, LIMITS, START)
     assert fixed.setup.start == ExposureSetting(3000.0, 6.0)
 

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from evaluation.committed import ERROR_MARGIN, FEATURE_MARGIN
@@ -54,7 +53,7 @@ class Verdicts:
     Raises
     ------
     ValueError
-        When a policy lacks a course that others have, or a value is not a number.
+        When no course of a judge is one of all its policies, or a value is not a number.
     """
 
     def __init__(self, rows: Iterable[Mapping[str, Any]], better: Better) -> None:
@@ -68,9 +67,8 @@ class Verdicts:
                 failed = self._failed.setdefault(row["judge"], set())
                 failed |= {(row["policy"], row["course"])} if row["failed"] else set()
         for judge, by_policy in self._values.items():
-            courses = {frozenset(by_course) for by_course in by_policy.values()}
-            if len(courses) > 1:
-                raise ValueError(f"{judge}: not every policy has the same courses")
+            if by_policy and not self.courses(judge, *by_policy):
+                raise ValueError(f"{judge}: its policies have no course in common")
             if not all(math.isfinite(value) for by_course in by_policy.values() for value in by_course.values()):
                 raise ValueError(f"{judge}: a value is not a finite number")
 
@@ -84,54 +82,46 @@ class Verdicts:
         """In the order of their first results."""
         return list(dict.fromkeys(policy for judge in self.judges for policy in self._values[judge]))
 
-    def values(self, judge: str, policy: str) -> NDArray[np.float64] | None:
-        """By course, in the same order for all policies; None for a policy that this judge has not seen."""
-        by_policy = self._values[judge]
-        if policy not in by_policy:
-            return None
-        return np.array([by_policy[policy][course] for course in sorted(by_policy[policy])])
-
-    def places(self, judge: str) -> list[str]:
-        """The picture, room or park of each course, in the same order: several courses may share one."""
-        courses = next(iter(self._values[judge].values()))
-        return [course.partition(",")[0] for course in sorted(courses)]
+    def courses(self, judge: str, *policies: str) -> list[str]:
+        """Those that all of these policies have, in one order; none if this judge has not seen one of them."""
+        return sorted(set.intersection(*(set(self._values[judge].get(policy, ())) for policy in policies)))
 
     def mean(self, judge: str, policy: str, courses: Iterable[str]) -> float:
         """Mean of some courses."""
         return float(np.mean([self._values[judge][policy][course] for course in courses]))
 
     def average(self, judge: str, policy: str) -> Interval | None:
-        """Mean of a policy over courses; of errors the geometric mean of the runs that did not fail."""
-        values = self.values(judge, policy)
-        if values is None or judge not in self._failed:
-            return None if values is None else over_places(values, self.places(judge))
-        kept = np.flatnonzero(~self._failures(judge, policy))
-        if not kept.size:
+        """Mean of a policy over the courses of all; of errors the geometric mean of the runs that did not fail."""
+        by_course = self._values[judge].get(policy)
+        if by_course is None:
             return None
-        logs = over_places(np.log(values[kept]), [self.places(judge)[place] for place in kept])
+        courses = self.courses(judge, *self._values[judge])
+        if judge not in self._failed:
+            return over_places([by_course[course] for course in courses], _places(courses))
+        kept = [course for course in courses if (policy, course) not in self._failed[judge]]
+        if not kept:
+            return None
+        logs = over_places([math.log(by_course[course]) for course in kept], _places(kept))
         return Interval(math.exp(logs.value), math.exp(logs.low), math.exp(logs.high))
 
     def compare(self, judge: str, policy: str, other: str) -> Comparison | None:
-        """How much worse a policy is than another; None where this judge has not seen both."""
+        """How much worse a policy is than another, on the courses of both; None where a judge has not seen both."""
         key = (judge, policy, other)
         if key not in self._comparisons:
             self._comparisons[key] = self._compare(*key)
         return self._comparisons[key]
 
     def _compare(self, judge: str, policy: str, other: str) -> Comparison | None:
-        own, others, places = self.values(judge, policy), self.values(judge, other), self.places(judge)
-        if own is None or others is None:
+        if not (courses := self.courses(judge, policy, other)):
             return None
+        own, others = (np.array([self._values[judge][one][course] for course in courses]) for one in (policy, other))
         if judge in self._failed:
-            failed = self._failures(judge, policy) | self._failures(judge, other)
-            return Comparison.of_errors(own, others, failed, places)
+            failed = [any((one, course) in self._failed[judge] for one in (policy, other)) for course in courses]
+            return Comparison.of_errors(own, others, np.array(failed), _places(courses))
         losses = own - others if self.better[judge] == "lower" else others - own
         # Something that never happened to the other has no share that it could be compared with.
-        return Comparison.of_means(losses, None if judge == FAILURES or not others.any() else others, places)
-
-    def _failures(self, judge: str, policy: str) -> NDArray[np.bool_]:
-        courses = sorted(self._values[judge][policy])
-        return np.array([(policy, course) in self._failed[judge] for course in courses])
+        base = None if judge == FAILURES or not others.any() else others
+        return Comparison.of_means(losses, base, _places(courses))
 
     def among(self, courses: Collection[str]) -> Verdicts:
         """The same on some of the courses."""
@@ -151,6 +141,11 @@ class Verdicts:
         return {"default_policy": DEFAULT_POLICY, "better": better, "results": results}
 
 
+def _places(courses: Sequence[str]) -> list[str]:
+    """The picture, room or park of each course: several courses may share one."""
+    return [course.partition(",")[0] for course in courses]
+
+
 def means_tables(verdicts: Verdicts) -> list[Table]:
     """Mean of each judge and policy, with its interval over the courses' pictures, rooms or parks."""
 
@@ -159,7 +154,7 @@ def means_tables(verdicts: Verdicts) -> list[Table]:
         return "-" if average is None else average.text(_form(average.value))
 
     caption = (
-        f"Mean over courses, [95 % interval over their pictures, rooms or parks]. {_FEW} "
+        f"Mean over the courses of all, [95 % interval over their pictures, rooms or parks]. {_FEW} "
         "Errors of odometry: geometric mean over the runs that did not fail."
     )
     return _tables(verdicts, caption, cell)
@@ -178,7 +173,9 @@ def claims_tables(verdicts: Verdicts, rivals: Sequence[str], subject: str = DEFA
         if found is None:
             return "-"
         verdict = "" if rival in NOT_COUNTED else f", {found.noninferior(MARGINS[judge])}"
-        return f"{_percent(found.narrow)} ± {100 * found.seen:.1f}{verdict}"
+        courses = len(verdicts.courses(judge, subject, rival))
+        few = f" ({courses} courses)" if courses < len(verdicts.courses(judge, subject)) else ""
+        return f"{_percent(found.narrow)} ± {100 * found.seen:.1f}{verdict}{few}"
 
     rows = [[f"`{rival}`", *(claim(judge, rival) for judge in judges)] for rival in rivals]
     heads = ["compared with", *(f"`{judge}`, margin {MARGINS[judge]:.0%}" for judge in judges)]

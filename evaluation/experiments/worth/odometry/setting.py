@@ -13,7 +13,8 @@ whose walls and cartons are covered with pieces of the photographs, at their own
 to 90 %; every second one is so pale that it spans only 1.7 stops. There are {len(LUX)} kinds of rooms, each at three
 speeds: evenly lit, dimly lit (1 to 8 lux), with a side that is five stops brighter, with a window to daylight, with
 lamps around which it is brighter, or with a dark stretch of 6 stops; what is special comes into view within the drive.
-The light is 1 to 2000 lux. The path is that of fig12, at 33, 86 or 143 mm and degrees a second at most, from rest. The
+The light is 1 to 2000 lux. Everyone drives through every fourth room of a kind, the default and its closest rivals
+through all. The path is that of fig12, at 33, 86 or 143 mm and degrees a second at most, from rest. The
 rig, its sensor and its odometry are those of fig12, on frames as they are (`raw`) and `preprocessed`. Policies run in
 closed loop from the best exposure of the first frame; odometry then follows the frames taken with their settings and
 other noise.
