@@ -19,7 +19,7 @@ from evaluation.stage.delayed_loop import Entrant
 COURSE = "pan", "room", 1
 DELAY_FRAMES, MOMENTS = 2, 4
 LEAP_STOPS = 2.0
-"""By so much the exposure changes when the window is looked at."""
+"""By so much the exposure falls when the window is looked at."""
 
 
 def moments() -> list[Moment]:
@@ -32,7 +32,7 @@ def moments() -> list[Moment]:
         stage.go_to(frame)
         pair = delayed.step(stage.take)
         decision, grounds = delayed.decisions[-1], delayed.loop.grounds
-        leaps = not found and frame > DELAY_FRAMES and abs(decision.level - pair.reference.setting.level) > LEAP_STOPS
+        leaps = not found and pair.reference.setting.level - decision.level > LEAP_STOPS
         if grounds is not None and (leaps or frame == due):
             words = f"{frame / RATE_HZ:.2f} s: {pair.reference.setting}\n{decision.reason}"
             found.append(Moment(words, pair.reference.grey8(), grounds.scenes["left"], grounds, decision.level))
