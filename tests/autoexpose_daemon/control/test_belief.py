@@ -171,3 +171,14 @@ def test_each_camera_is_seen_with_its_own_setting() -> None:
         decision = loop.step(StereoPair(index, {"left": left, "right": right}))
         expected = same.step(StereoPair(index, {"left": left, "right": left}))
     assert decision.setting.level == pytest.approx(expected.setting.level, abs=0.6)
+
+
+def test_light_is_measured_by_the_camera_whose_frame_before_was_not_lost() -> None:
+    loop = ControlLoop("belief", LINEAR, LIMITS, START)
+    belief = loop._policy
+    assert isinstance(belief, policy.Belief)
+    both = ("left", "right")
+    for index, sides in enumerate([both, both, both, ("right",), both, ("left",), both]):
+        frame = at_time(expose(SCENE, START, 10.0 - 0.25 * index), index)
+        loop.step(StereoPair(index, dict.fromkeys(sides, frame)))
+    assert list(belief.forecast.changes)[-6:] == pytest.approx([0.25] * 6, abs=0.03)

@@ -141,7 +141,7 @@ def test_the_state_is_what_its_format_says() -> None:
         "zhang2024": ["past", "target"],
         "metric-map": map_names,
         "fisher-map": map_names,
-        "belief": ["beliefs", "cadence", "forecast", "foresight", "latency", "motion_px", "registration", "seen_ns"],
+        "belief": ["beliefs", "cadence", "forecast", "foresight", "latency", "motion_px", "registrations", "seen_ns"],
     }
 
 

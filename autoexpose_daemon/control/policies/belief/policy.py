@@ -74,14 +74,14 @@ class Belief(ExposurePolicy):
     """
 
     STATE: ClassVar[tuple[str, ...]] = (
-        "registration", "forecast", "foresight", "cadence", "latency", "beliefs", "motion_px", "seen_ns",
+        "registrations", "forecast", "foresight", "cadence", "latency", "beliefs", "motion_px", "seen_ns",
     )  # fmt: skip
     FLOW: ClassVar[Literal["tiles"]] = "tiles"
     OBJECTIVE: ClassVar[Objective] = "information"
     STEERED: ClassVar[bool] = True
     FILTERED: ClassVar[bool] = False
     compensated = "targets"
-    registration: Registration
+    registrations: dict[Side, Registration]
     forecast: Forecast
     foresight: Foresight
     cadence: Cadence
@@ -92,7 +92,7 @@ class Belief(ExposurePolicy):
 
     def __init__(self, responses: Mapping[Side, ResponseFunction], balance: Balance, noise: SensorNoise) -> None:
         self.balance = balance
-        self.registration = Registration(responses)
+        self.registrations = {side: Registration(responses) for side in responses}
         self.forecast = Forecast()
         self.foresight = Foresight()
         self.cadence = Cadence()
@@ -157,9 +157,11 @@ class Belief(ExposurePolicy):
         """Take in what the frames show."""
         seen = [(look, self._contrast(look)) for look in observation.looks]
         news = [(look, each) for look, each in seen if self.beliefs[look.side].is_news(each)]
-        showing = next((each for each in news if shows(each[1].count)), seen[0])
-        light = self._light_change(*showing, observation)
-        seconds = self._seconds_since_before(observation.looks)
+        since_s = self._since_before_s(observation.looks)
+        seconds = min(since_s.values())
+        showing = [(look, each) for look, each in news if shows(each.count)] or seen[:1]
+        there_before = min(showing, key=lambda one: since_s[one[0].side] > 1.5 * seconds)  # its frame was not lost
+        light = self._light_change(*there_before, observation)
         self.forecast.add(light.stops, self.cadence.frames(seconds))
         if not light.measured and abs(light.stops) > LARGE_CHANGE:
             for belief in self.beliefs.values():
@@ -172,19 +174,22 @@ class Belief(ExposurePolicy):
                 each, setting.level, linear_gain(setting.gain_db), look.averaged, look.relative_light
             )
 
-    def _seconds_since_before(self, looks: Sequence[Look]) -> float:
-        """The time since the frames before, by their cameras' own clocks; 0 for the first, and if a clock restarts."""
-        intervals_ns = [look.device_time_ns - self.seen_ns.get(look.side, look.device_time_ns) for look in looks]
-        self.seen_ns |= {look.side: look.device_time_ns for look in looks}
-        return max(min(intervals_ns), 0) * 1e-9
+    def _since_before_s(self, looks: Sequence[Look]) -> dict[Side, float]:
+        """The time since each camera's frame before, by its own clock; 0 for its first, and if the clock restarts."""
+        now_ns = {look.side: look.device_time_ns for look in looks}
+        since_ns = {side: time_ns - self.seen_ns.get(side, time_ns) for side, time_ns in now_ns.items()}
+        self.seen_ns |= now_ns
+        return {side: max(interval_ns, 0) * 1e-9 for side, interval_ns in since_ns.items()}
 
     def _contrast(self, look: Look) -> Contrast:
         return contrast(look.unfiltered, self.beliefs[look.side].optics.bins, look.weights)
 
     def _light_change(self, look: Look, seen: Contrast, observation: Observation) -> LightChange:
-        """By how much the light has changed; and is the motion that was measured to be believed?"""
-        level_change = observation.setting.level - self.registration.previous_level
-        light = self.registration.change(look, observation.setting.level) or LightChange(0.0, measured=False)
+        """By how much the light has changed for a camera; and is the motion that was measured to be believed?"""
+        level = observation.setting.level
+        level_change = level - self.registrations[look.side].previous_level
+        changes = {each.side: self.registrations[each.side].change(each, level) for each in observation.looks}
+        light = changes[look.side] or LightChange(0.0, measured=False)
         if not light.measured:  # no less than that if the picture is white, no more if it is black
             white = seen.count[:, -1].sum() > seen.count[:, 0].sum()
             light = LightChange(max(light.stops, 0.0) if white else min(light.stops, 0.0), measured=False)
