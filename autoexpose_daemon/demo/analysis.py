@@ -48,8 +48,8 @@ class LightStep:
         noun = "frame" if first == 1 else "frames"
         words = f"well exposed and steady after {first} {noun} ({1e3 * first / rate_hz:.0f} ms)"
         if settled is None:
-            return f"{words}, then changing with the view"
-        return words if settled <= first else f"{words}, then following the view, final after {settled}"
+            return f"{words}; still changes with the view"
+        return words if settled <= first else f"{words}; changed with the view until frame {settled}"
 
 
 @dataclass(frozen=True, slots=True)

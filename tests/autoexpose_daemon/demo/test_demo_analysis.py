@@ -102,8 +102,8 @@ def test_a_step_that_does_not_settle_quotes_the_policy() -> None:
     ("steady", "settled", "words"),
     [
         (4, 4, "well exposed and steady after 4 frames (67 ms)"),
-        (4, 157, "well exposed and steady after 4 frames (67 ms), then following the view, final after 157"),
-        (4, None, "well exposed and steady after 4 frames (67 ms), then changing with the view"),
+        (4, 157, "well exposed and steady after 4 frames (67 ms); changed with the view until frame 157"),
+        (4, None, "well exposed and steady after 4 frames (67 ms); still changes with the view"),
         (1, 1, "well exposed and steady after 1 frame (17 ms)"),
         (None, 9, "well exposed and steady after 9 frames (150 ms)"),
     ],
