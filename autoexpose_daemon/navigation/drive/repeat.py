@@ -90,7 +90,7 @@ class Repeater:
         view = self.repetition.view
         assert view is not None
         if self._trail is not None:
-            self._trail.see(view.distance_m, pair.left, pair.decision, pair.responses["left"])
+            self._trail.see(view.distance_m, pair.left, pair.responses["left"])
         self.tally.frames += 1
         self.tally.registered += view.shift_px is not None
         return view
