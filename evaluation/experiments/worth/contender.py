@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from autoexpose_daemon.control.loop import ControlLoop
-from autoexpose_daemon.control.parameters import ControlParameters
 from calibration.response import ResponseFunction
 from drivers.exposure import ExposureLimits, ExposureSetting
 from evaluation.stage.delayed_loop import MakeLoop
@@ -47,17 +45,8 @@ class Contender:
 
 def policy(policy_id: str) -> Contender:
     """A policy as it is."""
-    return variant(policy_id, policy_id)
-
-
-def variant(
-    name: str, policy_id: str, parameters: ControlParameters | None = None, max_time_us: float = math.inf
-) -> Contender:
-    """A policy with other parameters, or a lower bound on the exposure time (us)."""
 
     def make_loop(response: ResponseFunction, limits: ExposureLimits, start: ExposureSetting) -> ControlLoop:
-        bounded = replace(limits, max_time_us=min(max_time_us, limits.max_time_us))
-        begin = HAND_TUNED if policy_id == "fixed" else start
-        return ControlLoop(policy_id, response, bounded, begin, parameters or ControlParameters())
+        return ControlLoop(policy_id, response, limits, HAND_TUNED if policy_id == "fixed" else start)
 
-    return Contender(name, policy_id, make_loop)
+    return Contender(policy_id, policy_id, make_loop)

@@ -1,16 +1,10 @@
-"""Who takes part: every policy, and variants of some."""
+"""Who takes part: every policy."""
 
 from __future__ import annotations
 
-from autoexpose_daemon.control.parameters import ControlParameters
 from autoexpose_daemon.control.policies.ids import LEARNED as LEARNED_IDS
 from autoexpose_daemon.control.policies.ids import PLACES
-from evaluation.experiments.worth.contender import Contender, policy, variant
-
-CAP_US = 3000.0
-"""Exposure priority without a cap blurs; this cap is the constant that a split of our own has to beat (issue 17)."""
-
-_PRIORITY = ControlParameters(balance="exposure_priority")
+from evaluation.experiments.worth.contender import Contender, policy
 
 PUBLISHED: tuple[Contender, ...] = tuple(
     policy(policy_id)
@@ -22,10 +16,8 @@ PUBLISHED: tuple[Contender, ...] = tuple(
 LEARNED: tuple[Contender, ...] = tuple(policy(policy_id) for policy_id in LEARNED_IDS)
 """Others' ideas with weights of our own training."""
 
-OURS: tuple[Contender, ...] = (
-    *(policy(policy_id) for policy_id, place in PLACES.items() if not place.startswith(("published.", "learned."))),
-    variant("metric-map, exposure priority", "metric-map", _PRIORITY),
-    variant("metric-map, at most 3 ms", "metric-map", _PRIORITY, CAP_US),
+OURS: tuple[Contender, ...] = tuple(
+    policy(policy_id) for policy_id, place in PLACES.items() if not place.startswith(("published.", "learned."))
 )
 """Those in development; any `Contender` may be added."""
 
