@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from autoexpose_daemon.control.loop import ControlLoop
+from autoexpose_daemon.control.parameters import ControlParameters
 from calibration.response import ResponseFunction
 from drivers.exposure import ExposureLimits, ExposureSetting
 from evaluation.stage.delayed_loop import MakeLoop
@@ -47,6 +48,7 @@ def policy(policy_id: str) -> Contender:
     """A policy as it is."""
 
     def make_loop(response: ResponseFunction, limits: ExposureLimits, start: ExposureSetting) -> ControlLoop:
-        return ControlLoop(policy_id, response, limits, HAND_TUNED if policy_id == "fixed" else start)
+        begin = HAND_TUNED if policy_id == "fixed" else start
+        return ControlLoop(policy_id, response, limits, begin, ControlParameters())
 
     return Contender(policy_id, policy_id, make_loop)
