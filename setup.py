@@ -2,7 +2,7 @@
 
 From Python 3.11 on, what is built serves all later ones, too (abi3).
 
-The default policy needs the first, so there is no build without a C compiler and Python's headers. Only the fake USB3
+Control needs the first, so there is no build without a C compiler and Python's headers. Only the fake USB3
 Vision camera needs the second, and says so.
 """
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import fields
 
-from pydantic import model_validator
+from pydantic import ValidationInfo, field_validator, model_validator
 
 from autoexpose_daemon.config.roi import RoiConfig
 from autoexpose_daemon.config.section import (
@@ -22,6 +22,7 @@ from autoexpose_daemon.config.section import (
     MetricLambda,
     ReadNoiseE,
     Section,
+    present_name,
 )
 from autoexpose_daemon.control.parameters import BalanceId, Bracketing, ControlParameters, MotionId
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY, check_policy_id
@@ -95,6 +96,11 @@ class ControlConfig(Section):
         found = {"flicker_hz": None} if self.flicker_hz == "auto" else {}
         bracketing = None if self.bracket is None else self.bracket.bracketing()
         return ControlParameters(**values | found | {"bracket": bracketing})
+
+    @field_validator("policy", "motion", mode="before")
+    @classmethod
+    def _in_place_of_removed(cls, name: object, info: ValidationInfo) -> object:
+        return present_name(f"control.{info.field_name}", name)
 
     @model_validator(mode="after")
     def _policy_exists(self) -> Self:

@@ -9,7 +9,7 @@ from pydantic import Field, ValidationError, field_validator, model_validator
 
 from autoexpose_daemon.config.area import AreaConfig
 from autoexpose_daemon.config.mistakes import mistakes
-from autoexpose_daemon.config.section import EvStops, ExposureTimeUs, GainDb, Name, Section
+from autoexpose_daemon.config.section import EvStops, ExposureTimeUs, GainDb, Name, Section, present_name
 from autoexpose_daemon.control.policies.ids import check_policy_id
 from drivers.config.readable import readable
 from drivers.errors import ConfigurationError
@@ -90,6 +90,11 @@ class Request(Section):
     limits: LimitsRequest | None = None
     region: RegionRequest | None = None
     shot: ShotRequest | None = None
+
+    @field_validator("policy", mode="before")
+    @classmethod
+    def _in_place_of_removed(cls, policy: object) -> object:
+        return present_name("policy", policy)
 
     @field_validator("policy")
     @classmethod

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 from pathlib import Path
 from typing import Annotated, Literal
@@ -15,8 +16,11 @@ from pydantic import (
     WrapValidator,
 )
 
+from autoexpose_daemon.control.policies.removed import REMOVED
 from drivers.config import bounds
 from drivers.config.readable import quoted
+
+log = logging.getLogger(__name__)
 
 LONGEST_NAME = 64
 _LONGEST_PATH = 4096
@@ -47,6 +51,15 @@ def check_name(name: str) -> str:
             "them"
         )
     return name
+
+
+def present_name(key: str, name: object) -> object:
+    """A name given for a key, or what took its place if it is `REMOVED`, with a warning."""
+    present = REMOVED[key.rpartition(".")[2]].get(name) if isinstance(name, str) else None
+    if present is None:
+        return name
+    log.warning("%s: there is no %s any more: %s takes its place", key, name, present)
+    return present
 
 
 def _check_path(path: Path) -> Path:

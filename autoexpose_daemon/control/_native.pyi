@@ -21,7 +21,6 @@ def contrast_sums(
 ) -> None: ...
 def grey_counts(image: NDArray[np.uint8], region: NDArray[np.uint8] | None, counts: NDArray[np.float64], /) -> None: ...
 def count_at_most(image: NDArray[np.uint8], grey: int, /) -> int: ...
-def grey_of_rank(image: NDArray[np.uint8], rank: float, /) -> int: ...
 def sample_greys(
     image: NDArray[np.uint8], stride: int, saturated: NDArray[np.uint8], sampled: NDArray[np.uint8], /
 ) -> None: ...
@@ -41,21 +40,6 @@ def median_shift(
     now: NDArray[np.int16],
     /,
 ) -> float | None: ...
-def predict_information(
-    energy: NDArray[np.float64],
-    count: NDArray[np.float64],
-    now: NDArray[np.float64],
-    then: NDArray[np.float64],
-    pixels: float,
-    gain: float,
-    gains: NDArray[np.float64],
-    sharper: NDArray[np.float64],
-    relative_light: NDArray[np.float64] | None,
-    cell_weights: NDArray[np.float64] | None,
-    curve: NDArray[np.float64],
-    steered: NDArray[np.float64] | None,
-    /,
-) -> None: ...
 def best_times(
     levels: NDArray[np.float64],
     shortest: float,
@@ -77,32 +61,6 @@ def split_levels(
     now_us: float,
     gains: NDArray[np.float64],
     sharp: NDArray[np.float64],
-    /,
-) -> None: ...
-def predict_metrics(
-    levels: NDArray[np.float64],
-    places: NDArray[np.float64],
-    ages: NDArray[np.float64],
-    blind: NDArray[np.float64],
-    curves: NDArray[np.float64],
-    deltas: NDArray[np.float64],
-    doubting: bool,
-    values: NDArray[np.float64],
-    distances: NDArray[np.float64],
-    /,
-) -> None: ...
-def worth_of_levels(
-    levels: NDArray[np.float64],
-    metrics: NDArray[np.float64],
-    views: NDArray[np.float64],
-    moving: bool,
-    shortest_stops: float,
-    power: float,
-    probe_worth: float,
-    frontier: float,
-    known_again: float,
-    highest: float,
-    worth: NDArray[np.float64],
     /,
 ) -> None: ...
 def pass_time(scene: tuple[NDArray[np.float64] | float, ...], kept: float, moved: float, risen: int, /) -> None: ...

@@ -40,8 +40,8 @@ class LightAhead:
     Attributes
     ----------
     levels
-        The exposure levels that served, stops, one for each frame at the present speed, in the order of driving. They
-        change with the light, and where another part of the view becomes worth more, as at a window.
+        The exposure levels that served, stops, one for each frame at the present speed, in the order of driving. No
+        policy goes by them.
     risen
         By how much the light had risen, stops, at the same places.
     now

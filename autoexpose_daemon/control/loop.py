@@ -15,7 +15,7 @@ from autoexpose_daemon.control.metrics.gradient import GradientMetric
 from autoexpose_daemon.control.override import NO_OVERRIDE, Compensation, Override
 from autoexpose_daemon.control.parameters import FASTEST_TURN_RAD_S, REMEMBERED_STEPS, ControlParameters
 from autoexpose_daemon.control.picture.image import median
-from autoexpose_daemon.control.picture.motion import DisMotion, FarnebackMotion, Motion, TileMotion
+from autoexpose_daemon.control.picture.motion import FarnebackMotion, Motion, TileMotion
 from autoexpose_daemon.control.picture.region import Region
 from autoexpose_daemon.control.picture.steering import Steering
 from autoexpose_daemon.control.picture.tracking_memory import CellExposure
@@ -37,12 +37,11 @@ _DEFAULT_PARAMETERS = ControlParameters()
 
 _MOTIONS: dict[str, Callable[[ResponseFunction], Motion]] = {
     "tiles": TileMotion,
-    "dis": DisMotion,
     "farneback": FarnebackMotion,
 }
 
 
-STATE_FORMAT = "autoexpose-control/11"
+STATE_FORMAT = "autoexpose-control/12"
 """Format of `ControlSetup` and `ControlLoop.state` as plain data: a new number when names, types or meaning change."""
 
 
@@ -165,11 +164,6 @@ class ControlLoop:
         return self._policy.OBJECTIVE
 
     @property
-    def shortfall(self) -> str | None:
-        """What the policy must do without, and why; None: nothing."""
-        return self._policy.shortfall
-
-    @property
     def uncounted(self) -> Mapping[Side, str]:
         """The cameras whose frames the policy does not count at present, and why, in words to follow "left camera"."""
         return self._policy.uncounted
@@ -238,7 +232,7 @@ class ControlLoop:
             How fast the camera turns, from an inertial sensor; the speed of image points is then this rate times the
             focal length, and no flow is computed. None: flow.
         light_ahead
-            What an earlier drive along the same route saw, which map policies use; None: nothing is known.
+            What an earlier drive along the same route saw, which `belief` uses; None: nothing is known.
         override
             What overrides the policy. While a setting is held, the policy keeps looking, so it knows the
             light when it decides again.
@@ -293,7 +287,7 @@ class ControlLoop:
         look = looks[0]
         if self._flicker is not None:
             self._flicker.see(look, setting, frame.device_time_ns)
-        saturated_share, black_share = self._views[look.side].shares.measure(look.image, look.weights, look.cumulative)
+        saturated_share, black_share = self._views[look.side].shares.measure(look.image, look.weights)
         return Observation(
             looks=looks,
             setting=setting,
@@ -342,7 +336,7 @@ class ControlLoop:
         """Metric, saturated and black share of the reference frame as it is."""
         if self._compensation is None:
             return observation.metric, observation.saturated_share, observation.black_share
-        shares = self._views[look.side].shares.measure(look.image, look.weights, look.cumulative)
+        shares = self._views[look.side].shares.measure(look.image, look.weights)
         return self._metric_of(look), *shares
 
     def _speed_px(self, look: Look, frame: Frame, setting: ExposureSetting, angular_rate_rad_s: float | None) -> float:

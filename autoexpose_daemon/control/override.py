@@ -92,7 +92,7 @@ class Compensation:
     def look(self, look: Look) -> Look:
         """What the policy sees of a frame."""
         table, shares = self._tables[look.side], self._shares[look.side]
-        saturated, _ = shares.measure(look.image, look.weights, look.cumulative)
+        saturated, _ = shares.measure(look.image, look.weights)
         if self.stops > 0 and saturated > 0:
             left = self.stops * max(1.0 - saturated / MOSTLY, 0.0)
             brighter = prediction_table(look.response, -left)

@@ -10,7 +10,7 @@ from drivers.config import bounds
 from drivers.errors import ConfigurationError
 
 BalanceId = Literal["policy", "blur_noise", "exposure_priority", "fixed_ratio", "flicker"]
-MotionId = Literal["policy", "farneback", "dis"]
+MotionId = Literal["policy", "farneback", "tiles"]
 
 FASTEST_TURN_RAD_S = 100.0
 """A faster angular rate is not believed: the fastest gyroscopes measure up to 4000 degrees a second, 70 rad/s."""
@@ -83,8 +83,8 @@ class ControlParameters:
         Flashes of the light per second, for the balance `flicker`: twice the mains frequency. None: found from the
         frames, and times are whole periods whatever the balance.
     motion
-        How motion is measured; `policy`: by Farneback's flow for the policies of Begin & Hunter, as in the paper, by
-        tiles (`TileMotion`) for `belief`, and by DIS flow for all others.
+        How motion is measured; `policy`: by Farneback's flow for the policies of Begin & Hunter, as in the paper, and
+        by tiles (`TileMotion`) for all others.
     focal_length_px
         Of the left camera, in pixels of its frames; needed for steps that are given an angular rate. None: unknown.
     full_well_e, read_noise_e

@@ -5,7 +5,6 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -14,8 +13,7 @@ from numpy.typing import NDArray
 from autoexpose_daemon.control.balance import Balance, BlurNoiseBalance, ExposurePriority, FixedRatio, FlickerBalance
 from autoexpose_daemon.control.grounds import Grounds
 from autoexpose_daemon.control.light_ahead import LightAhead
-from autoexpose_daemon.control.metrics.extension import extension as _native
-from autoexpose_daemon.control.metrics.gradient import GradientMetric, grey_counts, mean_signal
+from autoexpose_daemon.control.metrics.gradient import GradientMetric, mean_signal
 from autoexpose_daemon.control.parameters import ControlParameters
 from autoexpose_daemon.control.picture.steering import Steering
 from calibration.response import ResponseFunction
@@ -97,16 +95,6 @@ class Look:
         """`image` before the median, whose noise is the camera's, averaged."""
         return self.image if self.before_median is None else self.before_median
 
-    @cached_property
-    def cumulative(self) -> NDArray[np.float64] | None:
-        """How many pixels of `image` that count have at most each grey level, exact, shape (256,); counted once.
-
-        None if every pixel counts and the C extension is built: a single number then takes much less time.
-        """
-        if self.weights is None and _native is not None:
-            return None
-        return grey_counts(self.image, self.weights).cumsum()
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Observation:
@@ -174,7 +162,7 @@ class Observation:
     def mean(self) -> float:
         """Mean signal of `image`, 0 at the black level to 1 at saturation."""
         look = self.looks[0]
-        return mean_signal(look.image, look.response, look.weights, look.cumulative)
+        return mean_signal(look.image, look.response, look.weights)
 
     @property
     def realised(self) -> PastStep | None:
@@ -244,7 +232,7 @@ class PolicySetup:
 
 
 Objective = Literal["metric", "information"]
-"""What makes a frame good: gradient information M_g, or `InformationPrediction`."""
+"""What makes a frame good: gradient information M_g, or the Fisher information of its gradients (docs/policy.md)."""
 
 
 class ExposurePolicy(ABC):
@@ -255,7 +243,7 @@ class ExposurePolicy(ABC):
     Attributes
     ----------
     FLOW
-        How motion is measured unless another way is configured: the optical flow of its paper; `tiles`: `TileMotion`.
+        How motion is measured unless another way is configured: Farneback's flow for papers that measure it so.
     OBJECTIVE
         What it is judged by.
     compensated
@@ -268,18 +256,15 @@ class ExposurePolicy(ABC):
         Whether it needs images that have had a median, as M_g does, which is measured only then.
     balance
         How the level is split into time and gain.
-    shortfall
-        What it must do without, and why; None: nothing.
     """
 
     STATE: ClassVar[tuple[str, ...]] = ()
-    FLOW: ClassVar[Literal["tiles", "dis", "farneback"]] = "dis"
+    FLOW: ClassVar[Literal["tiles", "farneback"]] = "tiles"
     OBJECTIVE: ClassVar[Objective] = "metric"
     compensated: Literal["targets", "frames", "darker"] = "darker"
     STEERED: ClassVar[bool] = False
     FILTERED: ClassVar[bool] = True
     balance: Balance
-    shortfall: str | None = None
 
     @property
     def light_belief(self) -> float | None:

@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -21,8 +20,6 @@ STRIDE = 5
 
 LEAST_SHARE = 0.01
 """Of the compared pixels, which must be unclipped in both frames: a handful of them is noise, or one small thing."""
-
-_AROUND = np.ones((3, 3), np.uint8)
 
 BETWEEN = 1
 """How a pixel that is not clipped is marked."""
@@ -91,7 +88,7 @@ class Registration:
         if before is None or side != look.side or before.shape != now.shape:
             return None
         counts = None if look.weights is None else np.ascontiguousarray(look.weights[::STRIDE, ::STRIDE])
-        counted, known, median = _change(before, now, counts, *self._tables[look.side])
+        counted, known, median = _native.light_change(before, now, counts, *self._tables[look.side])
         return None if math.isnan(median) else LightChange(median - level_change, known >= LEAST_SHARE * counted)
 
     def _sampled(self, look: Look) -> NDArray[np.uint8]:
@@ -99,48 +96,9 @@ class Registration:
 
         The edge of a white window against a black room stays grey at any exposure.
         """
-        image, saturated = look.image, self._saturated[look.side]
-        if _native is not None:
-            sampled = np.empty([-(-size // STRIDE) for size in image.shape], np.uint8)
-            _native.sample_greys(image, STRIDE, saturated, sampled)
-            return sampled
-        here = np.ascontiguousarray(image[::STRIDE, ::STRIDE])
-        brightest = np.ascontiguousarray(cv2.dilate(image, _AROUND)[::STRIDE, ::STRIDE])
-        return np.asarray(cv2.max(here, cv2.LUT(brightest, saturated)), np.uint8)
-
-
-def _change(
-    before: NDArray[np.uint8],
-    now: NDArray[np.uint8],
-    weights: NDArray[np.uint8] | None,
-    log_exposure: NDArray[np.float32],
-    clipped: NDArray[np.uint8],
-) -> tuple[int, int, float]:
-    """How many pixels of two samples count, how many of them are clipped in neither, and their median change (stops).
-
-    The median is NaN if none shows a change; pixels of weight 0 do not count.
-    """
-    if _native is not None:
-        return _native.light_change(before, now, weights, log_exposure, clipped)
-    if weights is not None:
-        before, now = before[weights > 0], now[weights > 0]
-    if now.size == 0:  # a region between the strides
-        return 0, 0, math.nan
-    changes = cv2.LUT(now, log_exposure) - cv2.LUT(before, log_exposure)
-    first, second = cv2.LUT(before, clipped), cv2.LUT(now, clipped)
-    known = changes[(first == BETWEEN) & (second == BETWEEN)]
-    if known.size == changes.size:
-        return changes.size, known.size, _ranked(known, known.size // 2)
-    at_least = changes[second > first]
-    at_most = changes[second < first]
-    values = np.concatenate([known, known, at_least, at_most])
-    if values.size == 0:
-        return changes.size, 0, math.nan
-    return changes.size, known.size, _ranked(values, min(known.size + at_least.size, values.size - 1))
-
-
-def _ranked(values: NDArray[np.float32], rank: int) -> float:
-    return float(np.partition(values, rank, axis=None)[rank])
+        sampled = np.empty([-(-size // STRIDE) for size in look.image.shape], np.uint8)
+        _native.sample_greys(look.image, STRIDE, self._saturated[look.side], sampled)
+        return sampled
 
 
 def _tables(response: ResponseFunction) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:

@@ -9,7 +9,6 @@ from typing import Any
 from rich.table import Table
 from rich.text import Text
 
-from autoexpose_daemon.control.metrics.gradient import GradientMetric
 from autoexpose_daemon.demo.analysis import LightStep, delay_frames, light_settings
 from autoexpose_daemon.demo.fakes import FakeCamera, Pulse
 from autoexpose_daemon.demo.options import DemoOptions
@@ -53,7 +52,6 @@ def figures(run: Run, steps: Sequence[LightStep]) -> dict[str, Any]:
         "width": width,
         "height": height,
         "rate_hz": run.rate_hz,
-        "native": GradientMetric().native,
         "seconds": round(seconds, 3),
         "fps": round(tally.pairs / seconds, 2) if seconds else 0.0,
         "triggers": len(run.pulses),
@@ -112,8 +110,7 @@ def _rows(figures: Mapping[str, Any], steps: Sequence[LightStep]) -> Iterator[tu
             yield duration.label, f"{p50:.1f} ms, 99 of 100 within {p99:.1f} ms: {duration.meaning}"
     left, right = figures["fakes"]["cpu_percent"]
     yield "processor", f"daemon {figures['daemon_cpu_percent']:.0f} % of a core, fakes {left:.0f} % and {right:.0f} %"
-    made = "ours is compiled" if figures["native"] else "ours is slow here, because its C part was not compiled"
-    yield "this machine", f"{figures['reference_step_ms']:.1f} ms for a step of the published algorithm; {made}"
+    yield "this machine", f"{figures['reference_step_ms']:.1f} ms for a step of the published algorithm"
 
 
 def _lost(figures: Mapping[str, Any]) -> str:

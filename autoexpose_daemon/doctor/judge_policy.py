@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from autoexpose_daemon.config.document import Config
-from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.doctor.finding import Finding
 from calibration.response import ResponseFunction
 from drivers.errors import ConfigurationError
@@ -15,6 +14,8 @@ def judge_policy(config: Config) -> Iterator[Finding]:
     """Build it as the daemon would."""
     limits, start = config.exposure.limits(), config.start
     try:
+        from autoexpose_daemon.control.loop import ControlLoop  # noqa: PLC0415  needs the C extension
+
         ControlLoop(config.control.policy, ResponseFunction.linear(), limits, start, config.control.parameters())
     except ConfigurationError as error:
         yield Finding("policy", "stops", str(error))

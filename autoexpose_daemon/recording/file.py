@@ -14,7 +14,6 @@ import numpy as np
 from mcap.writer import CompressionType, Writer
 
 from autoexpose_daemon.control.loop import STATE_FORMAT, ControlSetup
-from autoexpose_daemon.control.metrics.gradient import GradientMetric
 from autoexpose_daemon.control.override import NO_OVERRIDE
 from autoexpose_daemon.control.snapshot import Plain, plain
 from autoexpose_daemon.messages.qos import DEFAULT, LATCHED, SENSOR_DATA
@@ -172,6 +171,5 @@ def software() -> dict[str, str]:
         "autoexpose-daemon": version("autoexpose-daemon"),
         "numpy": np.__version__,
         "opencv": cv2.__version__,
-        "C extension": "built" if GradientMetric().native else "not built",
         "machine": platform.machine(),
     }

@@ -68,6 +68,7 @@ class Recording:
         self._override = NO_OVERRIDE
         self._requests: tuple[str, ...] = ()
         self._steering: Steering | None = None
+        self._setup: ControlSetup | None = None
         self._calibrations: dict[Side, CameraGeometry] = {}
 
     def __iter__(self) -> Iterator[Item]:
@@ -154,10 +155,11 @@ class Recording:
             raise self._error(f"contains a state of control of format {found!r}: only {STATE_FORMAT!r} can be read")
         match what:
             case "setup":
-                setup = upgraded_setup(content.get("setup"))
-                return Setup(parse(setup, ControlSetup), parse(content.get("made_with"), dict[str, str]))
+                self._setup = parse(upgraded_setup(content.get("setup")), ControlSetup)
+                return Setup(self._setup, parse(content.get("made_with"), dict[str, str]))
             case "state":
-                return State(upgraded_state(content.get("state")))
+                state, former = content.get("state"), content["format"] in FORMER_FORMATS
+                return State(upgraded_state(state, self._setup) if former and self._setup is not None else state)
         self._take_given(what, content)
         return None
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.loop import ControlLoop
+from autoexpose_daemon.control.policies.removed import REMOVED
 from autoexpose_daemon.recording.step import Item, RecordingError, Setup, State, Step
 
 
@@ -17,7 +18,8 @@ class Replayed:
     Attributes
     ----------
     decision
-        None if it is unknown: before the first snapshot, and between recorder drops and the next snapshot.
+        None if it is unknown: before the first snapshot, between recorder drops and the next snapshot, and of a policy
+        that is no longer here.
     dropped
         Steps that the recorder dropped just before this one.
     undelivered
@@ -31,8 +33,9 @@ class Replayed:
 
     @property
     def same(self) -> bool:
-        """Whether the recorded run decided the same, to the last bit."""
-        return self.decision == self.step.decision
+        """Whether the recorded run decided the same, to the last bit, however it measured motion."""
+        recorded = self.step.decision
+        return self.decision is not None and replace(self.decision, motion_px=recorded.motion_px) == recorded
 
 
 class Replay:
@@ -63,6 +66,12 @@ class Replay:
             return True
         return self.setup.control.parameters.bracket is None and self._policy_id == self.setup.control.policy_id
 
+    @property
+    def removed(self) -> str | None:
+        """The recorded policy if it is to decide, but is no longer here."""
+        policy_id = None if self.setup is None else self.setup.control.policy_id
+        return policy_id if self._policy_id is None and policy_id in REMOVED["policy"] else None
+
     def steps(self, items: Iterable[Item]) -> Iterator[Replayed]:
         """The outcome of each step.
 
@@ -89,7 +98,7 @@ class Replay:
     def _resume(self, state: State) -> None:
         if self.setup is None:
             raise RecordingError("the recording is damaged: a state of control without its setup")
-        if self.loop is None:
+        if self.loop is None and self.removed is None:
             self.loop = self._new_loop(self.setup)
             try:
                 self.loop.restore(state.control)

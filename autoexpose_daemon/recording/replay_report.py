@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from autoexpose_daemon.control.policies.removed import REMOVED
 from autoexpose_daemon.recording.file import software
 from autoexpose_daemon.recording.read import Recording
 from autoexpose_daemon.recording.replay import Replay, Replayed
@@ -55,7 +56,7 @@ def report_replay(path: Path, policy_id: str | None, say: Say, watch: Watch | No
         for request in replayed.step.requests:
             say(f"trigger {replayed.step.pair.trigger}: {readable(request)}")
         if replayed.dropped:
-            _print_drop(say, replayed, player.faithful)
+            _print_drop(say, replayed, player.faithful and player.removed is None)
         second.add(replayed)
         total.add(replayed)
     _print_second(say, second, start_ns or 0, player.faithful)
@@ -120,7 +121,12 @@ def _print_summary(say: Say, recording: Recording, player: Replay, total: _Figur
     if recording.cut_off:
         lines.append("the file ends in the middle of a record: what comes before that has been read")
     as_it_was = total.first_other is None
-    if player.faithful:
+    if player.removed is not None:
+        lines.append(
+            f"not replayed: policy {player.removed} is no longer here; replay with `--policy "
+            f"{REMOVED['policy'][player.removed]}`, which took its place, or with a version that had it"
+        )
+    elif player.faithful:
         lines.append(f"replayed: {replayed}, of which {total.same} are bit for bit as recorded")
         if total.steps > replayed:
             lines.append(f"not replayed: {total.steps - replayed}, before a snapshot of the state they were decided in")

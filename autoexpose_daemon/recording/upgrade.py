@@ -6,19 +6,19 @@ from typing import Any
 
 import numpy as np
 
-from autoexpose_daemon.control.light_ahead import UNPROVEN
+from autoexpose_daemon.control.loop import ControlSetup
+from autoexpose_daemon.control.policies.removed import REMOVED
 from drivers.frames import SIDES
 
-FORMER_FORMATS = tuple(f"autoexpose-control/{number}" for number in range(2, 11))
-"""In the tenth, only the latest delay of the loop was remembered. In the ninth, levels of light ahead followed the
-light and nothing else. In the eighth, searches did not know whose frames they compared. In the seventh, frames of a
-camera that were lost in a row were not counted. In the sixth, nothing was bracketed. In the fifth, consumers steered
-nothing, sightings did not know what was black, and no lens had a vignetting. In the fourth, gains had even steps, and
-nothing could override the policy. In the third, no policy knew of light ahead. In the second, control had one response,
-the left camera's, and one history of motion, whichever camera the frames were from, and every camera had a vote."""
+FORMER_FORMATS = tuple(f"autoexpose-control/{number}" for number in range(2, 12))
+"""In the eleventh, motion was measured by DIS flow unless a paper has Farneback's. In the tenth, only the latest delay
+of the loop was remembered. In the ninth, levels of light ahead followed the light and nothing else. In the eighth,
+searches did not know whose frames they compared. In the sixth, nothing was bracketed. In the fifth, consumers steered
+nothing, and no lens had a vignetting. In the fourth, gains had even steps, and nothing could override the policy. In
+the second, control had one response, the left camera's, and one history of motion, whichever camera frames were from.
+"""
 
-EACH = "*"
-"""In a path of keys: every item of a list, every value of a dictionary."""
+_FARNEBACK = {"begin2022", "begin2022-code", "mehta2020", "mehta2020-code"}
 
 
 def upgraded_setup(setup: Any) -> Any:
@@ -27,13 +27,26 @@ def upgraded_setup(setup: Any) -> Any:
         return setup
     if "regions" in setup:
         setup = {"vignettings": {}, **setup}
-    setup = _with_defaults(setup, {"bracket": None}, "parameters")
+    setup = _with_present_names(_with_defaults(setup, {"bracket": None}, "parameters"))
     setup = _with_defaults(setup, {"gains_db": []}, "limits")
     if "response" not in setup:
         return setup
     others = {key: value for key, value in setup.items() if key != "response"}
     others = _with_defaults(others, {"full_well_e": 10_500.0, "read_noise_e": 3.0}, "parameters")
     return {"responses": dict.fromkeys(SIDES, setup["response"]), **others}
+
+
+def _with_present_names(setup: dict[str, Any]) -> dict[str, Any]:
+    """What takes the place of `REMOVED` motion, and of a policy that decided on no frame of a bracket."""
+    parameters, policy_id = setup.get("parameters"), setup.get("policy_id")
+    if not isinstance(parameters, dict):
+        return setup
+    motion, bracket = parameters.get("motion"), parameters.get("bracket")
+    if isinstance(motion, str):
+        setup = {**setup, "parameters": {**parameters, "motion": REMOVED["motion"].get(motion, motion)}}
+    if isinstance(policy_id, str) and isinstance(bracket, dict) and bracket.get("keep") is False:
+        setup = {**setup, "policy_id": REMOVED["policy"].get(policy_id, policy_id)}
+    return setup
 
 
 def upgraded_light(light: Any) -> Any:
@@ -43,16 +56,23 @@ def upgraded_light(light: Any) -> Any:
     return light
 
 
-def upgraded_state(state: Any) -> Any:
+def upgraded_state(state: Any, setup: ControlSetup) -> Any:
     """A state of one of `FORMER_FORMATS` as one of the present format; anything else is returned unchanged."""
     if not isinstance(state, dict):
         return state
-    state = _with_reference(_with_foresight(_of_third(state) if "motion" in state else state))
-    views = ("policy", "memory", "sightings", EACH, "views", EACH)
-    state = _with_defaults(state, {"black_share": 0.0, "steered": None}, *views)
-    for policy in (("policy",), ("policy", "policy")):  # or that of the frames which a bracket keeps
-        state = _with_defaults(state, {"missed": 0}, *policy, "votes", "eyes", EACH)
+    state = _with_reference(_of_third(state) if "motion" in state else state)
+    motion = setup.parameters.motion
+    by_paper = motion == "policy" and setup.policy_id in _FARNEBACK and setup.parameters.bracket is None
+    if motion != "farneback" and not by_paper and isinstance(state.get("motions"), dict):
+        state = {**state, "motions": {side: _of_tiles(each) for side, each in state["motions"].items()}}
     return _with_delays(state)
+
+
+def _of_tiles(motion: Any) -> Any:
+    """For a motion that was measured by DIS, one that has seen no frame."""
+    if isinstance(motion, dict) and "previous_level" in motion:
+        return {"shape": [0, 0], "previous_time_ns": None, "previous": np.empty((0, 0), np.int16)}
+    return motion
 
 
 def _with_delays(state: dict[str, Any]) -> dict[str, Any]:
@@ -66,19 +86,6 @@ def _with_delays(state: dict[str, Any]) -> dict[str, Any]:
     return {**state, "policy": policy}
 
 
-def _with_foresight(state: dict[str, Any]) -> dict[str, Any]:
-    policy = state.get("policy")
-    if not isinstance(policy, dict):
-        return state
-    if "policy" in policy:
-        return {**state, "policy": _with_foresight(policy)}
-    if not {"registration", "memory"} <= policy.keys():
-        return state
-    unproven = {"belief": UNPROVEN, "untold_frames": 0}
-    nothing: dict[str, Any] = {"differences": [], "leap": None, "left": 0.0, "waited": 0, "proven": 0}
-    return {**state, "policy": {"foresight": unproven, "served": nothing, **policy}}
-
-
 def _with_reference(state: dict[str, Any]) -> dict[str, Any]:
     """The state of whatever has a policy, as a loop or a bracket: a search takes the camera of its next frame."""
     policy = state.get("policy")
@@ -89,33 +96,19 @@ def _with_reference(state: dict[str, Any]) -> dict[str, Any]:
     return {**state, "policy": _with_reference(policy)}
 
 
-def _with_defaults(data: Any, defaults: dict[str, Any], *path: str) -> Any:
-    """Data with these entries, where missing, in what lies along a path of keys; anything else stays."""
-    if not path:
-        return {**defaults, **data} if isinstance(data, dict) else data
-    key, *rest = path
-    if key == EACH and isinstance(data, list):
-        return [_with_defaults(item, defaults, *rest) for item in data]
-    if not isinstance(data, dict):
-        return data
-    keys = data if key == EACH else data.keys() & {key}
-    return {**data, **{each: _with_defaults(data[each], defaults, *rest) for each in keys}}
+def _with_defaults(data: Any, defaults: dict[str, Any], key: str) -> Any:
+    """Data with these entries, where missing, in what has a key; anything else stays."""
+    inside = data.get(key)
+    return {**data, key: {**defaults, **inside}} if isinstance(inside, dict) else data
 
 
 def _of_third(state: dict[str, Any]) -> dict[str, Any]:
     unseen = {"shape": [0, 0], "previous": np.empty((0, 0), np.uint8), "previous_level": 0.0, "previous_time_ns": None}
-    policy = state.get("policy")
-    if isinstance(policy, dict) and isinstance(policy.get("registration"), dict):
-        latency = {key: value for key, value in policy.get("latency", {}).items() if key != "targets"}
-        policy = {**policy, "registration": {"side": "left", **policy["registration"]}, "latency": latency}
-        eye = {"fault": None, "suspected": None, "showing": 0, "glare": 0, "repeats": 0, "before": None, "latest": None}
-        policy |= {"votes": {"eyes": dict.fromkeys(SIDES, eye), "before_level": 0.0, "unheard": 0}}
-        policy |= {"sides": list(SIDES[: len(policy.get("densities", []))])}
     return {
         "past": state.get("past"),
         "motions": {"left": state["motion"], "right": unseen},
         "motion_side": "left",
         "motion_px": 0.0,
-        "policy": policy,
+        "policy": state.get("policy"),
         "flicker": None,
     }

@@ -107,8 +107,6 @@ class ActiveLoop:
                 "brackets of %.1f stops do not fit into the %.1f stops of these limits, and their outer shots are "
                 "clipped: widen `exposure`, or narrow the brackets", bracketing.range_stops, room,
             )  # fmt: skip
-        if loop.shortfall:
-            log.warning("policy %s: %s", self.tuning.config.control.policy, loop.shortfall)
         self.loop = loop
 
 

@@ -28,9 +28,9 @@ applies from frame k + D; D = {MAIN_DELAY} unless stated otherwise.
   noise, each split into time and gain as the policy splits it. 1.00 is perfect; a policy that departs from its rule
   of splitting may exceed it. With `lamp_right` the ratio is the mean over both cameras, as a share of what the best
   common exposure reaches; otherwise it is the left camera's.
-* **Objective ratio**: for `belief` and `fisher-map` the share of Fisher information, which they maximise
+* **Objective ratio**: for `belief` the share of Fisher information, which it goes by
   ([policy.md](../policy.md)), with an oracle of its own; for all others the metric ratio, although most of them steer
-  a mean, entropy or the like. So their rows are in another unit than the rest: compare policies by the metric ratio.
+  a mean, entropy or the like. So its row is in another unit than the rest: compare policies by the metric ratio.
 * **Metric ratio to the best time and gain**: the metric ratio when the oracle also tries six ways of splitting each
   level (times of at most 7500, 3750, 1875, 938, 469 and 234 us, the rest gain). It shows what a split costs.
 * **Pair ratio**: what two successive frames are worth to each other, as localization uses them: the information of
@@ -45,10 +45,9 @@ applies from frame k + D; D = {MAIN_DELAY} unless stated otherwise.
   half second. **Bad frames**: more than half of the left image black or saturated.
 * Every run starts from the best exposure of its first frame; its first half second is not scored.
 * **Held out** are paintings of the kinds {_PAINTED}, and new rooms, none of which we looked at while tuning
-  anything. The tuning courses of `worth`, by which `fisher-map` was chosen, have a few other paintings of these kinds.
+  anything. The tuning courses of `worth` have a few other paintings of these kinds.
   We chose the scenarios themselves (how bright, how fast) earlier, looking at other courses, and in one case
-  (`flicker`) in a way that happened to suit `metric-map`. We chose its rule for steps while the camera moves on other
-  courses too, the second time after the first choice had missed the target of `pan` on these. Published policies run
+  (`flicker`) in a way that happened to suit our default of then. Published policies run
   with their papers' parameters, on a sensor that is not their authors'. Better numbers on held-out courses than on
   those used for tuning mean that they are easier, which most policies agree on (the table by split).
 

@@ -15,7 +15,7 @@ from evaluation.arena.runs import Run
 from evaluation.drawing import save
 from evaluation.scenes.scenarios import RATE_HZ
 
-SHOWN_POLICIES = (DEFAULT_POLICY, "fisher-map", "begin2022-code", "neves2009", "zhang2024")
+SHOWN_POLICIES = (DEFAULT_POLICY, "begin2022-code", "neves2009", "zhang2024")
 """With more lines than these, a plot is unreadable. The oracle shown is that of the first."""
 
 

@@ -11,15 +11,13 @@ from numpy.typing import NDArray
 from autoexpose_daemon.control.balance import Balance, ExposurePriority
 from autoexpose_daemon.control.metrics.contrast import contrast
 from autoexpose_daemon.control.metrics.gradient import GradientMetric
-from autoexpose_daemon.control.metrics.information import InformationPrediction
-from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
-from autoexpose_daemon.control.parameters import ControlParameters
 from autoexpose_daemon.control.picture.image import ImagePreparation
 from autoexpose_daemon.control.policy import Objective
 from calibration.response import ResponseFunction
 from drivers.exposure import ExposureSetting, linear_gain
 from drivers.python310 import exp2
 from evaluation.stage.camera import LIMITS, Image, time_first
+from evaluation.stage.information import Information
 from evaluation.stage.rendering import Stage
 from fake_camera.world.simulation import Side
 
@@ -39,9 +37,6 @@ PLATEAU = 0.99
 
 LONGEST_TIMES_US = LIMITS.max_time_us * 0.5 ** np.arange(6)
 """For the best time and gain of all: at each level the time that is at most one of these, the rest gain."""
-
-_UNCHANGED = np.array([0.0])
-_SAME = np.array([1.0])
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,9 +91,7 @@ class Oracle:
         self._value = self._metric_of if objective == "metric" else self._information_of
         self._preparation = ImagePreparation()
         self._metric = GradientMetric(delta=0.30)
-        parameters = ControlParameters()
-        noise = SensorNoise(parameters.full_well_e, parameters.read_noise_e)
-        self._information = InformationPrediction(ResponseFunction.linear(), noise, _UNCHANGED)
+        self._information = Information(ResponseFunction.linear())
         self._frame = -1
         self._known: dict[tuple[ExposureSetting, ...], Best] = {}
         self._values: dict[ExposureSetting, tuple[float, ...]] = {}
@@ -112,9 +105,8 @@ class Oracle:
 
     def _information_of(self, image: Image, setting: ExposureSetting) -> float:
         pixels = image.size / self._preparation.prepare(image).size
-        gain = linear_gain(setting.gain_db)
         seen = contrast(self._preparation.unfiltered, self._information.bins)
-        return float(self._information.curve(seen, pixels, gain, gain * _SAME, _SAME)[0])
+        return self._information.measure(seen, pixels, linear_gain(setting.gain_db))
 
     def best(self, balance: Balance, motion_px: float) -> Best | None:
         """The best exposure of the present frame split by `balance`; None when no exposure shows any gradient."""

@@ -14,7 +14,7 @@ from tests.accept.test_demo import FULL, demo
 pytestmark = pytest.mark.quiet(FULL)
 
 
-@pytest.mark.parametrize("policy", ["metric-map", "neves2009"])
+@pytest.mark.parametrize("policy", ["belief", "neves2009"])
 def test_virtual_and_real_time_settle_alike(tmp_path: Path, policy: str) -> None:
     real = demo(tmp_path, 60, "--policy", policy)
     lost_at_start = real["lost"].get("startup", 0)

@@ -43,7 +43,7 @@ def lost_on_the_way(figures: dict[str, Any]) -> int:
 
 @pytest.mark.parametrize(
     ("policy", "transport"),
-    [("neves2009", "gige"), ("begin2022", "gige"), ("fixed", "gige"), ("metric-map", "gige"), ("metric-map", "usb3")],
+    [("neves2009", "gige"), ("begin2022", "gige"), ("fixed", "gige"), ("belief", "gige"), ("belief", "usb3")],
 )
 def test_a_minute_of_demo(tmp_path: Path, policy: str, transport: str) -> None:
     figures = demo(tmp_path, 60, "--policy", policy, "--transport", transport)
@@ -53,7 +53,7 @@ def test_a_minute_of_demo(tmp_path: Path, policy: str, transport: str) -> None:
     assert figures["counts"]["unexplained_mismatches"] == 0
     settled = [step["frames_to_settle"] is not None for step in figures["steps"]]
     assert len(settled) >= 10
-    if policy in ("neves2009", "metric-map"):
+    if policy in ("neves2009", "belief"):
         assert all(settled)
     if policy == "fixed":
         assert not all(settled)

@@ -275,7 +275,7 @@ def test_clock_jumps(run: Run, caplog: pytest.LogCaptureFixture, fault: Fault, j
 
 @pytest.mark.parametrize("fault", [Fault.BLACK, Fault.WHITE])
 def test_images_without_anything_in_them(run: Run, fault: Fault) -> None:
-    ask(run, 2000, "metric-map")
+    ask(run, 2000, "belief")
     since = len(run.seen)
     with only(run):
         for camera in (run.left, run.right):

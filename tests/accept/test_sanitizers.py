@@ -19,7 +19,7 @@ pytestmark = pytest.mark.timeout(590)
 FLAGS = "-fsanitize=address,undefined -fno-sanitize-recover=undefined -fno-omit-frame-pointer -g"
 NATIVE_TESTS = [
     f"tests/autoexpose_daemon/control/{name}.py"
-    for name in ("test_native", "test_native_belief", "test_native_decisions")
+    for name in ("test_native", "test_native_belief", "test_native_pictures")
 ]
 SHIM_SUITES = [f"tests/fake_camera/usb3/{name}.py" for name in ("hostile_suite", "shim_suite")]
 PARTS = [

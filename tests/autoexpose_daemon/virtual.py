@@ -30,7 +30,6 @@ START_US = 2000.0
 class SteadyLoop:
     """Always asks for the same: virtual frames have no picture to judge."""
 
-    shortfall = None
     flicker_hz: float | None = None
     light_belief: float | None = None
     uncounted: Mapping[Side, str] = MappingProxyType({})

@@ -16,7 +16,7 @@ from tests.calibration.true_response import true_response
 
 def _entrant(name: str, response: ResponseFunction) -> Entrant:
     def make(_: ResponseFunction, limits: ExposureLimits, start: ExposureSetting) -> ControlLoop:
-        return ControlLoop("metric-map", response, limits, start)
+        return ControlLoop("belief", response, limits, start)
 
     return Entrant(name, 2, make)
 

@@ -118,8 +118,8 @@ def test_a_fresh_process_runs_what_is_altered() -> None:
 
 def test_every_constant_of_the_default_policy_is_found() -> None:
     alterable, copied = ({constant.name for constant in each} for each in policy_constants(DEFAULT_POLICY))
-    assert {"BRIGHTNESS_LOSS", "DisMotion.FLOW_SCALE", "MEMORY_S", "NOTHING"} < alterable
-    assert {"CELLS", "QUANTISATION"} < copied
+    assert {"BRIGHTNESS_LOSS", "MEMORY_S", "NOTHING"} < alterable
+    assert "CELLS" in copied
 
 
 def test_constants_of_c_are_found_by_name_and_value() -> None:

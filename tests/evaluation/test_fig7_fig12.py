@@ -158,7 +158,6 @@ def test_claims_are_judged_by_their_rules() -> None:
             },
             [
                 run(DEFAULT_POLICY, (base := rng.uniform(1, 3)) - 0.2 + rng.normal(0, 0.05), 0.3),
-                run("metric-map", base, 0.3),
                 run("begin2022-code", base, 0.3),
                 run("begin2022", base + (6 if scene is UNEVEN else 0), 0.15, scene is UNEVEN),
                 run("mehta2020-code", base + 0.3, 0.2),

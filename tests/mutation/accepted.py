@@ -6,8 +6,6 @@ A survivor that is not here is a test to be written, or a line to be written her
 from __future__ import annotations
 
 SAME = {
-    "autoexpose_daemon/control/policies/metric_map/memory.py: return False: False -> True":
-        "without sightings there is none to clear",
     "autoexpose_daemon/control/registration.py: self.previous_level = 0.0: 0.0 -> 1.0":
         "not looked at before there is a frame to compare with",
     "calibration/judges/light.py: unit = 2.0 * (times - times.min()) / max(float(np.ptp(times)), 1e-9) - 1.0: "

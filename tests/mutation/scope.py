@@ -32,14 +32,6 @@ LISTED = (
     ("autoexpose_daemon/control/policy.py", "in reversed(self.past) if", "in self.past if"),
     # The best sample is promised instead of the polynomial's maximum.
     ("autoexpose_daemon/control/policies/published/begin2022.py", "beyond), best.value)", "beyond), metrics.max())"),
-    ("autoexpose_daemon/control/policies/metric_map/exposure_map.py", "LONGEST_STEP = 0.4", "LONGEST_STEP = 0.8"),
-    ("autoexpose_daemon/control/policies/metric_map/exposure_map.py", "WORTH_KEEPING = 0.7", "WORTH_KEEPING = 0.1"),
-    ("autoexpose_daemon/control/policies/fisher_map/policy.py", "power=1.5, worth=2.0", "power=1.0, worth=1.5"),
-    ("autoexpose_daemon/control/policies/metric_map/exposure_map.py", "(held, held - risen)", "(held, held + risen)"),
-    ("autoexpose_daemon/control/policies/metric_map/exposure_map.py", "AGE_PER_PX = 0.02", "AGE_PER_PX = 0.0"),
-    ("autoexpose_daemon/control/policies/metric_map/exposure_map.py", "= 0.015, 0.005", "= 0.15, 0.005"),
-    ("autoexpose_daemon/control/policies/metric_map/exposure_map.py", "DENSITY_DECAY = 0.98", "DENSITY_DECAY = 0.5"),
-    ("autoexpose_daemon/control/policies/metric_map/memory.py", "CONTRADICTION = 0.3", "CONTRADICTION = 0.95"),
     # The arena judges the setting just decided instead of the one that the frame was taken with.
     ("evaluation/arena/race.py", "judge.judge(taken)", "judge.judge(series.delayed.decisions[-1].setting)"),
     # A delay that is a frame short.

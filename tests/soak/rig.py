@@ -46,7 +46,6 @@ CONFIG = Config.model_validate(
 class ScriptedLoop:
     """Decides without images: the level follows a sine of 20 s and steps every 7 s, and rests in between."""
 
-    shortfall = None
     flicker_hz: float | None = None
     light_belief: float | None = None
     uncounted: Mapping[Side, str] = MappingProxyType({})

@@ -1,11 +1,9 @@
-"""The gradients of an image by cell and grey level: all that `InformationPrediction` has to know of it."""
+"""The gradients of an image by cell and grey level, from which follows what contrast other exposures show."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,11 +13,6 @@ from calibration.response import GREY_LEVELS, ResponseFunction
 
 CELLS = 8
 """Cells across, and down."""
-
-STRIDE = 2
-"""Stride of the pixels that count without the C extension."""
-
-_PACKED = 2.0**32  # greater than the energy of 33000 pixels, while as many times as much is still exact
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,12 +67,7 @@ class GreyBins:
         self.count = int(bins[-1]) + 1
 
 
-def contrast(
-    image: NDArray[np.uint8],
-    bins: GreyBins,
-    weights: NDArray[np.uint8] | None = None,
-    native: bool = _native is not None,
-) -> Contrast:
+def contrast(image: NDArray[np.uint8], bins: GreyBins, weights: NDArray[np.uint8] | None = None) -> Contrast:
     """Collect the gradients of an image, uint8, (height, width), at least 3x3; pixels of the border are left out.
 
     Parameters
@@ -88,48 +76,7 @@ def contrast(
         Bins to collect them by.
     weights
         How much each pixel counts, uint8 of the shape of the image; None: all alike.
-    native
-        Whether to use the C extension. Without it every second pixel across and down counts.
     """
-    if native:
-        found = Contrast(*np.empty((2, CELLS * CELLS, bins.count)))
-        _native.contrast_sums(image, bins.black, bins.saturated, found.energy, found.count, weights)
-        return found
-    return sampled_contrast(image, bins, weights, STRIDE)
-
-
-def sampled_contrast(
-    image: NDArray[np.uint8], bins: GreyBins, weights: NDArray[np.uint8] | None, stride: int
-) -> Contrast:
-    """The same for every `stride`-th pixel across and down, with numpy."""
-    here, left, right, above, below = _neighbours(image, stride)
-    brightest = cv2.max(cv2.max(cv2.max(above, below), cv2.max(left, right)), here)
-    across, down = cv2.subtract(right, left, dtype=cv2.CV_32F), cv2.subtract(below, above, dtype=cv2.CV_32F)
-    energy = across * across + down * down
-    places = (_first_places(here.shape, bins.count) + cv2.LUT(brightest, bins.of)).ravel()
-    size = CELLS * CELLS * bins.count
-    if weights is None:  # energy and count packed into one exact number
-        sums = np.bincount(places, np.add(energy, _PACKED, dtype=np.float64).ravel(), size).reshape(-1, bins.count)
-        count = np.floor(sums / _PACKED)
-        return Contrast(sums - count * _PACKED, count)
-    count = weights[1:-1:stride, 1:-1:stride].astype(np.float64)
-    sums, counts = np.bincount(places, (energy * count).ravel(), size), np.bincount(places, count.ravel(), size)
-    return Contrast(np.asarray(sums.reshape(-1, bins.count)), np.asarray(counts.reshape(-1, bins.count)))
-
-
-def _neighbours(image: NDArray[np.uint8], stride: int) -> list[NDArray[np.uint8]]:
-    """Every `stride`-th pixel that has all neighbours, and its left, right, upper and lower one, as five images."""
-    height, width = image.shape
-    if stride == 2 and width % 2 == 0 and image.flags.c_contiguous:  # a third of the time
-        even, odd = (np.asarray(each, np.uint8) for each in cv2.split(image.reshape(height, width // 2, 2)))
-        return [odd[1:-1:2, :-1], even[1:-1:2, :-1], even[1:-1:2, 1:], odd[:-2:2, :-1], odd[2::2, :-1]]
-    inside, before, after = slice(1, -1, stride), slice(0, -2, stride), slice(2, None, stride)
-    parts = (inside, inside), (inside, before), (inside, after), (before, inside), (after, inside)
-    return [np.ascontiguousarray(image[part]) for part in parts]
-
-
-@lru_cache(maxsize=1)
-def _first_places(shape: tuple[int, int], bins: int) -> NDArray[np.int64]:
-    """The place of the first bin of each pixel's cell, in a picture of so many rows and columns."""
-    rows, columns = (np.arange(size) * CELLS // size for size in shape)
-    return np.asarray(bins * (CELLS * rows[:, None] + columns), np.int64)
+    found = Contrast(*np.empty((2, CELLS * CELLS, bins.count)))
+    _native.contrast_sums(image, bins.black, bins.saturated, found.energy, found.count, weights)
+    return found

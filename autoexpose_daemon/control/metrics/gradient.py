@@ -11,11 +11,8 @@ from numpy.typing import NDArray
 from autoexpose_daemon.control.metrics.extension import extension as _native
 from calibration.response import GREY_LEVELS, ResponseFunction
 
-_TABLES_PER_WORD = 4
-"""One look-up fetches a pixel under four predictions at once, as one int32, as fast as a single one."""
-
-_TABLES_PER_LONG_WORD = 8
-"""Likewise for the C extension, in words of 64 bits."""
+_TABLES_PER_WORD = 8
+"""One look-up fetches a pixel under so many predictions at once, as one word of 64 bits."""
 
 
 def gradient_weights(delta: float = 0.30, lambda_: float = 1000.0) -> NDArray[np.uint8]:
@@ -37,96 +34,48 @@ class GradientMetric:
     code does it this way, and its numbers depend on it. Borders are mirrored. M_g is the mean over pixels, hence 0..1
     at any resolution; with weights, the weighted mean.
 
-    Keeps its buffers while the size of the images stays the same.
-
     Parameters
     ----------
     delta, lambda_
         As for `gradient_weights`.
-    native
-        Whether to use the C extension, which gives the same numbers faster; None: if it is built.
-
-    Raises
-    ------
-    ValueError
-        When the C extension is requested but not built.
     """
 
-    def __init__(self, delta: float = 0.30, lambda_: float = 1000.0, native: bool | None = None) -> None:
-        if native and _native is None:
-            raise ValueError("the C extension is not built: install again where there is a C compiler and python3-dev")
-        self.native = _native is not None if native is None else native
+    def __init__(self, delta: float = 0.30, lambda_: float = 1000.0) -> None:
         self._information_of = gradient_weights(delta, lambda_)
-        self._allocate((0, 0))
 
     def measure(self, image: NDArray[np.uint8], weights: NDArray[np.uint8] | None = None) -> float:
         """M_g of a uint8 image of shape (height, width), at least 2x2.
 
         `weights` (uint8, same shape, not all 0) says how much each pixel counts; None: all the same.
         """
-        if self.native and _native is not None:
-            (total,) = _native.gradient_sums(image, self._information_of, None, weights)
-            return total / _full_information(image, weights)
-        return self._sum(image, weights) / _full_information(image, weights)
+        (total,) = _native.gradient_sums(image, self._information_of, None, weights)
+        return total / _full_information(image, weights)
 
     def measure_predictions(
         self, image: NDArray[np.uint8], tables: PackedTables, weights: NDArray[np.uint8] | None = None
     ) -> NDArray[np.float64]:
         """M_g of `image` seen through each table: float64, shape (tables.count,). `weights` as for `measure`."""
-        if self.native and _native is not None:
-            totals = _native.gradient_sums(image, self._information_of, tables.long_words, weights)
-            return np.array(totals[: tables.count]) / _full_information(image, weights)
-        self._fit_buffers(image)
-        metrics = np.empty(tables.count)
-        for first, words in enumerate(tables.words):
-            cv2.LUT(image, words, dst=self._words)
-            cv2.split(self._words_as_bytes, self._predictions)
-            start = first * _TABLES_PER_WORD
-            for index in range(start, min(start + _TABLES_PER_WORD, tables.count)):
-                metrics[index] = self._sum(self._predictions[index - start], weights)
-        return metrics / _full_information(image, weights)
-
-    def _sum(self, image: NDArray[np.uint8], weights: NDArray[np.uint8] | None) -> int:
-        """What the C extension does in one pass, call by call: sum of 0..255 per pixel, times its weight."""
-        self._fit_buffers(image)
-        cv2.spatialGradient(image, self._dx, self._dy)
-        np.copyto(self._x, self._dx)
-        np.copyto(self._y, self._dy)
-        cv2.magnitude(self._x, self._y, self._magnitude)
-        cv2.convertScaleAbs(self._magnitude, self._grey)
-        cv2.LUT(self._grey, self._information_of, dst=self._information)
-        return _sum_of_grey(self._information, weights)
-
-    def _fit_buffers(self, image: NDArray[np.uint8]) -> None:
-        if image.shape != self._shape:
-            self._allocate(image.shape)
-
-    def _allocate(self, shape: tuple[int, ...]) -> None:
-        self._shape = shape
-        self._dx, self._dy = np.empty(shape, np.int16), np.empty(shape, np.int16)
-        self._x, self._y = np.empty(shape, np.float32), np.empty(shape, np.float32)
-        self._magnitude = np.empty(shape, np.float32)
-        self._grey, self._information = np.empty(shape, np.uint8), np.empty(shape, np.uint8)
-        self._words = np.empty(shape, np.int32)
-        self._words_as_bytes = self._words.view(np.uint8).reshape(*shape, _TABLES_PER_WORD)
-        self._predictions = [np.empty(shape, np.uint8) for _ in range(_TABLES_PER_WORD)]
+        totals = _native.gradient_sums(image, self._information_of, tables.words, weights)
+        return np.array(totals[: tables.count]) / _full_information(image, weights)
 
 
 class PackedTables:
-    """Look-up tables (uint8, shape (n, 256)) packed for `GradientMetric.measure_predictions`."""
+    """Look-up tables (uint8, shape (n, 256)) side by side for `GradientMetric.measure_predictions`.
+
+    Attributes
+    ----------
+    count
+        n.
+    words
+        uint8, shape (words, 256, 8); the last word is padded with zeros.
+    """
 
     def __init__(self, tables: NDArray[np.uint8]) -> None:
         self.count = len(tables)
-        self.long_words = _pack(tables, _TABLES_PER_LONG_WORD)
-        self.words = [group.view(np.int32).ravel() for group in _pack(tables, _TABLES_PER_WORD)]
-
-
-def _pack(tables: NDArray[np.uint8], tables_per_word: int) -> NDArray[np.uint8]:
-    """Tables side by side, shape (words, 256, tables_per_word); the last word is padded with zeros."""
-    groups = -(-len(tables) // tables_per_word)
-    padded = np.zeros((groups * tables_per_word, GREY_LEVELS), np.uint8)
-    padded[: len(tables)] = tables
-    return np.ascontiguousarray(padded.reshape(groups, tables_per_word, GREY_LEVELS).transpose(0, 2, 1))
+        words = -(-len(tables) // _TABLES_PER_WORD)
+        padded = np.zeros((words * _TABLES_PER_WORD, GREY_LEVELS), np.uint8)
+        padded[: len(tables)] = tables
+        self.words = np.ascontiguousarray(padded.reshape(words, _TABLES_PER_WORD, GREY_LEVELS).transpose(0, 2, 1))
 
 
 def _full_information(image: NDArray[np.uint8], weights: NDArray[np.uint8] | None) -> float:
@@ -145,26 +94,18 @@ def _sum_of_grey(image: NDArray[np.uint8], weights: NDArray[np.uint8] | None) ->
 
 
 def mean_signal(
-    image: NDArray[np.uint8],
-    response: ResponseFunction,
-    weights: NDArray[np.uint8] | None = None,
-    cumulative: NDArray[np.float64] | None = None,
+    image: NDArray[np.uint8], response: ResponseFunction, weights: NDArray[np.uint8] | None = None
 ) -> float:
     """Mean grey level of an image, as a share: 0 at the black level, 1 at saturation; parameters as `ExtremeShares`."""
-    if weights is None and cumulative is not None:
-        mean = (255 * image.size - int(cumulative[:-1].sum())) / image.size
-    else:
-        mean = _sum_of_grey(image, weights) / (image.size if weights is None else cv2.sumElems(weights)[0])
+    mean = _sum_of_grey(image, weights) / (image.size if weights is None else cv2.sumElems(weights)[0])
     return (mean - response.black_level) / (response.saturation - response.black_level)
 
 
 def grey_counts(image: NDArray[np.uint8], weights: NDArray[np.uint8] | None = None) -> NDArray[np.float64]:
     """How many pixels whose weight is not 0 have each grey level: exact, shape (256,)."""
-    if _native is not None:
-        counts = np.empty(GREY_LEVELS)
-        _native.grey_counts(image, weights, counts)
-        return counts
-    return np.asarray(cv2.calcHist([image], [0], weights, [GREY_LEVELS], [0, GREY_LEVELS]), np.float64).ravel()
+    counts = np.empty(GREY_LEVELS)
+    _native.grey_counts(image, weights, counts)
+    return counts
 
 
 EXTREME_MARGIN = 0.01
@@ -194,25 +135,16 @@ class ExtremeShares:
         self.saturated_from = saturated_from(response)
         self._mask = np.empty((0, 0), np.uint8)
 
-    def measure(
-        self,
-        image: NDArray[np.uint8],
-        weights: NDArray[np.uint8] | None = None,
-        cumulative: NDArray[np.float64] | None = None,
-    ) -> tuple[float, float]:
+    def measure(self, image: NDArray[np.uint8], weights: NDArray[np.uint8] | None = None) -> tuple[float, float]:
         """(saturated, black): shares 0..1 of the pixels within 1 % of saturation, and of the black level.
 
-        `weights` (uint8, same shape, not all 0) says how much each pixel counts; None: all the same. `cumulative`,
-        if known, is how many pixels of the image have at most each grey level.
+        `weights` (uint8, same shape, not all 0) says how much each pixel counts; None: all the same.
         """
-        if weights is None and _native is not None:
+        if weights is None:
             unsaturated, black = (
                 _native.count_at_most(image, grey) for grey in (self.saturated_from - 1, self.black_to)
             )
             return (image.size - unsaturated) / image.size, black / image.size
-        if weights is None and cumulative is not None:
-            unsaturated = float(cumulative[self.saturated_from - 1]) if self.saturated_from else 0.0
-            return (image.size - unsaturated) / image.size, float(cumulative[self.black_to]) / image.size
         if self._mask.shape != image.shape:
             self._mask = np.empty(image.shape, np.uint8)
         cv2.threshold(image, self.saturated_from - 1, 255, cv2.THRESH_BINARY, dst=self._mask)
@@ -220,8 +152,6 @@ class ExtremeShares:
         cv2.threshold(image, self.black_to, 255, cv2.THRESH_BINARY_INV, dst=self._mask)
         return saturated, self._share(weights)
 
-    def _share(self, weights: NDArray[np.uint8] | None) -> float:
-        if weights is None:
-            return cv2.countNonZero(self._mask) / self._mask.size
+    def _share(self, weights: NDArray[np.uint8]) -> float:
         cv2.bitwise_and(self._mask, weights, dst=self._mask)
         return float(cv2.sumElems(self._mask)[0] / cv2.sumElems(weights)[0])

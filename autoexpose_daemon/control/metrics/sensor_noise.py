@@ -7,6 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.response import GREY_LEVELS, ResponseFunction
+
+_FLATTEST = 1e-3  # stops per grey level; where a response is flatter its slope says nothing
+
 
 @dataclass(frozen=True, slots=True)
 class SensorNoise:
@@ -39,3 +43,11 @@ class SensorNoise:
         """
         per_light = slope / (light * np.log(2))
         return per_light**2 * light / self.full_well_e, (per_light * self.read_noise_e / self.full_well_e) ** 2
+
+
+def response_slopes(response: ResponseFunction) -> NDArray[np.float64]:
+    """dI/dE of each grey level, in grey levels per stop; those beyond black and saturation are as at these."""
+    low, high = response.black_level, response.saturation
+    light = np.exp2(response.log2_exposure[low : high + 1])
+    rise = np.maximum(np.gradient(light), _FLATTEST * light)
+    return np.asarray(np.pad(np.log(2) * light / rise, (low, GREY_LEVELS - 1 - high), "edge"))

@@ -5,7 +5,6 @@
 #include <string.h>
 
 #include "hidden.h"
-#include "information.h"
 #include "noise.h"
 #include "vectorised.h"
 

@@ -5,7 +5,7 @@
 #define PY_SSIZE_T_CLEAN
 #include <Python.h>
 
-extern PyMethodDef gradient_methods[], picture_methods[], decision_methods[], belief_methods[], plan_methods[];
+extern PyMethodDef gradient_methods[], picture_methods[], split_methods[], belief_methods[], plan_methods[];
 
 /* Names of the instruction sets of gradient.h. */
 PyObject *set_names(void);

@@ -12,7 +12,7 @@ PyMODINIT_FUNC PyInit__native(void)
 {
     PyObject *module = PyModule_Create(&definition), *names = module ? set_names() : NULL;
     if (!names || PyModule_AddFunctions(module, gradient_methods) < 0 ||
-        PyModule_AddFunctions(module, picture_methods) < 0 || PyModule_AddFunctions(module, decision_methods) < 0 ||
+        PyModule_AddFunctions(module, picture_methods) < 0 || PyModule_AddFunctions(module, split_methods) < 0 ||
         PyModule_AddFunctions(module, belief_methods) < 0 || PyModule_AddFunctions(module, plan_methods) < 0 ||
         PyModule_AddObjectRef(module, "INSTRUCTION_SETS", names) < 0)
         Py_CLEAR(module);

@@ -107,26 +107,6 @@ static PyObject *count_at_most_of(PyObject *module, PyObject *arguments)
     return result;
 }
 
-PyDoc_STRVAR(grey_of_rank_doc, "grey_of_rank(image, rank)\n--\n\n"
-                               "The least grey level that so many pixels of uint8 (height, width) have at most.");
-
-static PyObject *grey_of_rank_of(PyObject *module, PyObject *arguments)
-{
-    PyObject *object, *result = NULL;
-    double rank;
-    Held held = {0};
-    (void)module;
-    if (!PyArg_ParseTuple(arguments, "Od", &object, &rank))
-        return NULL;
-    const Py_buffer *view = hold_bytes(&held, object, 2, PyBUF_STRIDES, "image");
-    if (view) {
-        const Image image = image_of(view);
-        result = PyLong_FromLong(grey_of_rank(&image, rank));
-    }
-    release(&held);
-    return result;
-}
-
 PyDoc_STRVAR(sample_greys_doc, "sample_greys(image, stride, saturated, sampled)\n--\n\n"
                                "Every `stride`-th pixel; 255 where it or one around it is saturated.\n\n"
                                "image: uint8 (height, width). saturated: uint8 (256,), not 0 for saturated grey levels.\n"
@@ -264,7 +244,6 @@ PyMethodDef picture_methods[] = {
     {"contrast_sums", contrast_sums_of, METH_VARARGS, contrast_sums_doc},
     {"grey_counts", grey_counts_of, METH_VARARGS, grey_counts_doc},
     {"count_at_most", count_at_most_of, METH_VARARGS, count_at_most_doc},
-    {"grey_of_rank", grey_of_rank_of, METH_VARARGS, grey_of_rank_doc},
     {"sample_greys", sample_greys_of, METH_VARARGS, sample_greys_doc},
     {"light_change", light_change_of, METH_VARARGS, light_change_doc},
     {"median_shift", median_shift_of, METH_VARARGS, median_shift_doc},

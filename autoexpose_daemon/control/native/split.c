@@ -4,7 +4,8 @@
 
 #include "noise.h"
 
-enum { TIMES = 33 }; /* as in balance.py */
+/* Exposure times that are compared, evenly spaced in stops; 20 us to 7.5 ms then lie 0.27 stop apart. */
+enum { TIMES = 33 };
 
 static double sharpness(double blur_px)
 {

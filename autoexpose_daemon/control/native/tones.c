@@ -68,19 +68,6 @@ size_t count_at_most(const Image *image, int grey)
     return found;
 }
 
-int grey_of_rank(const Image *image, double rank)
-{
-    int low = 0, high = GREY_LEVELS - 1;
-    while (low < high) {
-        const int middle = (low + high) / 2;
-        if ((double)count_at_most(image, middle) >= rank)
-            high = middle;
-        else
-            low = middle + 1;
-    }
-    return low;
-}
-
 /* The greatest of each column of three rows. */
 VECTORISED static void greatest_of(const uint8_t *above, const uint8_t *here, const uint8_t *below, size_t width,
                                    uint8_t *restrict greatest)

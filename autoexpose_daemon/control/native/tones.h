@@ -7,10 +7,8 @@
 /* counts[grey] of the pixels whose weight in `region` is not 0; with region == NULL of all. */
 void grey_counts(const Image *image, const Image *region, double counts[GREY_LEVELS]);
 
-/* How many pixels have at most this grey level, and the least grey level that so many have at most; without gaps in rows,
- * each takes less time than counting all grey levels. */
+/* How many pixels have at most this grey level; without gaps in rows, in less time than counting all grey levels. */
 size_t count_at_most(const Image *image, int grey);
-int grey_of_rank(const Image *image, double rank);
 
 /* Every `stride`-th pixel across and down into `sampled`, row by row; 255 where it or a pixel around it is
  * saturated: saturated[grey] is 0 up to some grey level, and not 0 from there. Returns 0, or -1 if out of

@@ -1,4 +1,4 @@
-"""How fast the image moves: tiles, or rough optical flow (Begin & Hunter 2022, algorithm 1, lines 1 to 6)."""
+"""How fast the image moves: by tiles, or by rough optical flow (Begin & Hunter 2022, algorithm 1, lines 1 to 6)."""
 
 from __future__ import annotations
 
@@ -19,8 +19,11 @@ from drivers.errors import ConfigurationError
 REFERENCE_INTERVAL_NS = 1e9 / 60
 """Speeds are per 1/60 s: the paper's tuning (k_offset, w) belongs to displacements per frame of its 60 Hz camera."""
 
+PER_US = 60e-6
+"""Reference intervals in a microsecond."""
+
 _LEAST_SIDE = 16
-"""Twice DIS' patches of 8 pixels (OpenCV 5.0 may crash on less); four blocks at the size that tiles start from."""
+"""Blocks: four at the size that tiles start from."""
 
 BLACK = 1.5
 """Grey levels above the black level: the log of less is mostly noise."""
@@ -97,11 +100,11 @@ def _check_sides(width: int, height: int) -> None:
 
 
 class TileMotion(Motion):
-    """Median motion of the log of light in twelve tiles of the picture, of blocks of pixels: a quarter of DIS' time.
+    """Median motion of the log of light in twelve tiles of the picture, of blocks of pixels.
 
     The picture as a whole is searched for at a quarter of the size; from there each tile takes Gauss-Newton steps. All
     of it goes by differences of light within a picture, as far as both pictures can show them: neither exposure nor
-    light that changes looks like motion, and `level` does not matter. Needs the C extension.
+    light that changes looks like motion, and `level` does not matter.
     """
 
     STATE: ClassVar[tuple[str, ...]] = (*Motion.STATE, "_previous")
@@ -130,15 +133,17 @@ class TileMotion(Motion):
         return None if moved_px is None else moved_px / width
 
 
-class FlowMotion(Motion):
-    """Motion by the optical flow of a subclass.
+class FarnebackMotion(Motion):
+    """Motion by Farneback's flow with the paper's parameters.
+
+    For 720x540 frames shifted by up to 40 pixels the speed is within 5 %; it saturates near 45 to 50 and falls beyond.
+    In the dark it is too low: at a mean of 4 grey levels an eighth to a third.
 
     The previous frame is first brought to the exposure of this one through the response function, since flow mistakes a
     change of brightness for motion.
     """
 
     STATE: ClassVar[tuple[str, ...]] = (*Motion.STATE, "_previous", "_previous_level")
-    FLOW_SCALE: ClassVar[int] = 1
     _previous: NDArray[np.uint8]
     _previous_level: float
 
@@ -148,12 +153,15 @@ class FlowMotion(Motion):
         self._previous = np.empty((0, 0), np.uint8)
         self._previous_level = 0.0
 
-    @abstractmethod
-    def _calculate(self, previous: NDArray[np.uint8], current: NDArray[np.uint8], flow: NDArray[np.float32]) -> None:
-        """Write into `flow`, (height, width, 2), how far each pixel of `previous` has moved, in pixels.
-
-        Its size is that of the images over `FLOW_SCALE`, and it is in pixels of that size.
-        """
+    def _allocate(self, shape: tuple[int, ...]) -> None:
+        width, height = fit(shape, FLOW_SIZE)
+        half_width, half_height = max(width, shape[1] // 2), max(height, shape[0] // 2)
+        self._half = np.empty((half_height, half_width), np.uint8)
+        self._current = np.empty((height, width), np.uint8)
+        self._previous_here = np.empty((height, width), np.uint8)
+        self._flow = np.empty((height, width, 2), np.float32)
+        self._squares = np.empty_like(self._flow)
+        self._length = np.empty((height, width), np.float32)
 
     def _moved_share(self, image: NDArray[np.uint8], level: float, *, compare: bool) -> float | None:
         self._shrink(image)
@@ -175,57 +183,17 @@ class FlowMotion(Motion):
             table = prediction_table(self._response, level - self._previous_level)
             cv2.LUT(previous, table, dst=self._previous_here)
             previous = self._previous_here
-        self._calculate(previous, self._current, self._flow)
+        # Pyramid 0.5, 1 level, window 5, 3 iterations, neighbourhood 5, sigma 1.1.
+        cv2.calcOpticalFlowFarneback(previous, self._current, self._flow, 0.5, 1, 5, 3, 5, 1.1, 0)
         # Not cv2.magnitude and cv2.mean: their last bit depends on where in memory the data are, and replays are exact.
         np.multiply(self._flow, self._flow, out=self._squares)
         np.sqrt(np.add(self._squares[..., 0], self._squares[..., 1], out=self._length), out=self._length)
-        return self.FLOW_SCALE * float(np.add.reduce(self._length, axis=None) / self._length.size)  # as `mean`, quicker
-
-    def _allocate(self, shape: tuple[int, ...]) -> None:
-        width, height = fit(shape, FLOW_SIZE)
-        half_width, half_height = max(width, shape[1] // 2), max(height, shape[0] // 2)
-        self._half = np.empty((half_height, half_width), np.uint8)
-        self._current = np.empty((height, width), np.uint8)
-        self._previous_here = np.empty((height, width), np.uint8)
-        self._flow = np.empty((height // self.FLOW_SCALE, width // self.FLOW_SCALE, 2), np.float32)
-        self._squares = np.empty_like(self._flow)
-        self._length = np.empty(self._flow.shape[:2], np.float32)
+        return float(np.add.reduce(self._length, axis=None) / self._length.size)  # as `mean`, quicker
 
 
-class FarnebackMotion(FlowMotion):
-    """Motion by Farneback's flow with the paper's parameters.
+def blur_length_px(motion_px: float, exposure_time_us: float, scale: float) -> float:
+    """Length of the motion blur, in pixels of the shrunk image, each `scale` pixels of the frame long.
 
-    For 720x540 frames shifted by up to 40 pixels the speed is within 5 %; it saturates near 45 to 50 and falls beyond.
-    In the dark it is too low: at a mean of 4 grey levels an eighth to a third.
+    `motion_px` is the speed of image points, pixels of full resolution per 1/60 s.
     """
-
-    def _calculate(self, previous: NDArray[np.uint8], current: NDArray[np.uint8], flow: NDArray[np.float32]) -> None:
-        # Pyramid 0.5, 1 level, window 5, 3 iterations, neighbourhood 5, sigma 1.1.
-        cv2.calcOpticalFlowFarneback(previous, current, flow, 0.5, 1, 5, 3, 5, 1.1, 0)
-
-
-class DisMotion(FlowMotion):
-    """Motion by dense inverse search (DIS), preset ultrafast, of images half the size: a quarter of Farneback's time.
-
-    For 720x540 frames shifted by 8 to 40 pixels the speed is within 3 %, by 48 within 8 %, even in the dark; with sharp
-    edges up to 60. Beyond that it is too low: a third at 80 without sharp edges. At a mean of 4 grey levels noise
-    looks like a speed of 1.
-    """
-
-    FLOW_SCALE: ClassVar[int] = 2
-
-    def __init__(self, response: ResponseFunction) -> None:
-        super().__init__(response)
-        self._dis = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_ULTRAFAST)
-        self._dis.setFinestScale(0)
-
-    def _allocate(self, shape: tuple[int, ...]) -> None:
-        super()._allocate(shape)
-        height, width = self._current.shape
-        _check_sides(width, height)
-
-    def _calculate(self, previous: NDArray[np.uint8], current: NDArray[np.uint8], flow: NDArray[np.float32]) -> None:
-        flow.fill(0)  # DIS starts from its content
-        size = flow.shape[1], flow.shape[0]
-        first, second = (cv2.resize(image, size, interpolation=cv2.INTER_AREA) for image in (previous, current))
-        self._dis.calc(first, second, flow)
+    return motion_px * PER_US * exposure_time_us / scale

@@ -77,7 +77,6 @@ class Bracket(ExposurePolicy):
         self._policy = policy
         self.compensated = "targets" if policy is None else policy.compensated
         self.balance = ExposurePriority() if policy is None else policy.balance
-        self.shortfall = None if policy is None else policy.shortfall
 
     @classmethod
     def around(

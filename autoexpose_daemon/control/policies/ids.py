@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 
+from autoexpose_daemon.control.policies.removed import REMOVED
 from drivers.config.readable import quoted
 from drivers.errors import ConfigurationError
 
@@ -27,8 +28,6 @@ PLACES = {
     "berthold2013": "learned.berthold2013.Berthold2013",
     "tomasi2021": "learned.tomasi2021.Tomasi2021",
     "zhang2024": "learned.zhang2024.Zhang2024",
-    "metric-map": "metric_map.policy.MetricMap",
-    "fisher-map": "fisher_map.policy.FisherMap",
     DEFAULT_POLICY: "belief.policy.Belief",
 }
 """Where the class of each policy is, below this package."""
@@ -41,7 +40,11 @@ LEARNED = tuple(policy_id for policy_id, place in PLACES.items() if place.starts
 
 def check_policy_id(policy_id: str) -> None:
     """Raise a ConfigurationError for an id that does not exist."""
-    if policy_id not in POLICY_IDS:
+    if policy_id in POLICY_IDS:
+        return
+    if policy_id in REMOVED["policy"]:
+        hint = f"{REMOVED['policy'][policy_id]} took the place of {policy_id}; "
+    else:
         near = difflib.get_close_matches(policy_id, POLICY_IDS, n=1)
         hint = f"did you mean {near[0]}? " if near else ""
-        raise ConfigurationError(f"there is no policy {quoted(policy_id)}; {hint}choose one of {', '.join(POLICY_IDS)}")
+    raise ConfigurationError(f"there is no policy {quoted(policy_id)}; {hint}choose one of {', '.join(POLICY_IDS)}")

@@ -2,52 +2,61 @@
 
 from __future__ import annotations
 
-from collections import deque
 from typing import Final
 
-from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.light_ahead import MOST_STOPS
-from autoexpose_daemon.control.policies.hindsight import Hindsight, Moment
+from autoexpose_daemon.control.registration import Registration
+from autoexpose_daemon.control.view import View
 from autoexpose_daemon.navigation.maps.light import EVERY_M, LightRow
 from calibration.response import ResponseFunction
 from drivers.frames import Frame, Side
 
 SIDE: Final[Side] = "left"
 
+BLIND_SHARE: Final = 0.8
+"""With this share of a frame's pixels black or saturated, changes of the light do not show ..."""
+
+MOST_WAITING: Final = 120
+"""... and its place waits for that, but no more than so many."""
+
 
 class LightTrail:
-    """Collects how the light changed on a drive, and the levels that would have served."""
+    """Collects how the light changed on a drive, and the exposure levels of its frames."""
 
     def __init__(self) -> None:
         self._rows: list[LightRow] = []
-        self._next_m = self._motion_px = 0.0
-        self._waiting_m: deque[float] = deque()
-        self._hindsight: Hindsight | None = None
+        self._waiting: list[LightRow] = []
+        self._next_m = self._risen = 0.0
+        self._seen_by: tuple[View, Registration] | None = None
 
-    def see(self, distance_m: float, frame: Frame, decision: Decision | None, response: ResponseFunction) -> None:
-        """The left frame taken after this distance along the path, and what was decided on it, if anything was."""
-        if decision is None or not decision.motion_px >= 0.0:
-            return
-        self._motion_px += decision.motion_px
+    def see(self, distance_m: float, frame: Frame, response: ResponseFunction) -> None:
+        """The left frame taken after this distance along the path."""
         if distance_m < self._next_m:
             return
         self._next_m = distance_m + EVERY_M
-        if self._hindsight is None:
-            self._hindsight = Hindsight(SIDE, response)
-        self._waiting_m.append(distance_m)
-        for moment in self._hindsight.see(frame, self._motion_px):
-            self._add(moment)
-        self._motion_px = 0.0
+        view, registration = self._seen_by = self._seen_by or (View(response), Registration({SIDE: response}))
+        look = view.look(SIDE, frame)
+        light = registration.change(look, frame.setting.level)
+        change = light.stops if light else 0.0
+        self._risen += change
+        here = distance_m, frame.setting.level, self._risen
+        if sum(view.shares.measure(look.image, look.weights)) >= BLIND_SHARE:
+            self._waiting.append(here)
+            self._add(self._waiting[:-MOST_WAITING])
+            self._waiting = self._waiting[-MOST_WAITING:]
+            return
+        # What only shows now had changed when nothing was seen.
+        later = [(place_m, level, risen + change) for place_m, level, risen in self._waiting[1:]]
+        self._add([*self._waiting[:1], *later, here])
+        self._waiting = []
 
     def new_rows(self, *, ended: bool = False) -> list[LightRow]:
-        """What was found since this was last asked; the newest places wait for frames after them, or for the end."""
-        if ended and self._hindsight is not None:
-            for moment in self._hindsight.rest():
-                self._add(moment)
+        """What was found since this was last asked; the newest places wait if nothing shows there, or for the end."""
+        if ended:
+            self._add(self._waiting)
+            self._waiting = []
         rows, self._rows = self._rows, []
         return rows
 
-    def _add(self, moment: Moment) -> None:
-        distance_m = self._waiting_m.popleft()
-        if abs(moment.served) <= MOST_STOPS:
-            self._rows.append((distance_m, moment.served, moment.risen))
+    def _add(self, rows: list[LightRow]) -> None:
+        self._rows += [row for row in rows if abs(row[1]) <= MOST_STOPS]

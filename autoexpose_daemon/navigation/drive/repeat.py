@@ -12,6 +12,7 @@ import numpy as np
 from autoexpose_daemon.client import ReceivedPair, StereoClient
 from autoexpose_daemon.client.status_client import StatusClient
 from autoexpose_daemon.control.light_ahead import LightSeries
+from autoexpose_daemon.control.policies.removed import REMOVED
 from autoexpose_daemon.messages.registration import RegisteredView
 from autoexpose_daemon.navigation.drive.light_trail import LightTrail
 from autoexpose_daemon.navigation.drive.motion import STANDSTILL, Velocity
@@ -90,7 +91,7 @@ class Repeater:
         view = self.repetition.view
         assert view is not None
         if self._trail is not None:
-            self._trail.see(view.distance_m, pair.left, pair.decision, pair.responses["left"])
+            self._trail.see(view.distance_m, pair.left, pair.responses["left"])
         self.tally.frames += 1
         self.tally.registered += view.shift_px is not None
         return view
@@ -101,7 +102,10 @@ class Repeater:
         With different policies the same place can show different features.
         """
         taught = self._file.info.policy
-        return f"taught with {taught}, while the daemon exposes by {policy}" if taught not in ("", policy) else ""
+        if taught in ("", policy):
+            return ""
+        gone = ", which is no longer here" if taught in REMOVED["policy"] else ""
+        return f"taught with {taught}{gone}, while the daemon exposes by {policy}"
 
     def end(self) -> None:
         """At the end of the path: remember the last local map, too, and the light up to there."""

@@ -67,7 +67,7 @@ class Teacher:
             with self._turn:
                 self._start_m = distance_m
                 self._lesson.begin()
-        self._trail.see(distance_m - self._start_m, pair.left, pair.decision, pair.responses["left"])
+        self._trail.see(distance_m - self._start_m, pair.left, pair.responses["left"])
         taught = self._lesson.look(image, pair.left.setting, distance_m - self._start_m)
         if taught is not None:
             with self._turn:

@@ -26,7 +26,7 @@ SLOWEST_M_S: Final = 0.05
 
 
 LightRow = tuple[float, float, float]
-"""How far along the path (m), the level that served there, and by how much the light had risen (stops)."""
+"""How far along the path (m), the level of the frame there, and by how much the light had risen (stops)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -42,7 +42,7 @@ TABLES: Final = (
 )
 """`feature.added` and `.removed` are runs. `observation.states` has a byte for each feature that the place had before
 that run, by ascending id: those added before it, and not removed before it. `light.level` is the
-exposure level that served there, `light.risen` by how much the light had risen, stops."""
+exposure level of the frame there, `light.risen` by how much the light had risen, stops."""
 
 
 class MapError(AutoexposeError):

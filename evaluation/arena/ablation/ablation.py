@@ -29,7 +29,7 @@ from evaluation.progress import LongProgress
 from evaluation.scenes.scenarios import SCENARIOS
 
 QUICK_SCENARIOS = ("step_up", "pan", "flicker")
-"""Those in which single rules of `fisher-map` weighed most: jumps out of white, motion, light that beats."""
+"""Those in which single rules of an earlier default weighed most: jumps out of white, motion, light that beats."""
 
 _CODE = ("autoexpose_daemon/control", "calibration", "drivers", "evaluation", "fake_camera/world")
 """The folders whose files decide what comes out."""

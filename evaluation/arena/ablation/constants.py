@@ -33,7 +33,7 @@ class Constant:
     Attributes
     ----------
     name
-        Within its module, such as `BIN`, `DisMotion.FLOW_SCALE` or, for an argument, `FisherMap.PROBES.worth`.
+        Within its module, such as `BIN`, `Scene.BINS` or, for an argument, `Scene.TAILS.longest`.
     reason
         The first sentence of the string below it, or below the run of lines that it belongs to; empty: it has none.
     alterations

@@ -28,7 +28,7 @@ from evaluation.odometry.tracking import EVERY
 from evaluation.scenes.scenarios import RATE_HZ
 from fake_camera.world.sensor import DEFAULT_F_NUMBER
 
-POLICIES = (DEFAULT_POLICY, "metric-map", *LAWS, *RIVALS, *LEARNED, "fixed")
+POLICIES = (DEFAULT_POLICY, *LAWS, *RIVALS, *LEARNED, "fixed")
 """In every scene; the paper's two lights have all others, too."""
 
 _OTHERS = tuple(policy for policy in POLICY_IDS if policy not in {*POLICIES, "majer2018-fixed"})
@@ -41,12 +41,11 @@ from it 1 lux, with 23 degrees of fading in between; (b): the walls have 3 lux o
 a lux. Our default lens is f/{DEFAULT_F_NUMBER}, brighter than the paper's f/1.2, so (b) is also run at f/2.8.
 
 Every policy runs in closed loop at 60 Hz with a delay of two frames, from the best exposure of the first frame: our
-default `{DEFAULT_POLICY}`; `metric-map`, our default until November 2026; the paper's law as its authors' public code
-runs it, `begin2022-code`, and as the paper prints it, `begin2022`; the paper's rivals, Mehta's code with the paper's
-balance of time and gain, `mehta2020-code`, and `neves2009` (a mean of 20 %, exposure time first, as built into
-cameras); the learned policies with weights of our own training, which saw no room of this report; `fixed`, {FIXED},
-always; and in the paper's two lights all other policies. Verdicts on the paper's claims count for the law as coded;
-those for the law as printed stand beside them.
+default `{DEFAULT_POLICY}`; the paper's law as its authors' public code runs it, `begin2022-code`, and as the paper
+prints it, `begin2022`; the paper's rivals, Mehta's code with the paper's balance of time and gain, `mehta2020-code`,
+and `neves2009` (a mean of 20 %, exposure time first, as built into cameras); the learned policies with weights of our
+own training, which saw no room of this report; `fixed`, {FIXED}, always; and in the paper's two lights all other
+policies. Verdicts on the paper's claims count for the law as coded; those for the law as printed stand beside them.
 
 Odometry as in fig7. Error: mean translation RPE over sub-trajectories of 20 mm, by evo; a lost pair gets a guess, which
 counts. After five lost pairs in a row the run has failed: failures are reported next to the error, and never dropped.

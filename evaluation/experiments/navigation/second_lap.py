@@ -73,7 +73,7 @@ class Remembering(ControlLoop):
     def step(self, pair: StereoPair, *given: Any, **named: Any) -> Decision:
         """The next decision."""
         decision = super().step(pair, *given, **named)
-        self._trail.see(_driven_m(pair), pair.frames["left"], decision, self.setup.responses["left"])
+        self._trail.see(_driven_m(pair), pair.frames["left"], self.setup.responses["left"])
         return decision
 
     def memory(self) -> LightMemory:

@@ -9,6 +9,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from evaluation.drawing import COLOURS, panels, save
 from evaluation.experiments.experiment import Claim, Experiment, Figure, Job, Results, Section, Table, Verdict
 from evaluation.experiments.prediction.step_response import (
@@ -232,7 +233,7 @@ _LINES = (
     ("feedback, rule", COLOURS[0], "--"),
     ("no feedback, rule", COLOURS[1], "--"),
     ("gamma", COLOURS[2], "-"),
-    ("metric-map", COLOURS[6], ":"),
+    (DEFAULT_POLICY, COLOURS[6], ":"),
 )
 
 

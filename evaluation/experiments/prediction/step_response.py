@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from autoexpose_daemon.control.balance import ExposurePriority
 from autoexpose_daemon.control.loop import ControlLoop
+from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from autoexpose_daemon.control.policy import ExposurePolicy, Observation, Target
 from drivers.exposure import ExposureSetting
 from evaluation.experiments.experiment import Plain
@@ -99,7 +100,7 @@ CONTESTANTS = {
     "no feedback, delay 1": Contestant("begin2022", (WithoutFeedback,), delay_frames=1),
     "gamma": Contestant("mehta2020"),
     "gamma, shim2018": Contestant("shim2018"),
-    "metric-map": Contestant("metric-map"),
+    DEFAULT_POLICY: Contestant(DEFAULT_POLICY),
 }
 """By their names in results. Gamma prediction is Mehta's code, which is what the paper ran."""
 

@@ -9,15 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autoexpose_daemon.control.metrics.contrast import contrast
-from autoexpose_daemon.control.metrics.information import InformationPrediction
-from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
-from autoexpose_daemon.control.parameters import ControlParameters
 from autoexpose_daemon.control.picture.image import ImagePreparation
 from calibration.response import ResponseFunction
 from drivers.exposure import ExposureSetting, linear_gain
 from evaluation.scenes.scenarios import Course, steady
 from evaluation.scenes.views import Scene, build_views
 from evaluation.stage.camera import Image
+from evaluation.stage.information import Information
 from evaluation.stage.rendering import Stage
 
 LUX: Final = 60.0
@@ -28,7 +26,6 @@ SWAY_RAD, SWAY_HZ = 0.05, 0.3
 
 PARTS: Final = ("left", "right", "whole")
 _MARGIN = 12
-_ONE = np.ones(1)
 
 
 class SunAndShade:
@@ -65,9 +62,7 @@ class Judge:
 
     def __init__(self) -> None:
         self._preparation = ImagePreparation()
-        parameters = ControlParameters()
-        noise = SensorNoise(parameters.full_well_e, parameters.read_noise_e)
-        self._prediction = InformationPrediction(ResponseFunction.linear(), noise, np.zeros(1))
+        self._information = Information(ResponseFunction.linear())
 
     def worth(self, image: Image, setting: ExposureSetting) -> dict[str, float]:
         """Of each of `PARTS`."""
@@ -81,6 +76,6 @@ class Judge:
                 weights[:, middle - _MARGIN :] = 0
             elif part == "right":
                 weights[:, : middle + _MARGIN] = 0
-            found = contrast(seen, self._prediction.bins, weights)
-            worth[part] = float(self._prediction.curve(found, pixels, gain, gain * _ONE, _ONE)[0])
+            found = contrast(seen, self._information.bins, weights)
+            worth[part] = self._information.measure(found, pixels, gain)
         return worth

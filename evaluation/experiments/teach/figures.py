@@ -13,6 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from evaluation.drawing import save
 from evaluation.experiments.teach.cases import Case, Sweep, name
 from evaluation.experiments.teach.judge import WITHIN_PX, Errors
@@ -22,7 +23,7 @@ POLICY_COLOURS = {
     "majer2018-full": "#D55E00",
     "majer2018-fixed": "#009E73",
     "begin2022": "#CC79A7",
-    "metric-map": "#222222",
+    DEFAULT_POLICY: "#222222",
 }
 """After Okabe and Ito: distinct for everyone."""
 

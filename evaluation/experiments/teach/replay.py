@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from autoexpose_daemon.navigation.views.features import Features, OrbPyramid, Part
 from autoexpose_daemon.navigation.views.registration import register
 from drivers.exposure import ExposureSetting
@@ -24,7 +25,7 @@ from evaluation.stage.camera import Image, Radiance, SimulatedCamera, pair_of
 from evaluation.stage.delayed_loop import Entrant
 from fake_camera.world.render.renderer import Renderer
 
-POLICIES = ("majer2018-standard", "majer2018-full", "majer2018-fixed", "begin2022", "metric-map")
+POLICIES = ("majer2018-standard", "majer2018-full", "majer2018-fixed", "begin2022", DEFAULT_POLICY)
 """The paper's three, and two newer ones."""
 
 RATE_HZ = 30.0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from evaluation.experiments.experiment import Experiment, Figure, Job, Results, Section, Table
 from evaluation.experiments.teach.cases import STANDARD, TILTS, cases_of, replays_of, sweeps_of
 from evaluation.experiments.teach.claims import claims
@@ -78,9 +79,9 @@ other parks. The camera looks level (sky in the upper half of the view), 12 degr
 half), or 14 degrees down (sky hardly seen).
 
 All policies see the same frames, at 30 a second, each with its own exposure; a decision applies two frames later. They
-start from the operator's exposure, a mean of 0.5 in the first view, which `fixed` keeps. `begin2022` and `metric-map`
-run too, though the paper makes no claim about them. One policy is better than another where Student's paired test says
-so (p < 0.05) and the interval of the difference, which draws maps, excludes 0."""
+start from the operator's exposure, a mean of 0.5 in the first view, which `fixed` keeps. `begin2022` and
+`{DEFAULT_POLICY}` run too, though the paper makes no claim about them. One policy is better than another where
+Student's paired test says so (p < 0.05) and the interval of the difference, which draws maps, excludes 0."""
 
 
 EXPERIMENT = Experiment("teach", "Teach and repeat under a bright sky (Majer et al. 2018, 4.2)", jobs, section)

@@ -22,7 +22,7 @@ JUDGES: dict[str, Literal["higher", "lower"]] = {
 GROUP = len(LUX)
 """Drives of a job, one of each kind."""
 
-CLOSEST = (DEFAULT_POLICY, "fisher-map", "metric-map", "begin2022", "begin2022-code")
+CLOSEST = (DEFAULT_POLICY, "begin2022", "begin2022-code")
 """Who drives through all rooms ..."""
 
 SCREENED_EVERY = 4

@@ -7,7 +7,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
-from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from evaluation.experiments.experiment import Experiment, Figure, Job, Plain, Results, Section, Table
 from evaluation.experiments.worth import matches_judge, odometry_judge, registration_judge
 from evaluation.experiments.worth.contenders import LEARNED, OURS, PUBLISHED
@@ -49,7 +48,7 @@ def section(results: Results, folder: Path, *, name: str = "worth") -> Section:
     rivals = [one.name for one in (*PUBLISHED, *LEARNED) if one.name not in NOT_COUNTED]
     ours = [one.name for one in OURS]
     parts: list[Table | Figure] = [
-        *claims_tables(verdicts, [*(one for one in ours if one != DEFAULT_POLICY), *rivals]),
+        *claims_tables(verdicts, rivals),
         figure,
         *means_tables(verdicts),
         *matches_tables(results, verdicts, rivals, ours),

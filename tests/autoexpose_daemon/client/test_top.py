@@ -72,7 +72,7 @@ def test_the_moment_is_printed_once() -> None:
     with daemon(replace(EXPOSING, faults=(hostile,)), at):
         show_once("rig", [at], console)
     for text in (
-        "autoexpose rig, metric-map, up 2 h 1 min",
+        "autoexpose rig, belief, up 2 h 1 min",
         "exposing",
         "FakeCam L1   1000 us, 6.0 dB",
         "3 without the left frame; 20 before every camera was open",

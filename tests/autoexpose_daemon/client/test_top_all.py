@@ -132,7 +132,7 @@ def test_a_file_of_zenoh_has_the_endpoints(tmp_path: Path, monkeypatch: pytest.M
         show_all_once([], file, console, threading.Event())
         show_once("scout", [], console, file)
     assert "1 rig: 1 exposing" in screen.text
-    assert "autoexpose scout, metric-map" in screen.text
+    assert "autoexpose scout, belief" in screen.text
 
 
 def test_nobody_there_is_said_in_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:

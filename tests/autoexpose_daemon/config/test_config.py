@@ -271,16 +271,29 @@ def test_tuning_reaches_the_loop(tmp_path: Path) -> None:
     file = tmp_path / "rig.yaml"
     file.write_text(
         LEFT + "motion: {imu: {key: imu/data}}\n"
-        "control: {balance: flicker, flicker_hz: 120, motion: dis, focal_length_px: 860, metric_delta: 0.06,"
+        "control: {balance: flicker, flicker_hz: 120, motion: tiles, focal_length_px: 860, metric_delta: 0.06,"
         " metric_lambda: 10, balance_weight: 0.1, balance_offset: 1, mean_target: 0.4}"
     )
     assert load_config(file).control.parameters() == ControlParameters(
         metric_delta=0.06, metric_lambda=10, balance_weight=0.1, balance_offset=1, mean_target=0.4,
-        balance="flicker", flicker_hz=120, motion="dis", focal_length_px=860,
+        balance="flicker", flicker_hz=120, motion="tiles", focal_length_px=860,
     )  # fmt: skip
     assert Config.model_validate(STEREO).control.parameters() == ControlParameters()
     found = Config.model_validate(STEREO | {"control": {"flicker_hz": "auto"}})
     assert found.control.parameters() == ControlParameters(flicker_hz=None)
+
+
+@pytest.mark.parametrize("policy_id", ["fisher-map", "metric-map"])
+def test_what_took_the_place_of_removed_names_is_used_and_named(
+    policy_id: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    file = tmp_path / "rig.yaml"
+    file.write_text(LEFT + f"control: {{policy: {policy_id}, motion: dis}}")
+    control = load_config(file).control
+    assert (control.policy, control.motion) == ("belief", "tiles")
+    by_policy, by_motion = caplog.messages
+    assert all(words in by_policy for words in ("control.policy", policy_id, "belief"))
+    assert all(words in by_motion for words in ("control.motion", "dis", "tiles"))
 
 
 RANGES = {name: value for name, value in vars(bounds).items() if isinstance(value, bounds.Range)}

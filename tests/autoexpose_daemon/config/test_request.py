@@ -65,3 +65,9 @@ def test_any_bytes_are_a_request_or_refused(data: bytes) -> None:
         read_request(data)
     except ConfigurationError:
         return
+
+
+def test_a_policy_that_is_no_longer_here_is_replaced_and_named(caplog: pytest.LogCaptureFixture) -> None:
+    assert read_request(b'{"by": "x", "policy": "fisher-map"}').policy == "belief"
+    (said,) = caplog.messages
+    assert said.startswith("policy: ") and "fisher-map" in said and "belief" in said

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autoexpose_daemon.control.metrics.contrast import CELLS, Contrast
-from autoexpose_daemon.control.metrics.information import FRONT_END_DN, share_of_noise, variance_of
 from autoexpose_daemon.control.picture.steering import STEERING_SHARE
 from autoexpose_daemon.control.policies.belief.optics import Optics
 from autoexpose_daemon.control.policies.belief.plan import BRIGHTNESS_LOSS, LOST_BELOW, LOST_COST, Prospects
@@ -31,6 +30,7 @@ from autoexpose_daemon.control.policies.belief.scene_belief import (
     Outlook,
     SceneBelief,
 )
+from evaluation.stage.information import FRONT_END_DN, share_of_noise, variance_of
 
 Array = NDArray[np.float64]
 

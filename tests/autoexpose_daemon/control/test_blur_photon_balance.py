@@ -1,4 +1,4 @@
-"""The balance of time and gain that `belief` and `fisher-map` have by default."""
+"""The balance of time and gain that `belief` has by default."""
 
 from __future__ import annotations
 

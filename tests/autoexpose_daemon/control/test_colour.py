@@ -37,7 +37,7 @@ def decide(pixels: Pixels, layout: Layout, response: ResponseFunction = LINEAR, 
     """The saturated share that control sees."""
     frame = Frame(pixels, 8, 0, 0, 0, 0, START, layout=layout)
     regions = {} if region is None else {"left": region}
-    loop = ControlLoop("metric-map", response, LIMITS, START, regions=regions)
+    loop = ControlLoop("belief", response, LIMITS, START, regions=regions)
     return loop.step(StereoPair(0, {"left": frame})).saturated_share
 
 
@@ -86,7 +86,7 @@ def metric_ratio(pixel_format: PixelFormat) -> float:
     hold_s = HOLD_FRAMES * PERIOD_S
     light = LightScript(tuple(Change(index * hold_s, lux) for index, lux in enumerate(LUX)))
     camera = build_image_source("room", "left", light, seed=0, still=True)
-    loop = ControlLoop("metric-map", LINEAR, LIMITS, START)
+    loop = ControlLoop("belief", LINEAR, LIMITS, START)
     metric, preparation = GradientMetric(), ImagePreparation()
 
     def frame(number: int, setting: ExposureSetting) -> Frame:

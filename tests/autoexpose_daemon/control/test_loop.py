@@ -12,7 +12,7 @@ from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.metrics.gradient import GradientMetric
 from autoexpose_daemon.control.parameters import BalanceId, ControlParameters, MotionId
 from autoexpose_daemon.control.picture.image import ImagePreparation
-from autoexpose_daemon.control.picture.motion import DisMotion, FarnebackMotion, Motion, TileMotion
+from autoexpose_daemon.control.picture.motion import FarnebackMotion, Motion, TileMotion
 from autoexpose_daemon.control.picture.region import Rectangle, Region
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY, POLICY_IDS
 from autoexpose_daemon.control.policy import Observation
@@ -190,10 +190,9 @@ def test_the_balance_can_be_chosen(balance: BalanceId, gain_db: float) -> None:
     ("policy_id", "motion", "flow"),
     [
         ("begin2022", "policy", FarnebackMotion),
-        ("neves2009", "policy", DisMotion),
+        ("neves2009", "policy", TileMotion),
         ("belief", "policy", TileMotion),
-        ("belief", "dis", DisMotion),
-        ("begin2022", "dis", DisMotion),
+        ("begin2022", "tiles", TileMotion),
         ("neves2009", "farneback", FarnebackMotion),
     ],
 )
@@ -266,7 +265,7 @@ def test_a_vignetting_of_another_size_is_refused_and_without_one_nothing_changes
 
 def test_policies_from_papers_do_not_know_of_vignetting() -> None:
     frame, lens = expose(radiance(1, 1.0), START, 11.0), Vignetting(180, 136, (89.5, 67.5), (-0.5,))
-    for policy in ("neves2009", "begin2022", "metric-map"):
+    for policy in ("neves2009", "begin2022", "belief"):
         loops = (ControlLoop(policy, LINEAR, LIMITS, START, vignettings=each) for each in (None, {"left": lens}))
         one, other = (loop.step(StereoPair(1, {"left": frame})) for loop in loops)
         assert one == other

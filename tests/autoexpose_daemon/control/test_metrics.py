@@ -48,11 +48,11 @@ def random_image(seed: int, height: int = 9, width: int = 11) -> NDArray[np.uint
 
 
 @settings(max_examples=40)
-@given(st.integers(0, 2**32 - 1), st.sampled_from([None, False]))
-def test_metric_equals_the_slow_one(seed: int, native: bool | None) -> None:
+@given(st.integers(0, 2**32 - 1))
+def test_metric_equals_the_slow_one(seed: int) -> None:
     image = random_image(seed)
-    assert GradientMetric(native=native).measure(image) == pytest.approx(slow_metric(image), abs=1e-12)
-    other = GradientMetric(0.06, 10.0, native)
+    assert GradientMetric().measure(image) == pytest.approx(slow_metric(image), abs=1e-12)
+    other = GradientMetric(0.06, 10.0)
     assert other.measure(image) == pytest.approx(slow_metric(image, 0.06, 10.0), abs=1e-12)
 
 
@@ -99,9 +99,9 @@ def test_shares_and_mean_count_from_black_level_to_saturation() -> None:
 
 
 @settings(max_examples=30)
-@given(st.integers(0, 2**32 - 1), st.sampled_from([None, False]))
-def test_equal_weights_change_nothing_and_weight_0_excludes(seed: int, native: bool | None) -> None:
-    metric, image = GradientMetric(native=native), random_image(seed, 12, 20)
+@given(st.integers(0, 2**32 - 1))
+def test_equal_weights_change_nothing_and_weight_0_excludes(seed: int) -> None:
+    metric, image = GradientMetric(), random_image(seed, 12, 20)
     assert metric.measure(image, np.full(image.shape, 7, np.uint8)) == pytest.approx(metric.measure(image))
     half = np.zeros(image.shape, np.uint8)
     half[:, :10] = 200
@@ -127,10 +127,9 @@ def test_weighted_shares_and_mean_are_weighted_means(seed: int) -> None:
     assert mean_signal(image, response, weights) == pytest.approx(mean)
 
 
-@pytest.mark.parametrize("native", [None, False])
-def test_no_image_is_allocated_once_the_buffers_are_there(native: bool | None) -> None:
+def test_no_image_is_allocated_once_the_buffers_are_there() -> None:
     image, weights = random_image(1, 270, 360), random_image(2, 270, 360)
-    metric, shares = GradientMetric(native=native), ExtremeShares(ResponseFunction.linear())
+    metric, shares = GradientMetric(), ExtremeShares(ResponseFunction.linear())
     tables = PackedTables(prediction_tables(ResponseFunction.linear(), [-1.0, 1.0]))
 
     def measure_all() -> None:

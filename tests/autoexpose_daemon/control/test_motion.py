@@ -6,14 +6,14 @@ import pytest
 from numpy.typing import NDArray
 
 from autoexpose_daemon.control.picture.image import ImagePreparation
-from autoexpose_daemon.control.picture.motion import DisMotion, FarnebackMotion, FlowMotion, Motion, TileMotion
+from autoexpose_daemon.control.picture.motion import FarnebackMotion, Motion, TileMotion
 from calibration.response import ResponseFunction
 from drivers.errors import ConfigurationError
 
 SIXTIETH_NS = 16_666_667
 
 
-ALL = pytest.mark.parametrize("flow", [FarnebackMotion, DisMotion, TileMotion])
+ALL = pytest.mark.parametrize("flow", [FarnebackMotion, TileMotion])
 
 
 def view(shift_px: int, gain: float = 1.0, noise: float = 0.0) -> NDArray[np.uint8]:
@@ -54,9 +54,8 @@ def test_a_still_image_has_no_motion(flow: type[Motion]) -> None:
     assert speed(flow, view(0)) < 0.1
 
 
-@pytest.mark.parametrize("flow", [FarnebackMotion, DisMotion])
-def test_a_change_of_exposure_is_not_motion(flow: type[FlowMotion]) -> None:
-    compensated, ignored = speed(flow, view(0, 2.0), stops=1.0), speed(flow, view(0, 2.0))
+def test_a_change_of_exposure_is_not_motion() -> None:
+    compensated, ignored = speed(FarnebackMotion, view(0, 2.0), stops=1.0), speed(FarnebackMotion, view(0, 2.0))
     assert compensated < 0.5
     assert ignored > 2 * compensated
 
@@ -68,23 +67,14 @@ def test_tiles_take_neither_exposure_nor_light_for_motion(stops: float) -> None:
 
 
 @pytest.mark.parametrize("shift_px", [8, 24, 40])
-def test_dis_and_tiles_see_in_the_dark_what_farneback_misses(shift_px: int) -> None:
+def test_tiles_see_in_the_dark_what_farneback_misses(shift_px: int) -> None:
     first, second = view(0, 0.06, 1.5), view(shift_px, 0.06, 1.5)
-    assert speed(DisMotion, second, first=first) == pytest.approx(shift_px, rel=0.12)
     assert speed(TileMotion, second, first=first) == pytest.approx(shift_px, rel=0.12)
     assert speed(FarnebackMotion, second, first=first) < shift_px / 2
 
 
-def test_each_flow_starts_from_zero() -> None:
-    used = DisMotion(ResponseFunction.linear())
-    for frame, shift_px in enumerate([0, 40, 0, 8]):
-        last = used.measure(view(shift_px), 720, 10.0, frame * SIXTIETH_NS)
-    assert last == pytest.approx(speed(DisMotion, view(8)))
-
-
-@pytest.mark.parametrize("flow", [DisMotion, TileMotion])
-def test_strips_that_are_too_narrow_are_refused(flow: type[Motion]) -> None:
-    motion = flow(ResponseFunction.linear())
+def test_strips_that_are_too_narrow_are_refused() -> None:
+    motion = TileMotion(ResponseFunction.linear())
     for _ in range(2):  # from the first frame on, before anything depends on it, and not only then
         with pytest.raises(ConfigurationError, match="90x12 pixels are too narrow"):
             motion.measure(np.zeros((50, 360), np.uint8), 720, 10.0, 0)

@@ -12,13 +12,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from autoexpose_daemon.control.metrics.gradient import GradientMetric, PackedTables
+from autoexpose_daemon.control import _native
+from autoexpose_daemon.control.metrics.gradient import GradientMetric, PackedTables, gradient_weights
 from tests import REPOSITORY
 
-try:
-    from autoexpose_daemon.control import _native
-except ImportError as error:
-    raise RuntimeError("the C extension is not built: `make setup` builds it, with gcc and python3-dev") from error
+from .numpy_pictures import gradient_sum
 
 SOURCES = REPOSITORY / "autoexpose_daemon" / "control" / "native"
 SETS = _native.INSTRUCTION_SETS
@@ -41,19 +39,13 @@ def random_case(
     return image, tables, information, region
 
 
-def sums_by_opencv(image: NDArray[np.uint8], information: NDArray[np.uint8], region: NDArray[np.uint8] | None) -> int:
-    metric = GradientMetric(native=False)
-    metric._information_of = information
-    return metric._sum(image, region)
-
-
 @settings(max_examples=150, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.integers(3, 40), st.integers(3, 150), st.integers(1, 17), st.booleans())
 def test_sums_are_equal(seed: int, height: int, width: int, count: int, with_region: bool) -> None:
     image, tables, information, some_region = random_case(seed, height, width, count)
     region = some_region if with_region else None
-    expected = [sums_by_opencv(table[image], information, region) for table in tables]
-    words = PackedTables(tables).long_words
+    expected = [gradient_sum(table[image], information, region) for table in tables]
+    words = PackedTables(tables).words
     for name in SETS:
         assert list(_native.gradient_sums(image, information, words, region, name))[:count] == expected
         assert _native.gradient_sums(tables[0][image], information, None, region, name) == (expected[0],)
@@ -65,10 +57,11 @@ def test_metrics_are_equal_to_the_last_bit(seed: int, with_region: bool) -> None
     image, tables, _, some_region = random_case(seed, 31, 70, 9)
     region = some_region if with_region else None
     packed = PackedTables(tables)
-    native, numpy_and_opencv = GradientMetric(native=True), GradientMetric(native=False)
-    assert native.measure(image, region) == numpy_and_opencv.measure(image, region)
-    by_c, by_opencv = (metric.measure_predictions(image, packed, region) for metric in (native, numpy_and_opencv))
-    assert by_c.tolist() == by_opencv.tolist()
+    weights = gradient_weights()
+    full = 255.0 * (image.size if region is None else int(region.sum(dtype=np.int64)))
+    expected = [gradient_sum(each, weights, region) / full for each in (image, *(table[image] for table in tables))]
+    metric = GradientMetric()
+    assert [metric.measure(image, region), *metric.measure_predictions(image, packed, region).tolist()] == expected
 
 
 @pytest.mark.parametrize("name", SETS)
@@ -77,13 +70,13 @@ def test_the_greatest_sums_do_not_overflow(name: str) -> None:
     image[::2] = np.roll(image[::2], 1, axis=1)
     all_255, tables = np.full(256, 255, np.uint8), np.tile(np.arange(256, dtype=np.uint8), (8, 1))
     region = np.full(image.shape, 255, np.uint8)
-    sums = _native.gradient_sums(image, all_255, PackedTables(tables).long_words, region, name)
+    sums = _native.gradient_sums(image, all_255, PackedTables(tables).words, region, name)
     assert sums == (255 * 255 * image.size,) * 8
 
 
 def test_windows_and_transposes_need_no_copy() -> None:
     image, tables, information, _ = random_case(1, 40, 60, 8)
-    words = PackedTables(tables).long_words
+    words = PackedTables(tables).words
     for window in (image[3:20, 5:33], image.T, image[::-1, ::2]):
         copied = np.ascontiguousarray(window)
         assert _native.gradient_sums(window, information, words) == _native.gradient_sums(copied, information, words)
@@ -92,11 +85,11 @@ def test_windows_and_transposes_need_no_copy() -> None:
 def test_threads_do_not_disturb_each_other() -> None:
     image, tables, _, _ = random_case(2, 200, 300, 24)
     packed = PackedTables(tables)
-    expected = GradientMetric(native=True).measure_predictions(image, packed).tolist()
+    expected = GradientMetric().measure_predictions(image, packed).tolist()
     found: list[list[float]] = []
 
     def work() -> None:
-        metric = GradientMetric(native=True)
+        metric = GradientMetric()
         found.extend(metric.measure_predictions(image, packed).tolist() for _ in range(10))
 
     threads = [threading.Thread(target=work) for _ in range(3)]
@@ -124,13 +117,6 @@ def test_bad_input_is_refused(change: dict[str, object], message: str) -> None:
     good: dict[str, object] = {"image": np.zeros((9, 9), np.uint8), "weights": np.zeros(256, np.uint8)}
     with pytest.raises(ValueError, match=message):
         _native.gradient_sums(**(good | change))
-
-
-def test_requesting_an_extension_that_is_not_built_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("autoexpose_daemon.control.metrics.gradient._native", None)
-    assert not GradientMetric().native
-    with pytest.raises(ValueError, match="not built"):
-        GradientMetric(native=True)
 
 
 def test_c_compiles_without_warnings() -> None:

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from autoexpose_daemon.control import _native
 from autoexpose_daemon.control.metrics.contrast import CELLS, Contrast
-from autoexpose_daemon.control.metrics.information import PER_US, sharper
 from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
+from autoexpose_daemon.control.picture.motion import PER_US
 from autoexpose_daemon.control.picture.steering import STEERING_SHARE
 from autoexpose_daemon.control.policies.belief.optics import Optics
 from autoexpose_daemon.control.policies.belief.plan import Prospects
@@ -21,6 +21,7 @@ from autoexpose_daemon.control.policies.belief.scene_belief import HYPOTHESES, R
 from calibration.response import ResponseFunction
 
 from .numpy_belief import NumpyBelief, plan_values, weigh_levels
+from .numpy_pictures import sharpness
 
 SEEDS = st.integers(0, 2**32 - 1)
 OPTICS = [Optics(ResponseFunction.linear(black), SensorNoise(10_500.0, 3.0)) for black in (0, 9)]
@@ -84,7 +85,8 @@ def test_levels_are_split_the_same(seed: int, count: int) -> None:
     gains, sharp = np.empty((2, count))
     _native.split_levels(levels, times_us, motion_px * PER_US / scale, now_us, gains, sharp)
     assert_allclose(gains, np.exp2(levels) / times_us, rtol=1e-9)
-    assert_allclose(sharp, np.sqrt(sharper(motion_px, now_us, times_us, scale)), rtol=1e-9)
+    then, now = (sharpness(motion_px * PER_US * each / scale) for each in (times_us, np.array(now_us)))
+    assert_allclose(sharp, np.sqrt(then / now), rtol=1e-9)
 
 
 @given(SEEDS, st.integers(1, 3), st.integers(1, 12), st.booleans())

@@ -10,8 +10,8 @@ import pytest
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.override import NO_OVERRIDE, Override
+from autoexpose_daemon.control.policies.belief.policy import Belief
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY, POLICY_IDS
-from autoexpose_daemon.control.policies.metric_map.exposure_map import ExposureMap
 from calibration.response import ResponseFunction
 from drivers.errors import ConfigurationError
 from drivers.exposure import ExposureLimits, ExposureSetting
@@ -29,14 +29,12 @@ KINDS = (
     "zhang2017",
     "begin2022",
     "shim2018",
-    "metric-map",
-    "fisher-map",
     DEFAULT_POLICY,
 )
 """One of each kind of law."""
 SEARCHING = ("lu2010", "kim2018", "shin2019")
 """Where they end depends on the frames that they happened to try, to a stop or so."""
-COMPENSATED_UP = ("fixed", "neves2009", "metric-map", "fisher-map", DEFAULT_POLICY)
+COMPENSATED_UP = ("fixed", "neves2009", DEFAULT_POLICY)
 
 Ask = Callable[[int, list[Decision]], Override]
 
@@ -180,15 +178,14 @@ def test_the_delay_of_the_loop_is_learnt_as_without_requests(delay: int) -> None
             return Override(ev_stops=1.0)
         return NO_OVERRIDE
 
-    loop = loop_of("metric-map")
+    loop = loop_of("belief")
     run(loop, [11.0] * 30 + [12.0] * 40 + [11.0] * 50, ask, delay)
-    assert isinstance(loop._policy, ExposureMap)
+    assert isinstance(loop._policy, Belief)
     assert loop._policy.latency.frames == delay
 
 
-@pytest.mark.parametrize("policy_id", ["fisher-map", "metric-map", DEFAULT_POLICY])
 @pytest.mark.parametrize("stops", [-0.5, -1.0])
-def test_a_compensation_downward_is_steady_where_the_limits_leave_it_dark(policy_id: str, stops: float) -> None:
+def test_a_compensation_downward_is_steady_where_the_limits_leave_it_dark(stops: float) -> None:
     """Dark with the compensation, and just not dark without it."""
-    decisions = run(loop_of(policy_id), [22.5] * 60, ev_from(0, stops))
+    decisions = run(loop_of(DEFAULT_POLICY), [22.5] * 60, ev_from(0, stops))
     assert {decision.level for decision in decisions[-20:]} == {LIMITS.brightest.level + stops}

@@ -40,7 +40,7 @@ def test_a_lone_right_frame_is_judged_in_its_own_region() -> None:
         "left": half_masked("left", slice(0, 80)),
         "right": half_masked("right", slice(100, 180)),
     }
-    loop = ControlLoop("metric-map", LINEAR, LIMITS, START, regions=regions)
+    loop = ControlLoop("belief", LINEAR, LIMITS, START, regions=regions)
     alone = loop.step(StereoPair(0, {"right": expose(half_saturated(), START, START.level)}))
     assert alone.saturated_share < 0.1
     assert alone.setting.level > START.level - 2.0
@@ -48,13 +48,13 @@ def test_a_lone_right_frame_is_judged_in_its_own_region() -> None:
 
 def test_a_lone_right_frame_may_have_another_size_than_the_left_mask() -> None:
     regions: dict[Side, Region] = {"left": half_masked("left", slice(0, 80), (270, 360))}
-    loop = ControlLoop("metric-map", LINEAR, LIMITS, START, regions=regions)
+    loop = ControlLoop("belief", LINEAR, LIMITS, START, regions=regions)
     loop.step(StereoPair(0, {"right": expose(radiance(1), START, START.level)}))
 
 
 def test_motion_is_not_measured_between_two_cameras() -> None:
     """Left and right see different things: flow between them would be large, and the exposure time cut."""
-    loop = ControlLoop("metric-map", LINEAR, LIMITS, START)
+    loop = ControlLoop("belief", LINEAR, LIMITS, START)
     scenes: dict[Side, Frame] = {
         "left": expose(radiance(1), START, START.level),
         "right": expose(radiance(2), START, START.level),
@@ -66,7 +66,7 @@ def test_motion_is_not_measured_between_two_cameras() -> None:
 
 
 def test_a_camera_that_takes_over_inherits_the_last_speed() -> None:
-    loop, scene = ControlLoop("metric-map", LINEAR, LIMITS, START), radiance(3, 1.0, SHAPE)
+    loop, scene = ControlLoop("belief", LINEAR, LIMITS, START), radiance(3, 1.0, SHAPE)
 
     def speed_px(index: int, *sides: Side) -> float:
         moved = at_time(expose(np.roll(scene, 2 * index, axis=1), START, START.level), index)
@@ -77,7 +77,7 @@ def test_a_camera_that_takes_over_inherits_the_last_speed() -> None:
     assert speed_px(5, "right") == speeds_px[4]
 
 
-@pytest.mark.parametrize("policy_id", ["metric-map", "begin2022", "majer2018-full"])
+@pytest.mark.parametrize("policy_id", ["belief", "begin2022", "majer2018-full"])
 def test_a_lone_right_frame_is_predicted_by_its_own_response(policy_id: str) -> None:
     frame = expose(radiance(1, 1.5, SHAPE), START, START.level + 1.5)
 
@@ -94,8 +94,8 @@ def test_in_a_pair_the_right_frame_is_predicted_by_its_own_response() -> None:
     dim = radiance(1, 1.5, SHAPE) / 4
 
     def decide(response: ResponseFunction) -> float:
-        loop = ControlLoop("metric-map", {"left": LINEAR, "right": response}, LIMITS, START)
-        left, right = (expose(light, START, START.level) for light in (dim * 3, dim))
+        loop = ControlLoop("belief", {"left": LINEAR, "right": response}, LIMITS, START)
+        left, right = (expose(light, START, START.level) for light in (dim * 2, dim))
         return loop.step(StereoPair(0, {"left": left, "right": right})).level
 
     assert decide(LINEAR) != decide(GAMMA)

@@ -14,8 +14,6 @@ from numpy.typing import NDArray
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.metrics.contrast import contrast
-from autoexpose_daemon.control.metrics.information import InformationPrediction
-from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
 from autoexpose_daemon.control.override import Override
 from autoexpose_daemon.control.parameters import ControlParameters
 from autoexpose_daemon.control.picture.image import ImagePreparation
@@ -38,13 +36,10 @@ from autoexpose_daemon.control.picture.tracking_memory import (
 )
 from autoexpose_daemon.control.policies.belief.scene_belief import BIN
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY, POLICY_IDS
-from autoexpose_daemon.control.policies.metric_map.exposure_map import LONGEST_STEP
-from autoexpose_daemon.control.policies.metric_map.memory import MetricMemory, Sighting
-from autoexpose_daemon.control.policies.metric_map.search import within_reason
-from autoexpose_daemon.control.policies.metric_map.view import DELTAS, MetricView
 from calibration.response import ResponseFunction
 from drivers.exposure import ExposureSetting
 from drivers.frames import Side, StereoPair
+from evaluation.stage.information import Information
 
 from .scene import LIMITS, at_time, expose, radiance
 
@@ -132,25 +127,6 @@ def test_a_favour_raises_the_weight_of_its_cell_and_of_no_other(cells: tuple[flo
     before, after = (Steering({"left": each}, ("slam",), 0.0).weights("left", ROWS, COLUMNS) for each in (cells, more))
     assert after.flat[cell] >= before.flat[cell]
     assert (np.delete(after, cell) == np.delete(before, cell)).all()
-
-
-@given(st.floats(1e-3, 1e3))
-def test_only_the_ratio_of_weights_counts(factor: float) -> None:
-    """As they are normalised by their sum: even ones change nothing."""
-    image = expose(radiance(), START, 10.0).pixels.astype(np.uint8)
-    prediction = InformationPrediction(LINEAR, SensorNoise(10_500.0, 3.0), np.array([-1.0, 0.0, 1.0]))
-    seen, gains = contrast(image, prediction.bins), np.ones(3)
-    whole, even = prediction.curves(seen, 4.0, 1.0, gains, gains, cell_weights=np.full(64, factor))
-    assert even == pytest.approx(whole)
-
-
-@given(arrays(np.float64, 20, elements=st.floats(0.0, 1.0)), arrays(np.float64, 20, elements=st.floats(0.0, 1.0)))
-def test_steering_never_goes_where_the_whole_picture_loses_too_much(
-    worth: NDArray[np.float64], steered: NDArray[np.float64]
-) -> None:
-    chosen = within_reason(worth, steered)
-    assert (chosen[worth < (1.0 - STEERING_SHARE) * worth.max()] == 0.0).all()
-    assert chosen.flat[worth.argmax()] == steered.flat[worth.argmax()] or worth.max() < 1e-9
 
 
 def test_a_cell_without_features_keeps_what_was_known_of_it() -> None:
@@ -261,7 +237,7 @@ def test_only_maps_of_information_and_the_belief_are_steered(policy_id: str) -> 
     steering = steer_to(RIGHT)
     same = followed(loops[0], None, 12) == followed(loops[1], steering, 12)
     assert [loop.steered for loop in loops] == [False, not same]
-    assert same == (policy_id not in (DEFAULT_POLICY, "fisher-map"))
+    assert same == (policy_id != DEFAULT_POLICY)
 
 
 @pytest.mark.parametrize("override", [Override(held=START), Override(shot=START), Override(held=START, unseen=True)])
@@ -308,10 +284,8 @@ def worth(setting: ExposureSetting, where: str = "both") -> float:
     weights[:, : 84 if where == "sun" else None] = 255
     if where == "shade":
         weights[:, :96] = 0
-    parameters = ControlParameters()
-    noise = SensorNoise(parameters.full_well_e, parameters.read_noise_e)
-    prediction, one = InformationPrediction(LINEAR, noise, np.zeros(1)), np.ones(1)
-    return float(prediction.curve(contrast(image, prediction.bins, weights), 1.0, 1.0, one, one)[0])
+    information = Information(LINEAR)
+    return information.measure(contrast(image, information.bins, weights), 1.0, 1.0)
 
 
 def test_the_side_that_is_tracked_is_exposed_better_and_the_whole_not_much_worse() -> None:
@@ -337,19 +311,6 @@ def test_a_steered_exposure_does_not_swing() -> None:
     assert np.ptp([decision.setting.level for decision in decisions[30:]]) <= 0.1
 
 
-def test_what_contradicts_only_what_consumers_were_promised_drops_only_that() -> None:
-    memory, even = MetricMemory(), np.full(DELTAS.shape, 0.5)
-    memory.add(Sighting(9.0, (MetricView(even, 0.0, 0.0, 0.5, even),)))
-    memory.add(Sighting(10.0, (MetricView(even, 0.0, 0.0, 0.5, 0.8 * even),)))
-    assert [sighting.is_steered for sighting in memory.sightings] == [True, True]
-    memory.add(Sighting(11.0, (MetricView(even, 0.0, 0.0, 0.5, 0.3 * even),)))
-    assert [sighting.is_steered for sighting in memory.sightings] == [False, False, True]
-    assert memory.fuse(np.array([9.0]), moving=True, steered=True)[0, 0] == pytest.approx(0.15)
-    assert memory.fuse(np.array([9.0]), moving=True)[0, 0] == pytest.approx(0.5)
-    memory.add(Sighting(12.0, (MetricView(even, 0.0, 0.0, 0.5),)))
-    assert not any(sighting.is_steered for sighting in memory.sightings)
-
-
 def test_who_claims_to_track_in_the_dark_steers_nothing() -> None:
     """The exposure of the frame itself contradicts it."""
     frame = expose(SUN_AND_SHADE, ExposureSetting(20.0, 0.0), HALF_SCALE).pixels.astype(np.uint8)
@@ -364,19 +325,18 @@ def test_steering_that_ends_leaves_nothing_behind() -> None:
     assert rest.setting.level == pytest.approx(never.setting.level, abs=0.6)
 
 
-@pytest.mark.parametrize("policy_id", [DEFAULT_POLICY, "fisher-map"])
-def test_the_reason_of_a_decision_says_that_it_was_steered(policy_id: str) -> None:
+def test_the_reason_of_a_decision_says_that_it_was_steered() -> None:
     reasons = [
-        followed(ControlLoop(policy_id, LINEAR, LIMITS, START), steer, 3)[-1].reason
+        followed(ControlLoop(DEFAULT_POLICY, LINEAR, LIMITS, START), steer, 3)[-1].reason
         for steer in (None, steer_to(RIGHT))
     ]
     assert [reason.endswith("; steered") for reason in reasons] == [False, True]
 
 
-def turned_to_in_turn(policy_id: str) -> NDArray[np.float64]:
+def turned_to_in_turn() -> NDArray[np.float64]:
     """Levels of a moving camera whose consumers turn to the other side every 25 frames."""
     parameters, milder = ControlParameters(focal_length_px=800.0), np.where(np.arange(180) < 90, 2.0**-0.5, 2.0**0.5)
-    loop, settings = ControlLoop(policy_id, LINEAR, LIMITS, START, parameters), [START, START]
+    loop, settings = ControlLoop(DEFAULT_POLICY, LINEAR, LIMITS, START, parameters), [START, START]
     for index in range(100):
         frame = at_time(expose(SUN_AND_SHADE * milder, settings[index], HALF_SCALE), index)
         pair = StereoPair(index, {"left": frame, "right": frame})
@@ -387,13 +347,6 @@ def turned_to_in_turn(policy_id: str) -> NDArray[np.float64]:
 
 def test_a_moving_camera_leaps_once_when_consumers_turn_and_then_stays() -> None:
     """Odometry loses the pair at the leap, and no other."""
-    levels = turned_to_in_turn(DEFAULT_POLICY).reshape(4, 25)
+    levels = turned_to_in_turn().reshape(4, 25)
     assert np.ptp(levels[:, 12:], axis=1).max() < 1.1 * BIN  # one level of the plan
     assert np.ptp(levels[:, -1]) > 0.2
-
-
-def test_fisher_map_steers_a_moving_camera_in_steps() -> None:
-    """Odometry must find its points again, whatever consumers turn to."""
-    levels = turned_to_in_turn("fisher-map")[8:]
-    assert np.abs(np.diff(levels)).max() < LONGEST_STEP + 0.05
-    assert np.ptp(levels) > 0.2

@@ -25,7 +25,7 @@ from fake_camera.warm_up import frame_s
 from fake_camera.world.sensor import SIZES as simulated_sizes
 from tests.fakes import loopback_address, unique
 
-OPTIONS = DemoOptions(20.0, "metric-map", None, None, "room", None, 0, "gige", None, False, False, None)
+OPTIONS = DemoOptions(20.0, "belief", None, None, "room", None, 0, "gige", None, False, False, None)
 
 
 class SlowSource:

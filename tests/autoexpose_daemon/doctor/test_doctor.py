@@ -5,6 +5,8 @@ from __future__ import annotations
 import io
 import json
 import re
+import subprocess
+import sys
 from dataclasses import replace
 from ipaddress import IPv4Interface
 from pathlib import Path
@@ -14,8 +16,6 @@ import pytest
 from rich.console import Console
 
 from autoexpose_daemon.config.document import Config
-from autoexpose_daemon.control.policies.belief import policy as belief
-from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from autoexpose_daemon.doctor.facts import Facts, GigeFacts
 from autoexpose_daemon.doctor.finding import Finding, Severity
 from autoexpose_daemon.doctor.judge import judge
@@ -326,13 +326,32 @@ def test_the_json_holds_the_same_findings() -> None:
     assert json.loads(as_json(FINDINGS[:1]))["stops"] is False
 
 
-def test_the_default_policy_stops_where_its_extension_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
-    config = Config.model_validate({"cameras": ONE})
-    assert list(judge_policy(config)) == []
-    monkeypatch.setattr(belief, "_native", None)
-    (finding,) = judge_policy(config)
-    assert (finding.check, finding.severity) == ("policy", "stops")
-    assert DEFAULT_POLICY in finding.sentence and "gcc" in finding.sentence
+def test_a_policy_that_can_work_here_is_not_mentioned() -> None:
+    assert list(judge_policy(Config.model_validate({"cameras": ONE}))) == []
+
+
+WITHOUT_EXTENSION = """
+import sys
+sys.modules["autoexpose_daemon.control._native"] = None
+from autoexpose_daemon.{} import {}
+"""
+
+
+def test_without_the_c_extension_it_says_so_and_goes_on() -> None:
+    program = WITHOUT_EXTENSION.format("doctor.judge_policy", "judge_policy") + (
+        "from autoexpose_daemon.config.document import Config\n"
+        "for finding in judge_policy(Config.model_validate({'cameras': {'left': {'serial': 'A'}}})):\n"
+        "    print(finding.check, finding.severity, finding.sentence)"
+    )
+    said = subprocess.run([sys.executable, "-c", program], check=True, capture_output=True, text=True).stdout
+    assert said.startswith("policy stops ") and "C extension" in said and "gcc" in said
+
+
+def test_without_the_c_extension_commands_that_decide_are_one_sentence(tmp_path: Path) -> None:
+    program = WITHOUT_EXTENSION.format("cli", "main") + f"sys.argv[1:] = ['replay', '{tmp_path / 'x.mcap'}']\nmain()"
+    result = subprocess.run([sys.executable, "-c", program], check=False, capture_output=True, text=True)
+    assert result.returncode == 1
+    assert result.stderr.count("\n") == 1 and "C extension" in result.stderr and "gcc" in result.stderr
 
 
 def test_a_bad_configuration_is_one_sentence() -> None:

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from autoexpose_daemon.control.policies.hindsight import REACH
-from autoexpose_daemon.navigation.drive.light_trail import LightTrail
+from autoexpose_daemon.navigation.drive.light_trail import MOST_WAITING, LightTrail
 from autoexpose_daemon.navigation.maps.light import EVERY_M, SLOWEST_M_S, SPREAD_M, LightMemory
 from autoexpose_daemon.navigation.store import MapFile, Run, newest_of_hour
 from autoexpose_daemon.navigation.store.rows import DAY_S, HOUR_S
@@ -18,7 +16,6 @@ from calibration.response import ResponseFunction
 from drivers.exposure import ExposureSetting
 from drivers.frames import Frame
 from tests.autoexpose_daemon.navigation.test_store import INFO, START_S
-from tests.autoexpose_daemon.publish.steps import DECISION, SETTING
 
 BRIGHT, DARK = 10.0, 15.0
 """Levels that serve in the two lights."""
@@ -32,7 +29,7 @@ def see(trail: LightTrail, distance_m: float, taken: float, serves: float) -> No
     """A frame of the wall, taken with one level where another one makes its middle grey 64."""
     pixels = np.clip(np.rint(64.0 * WALL * 2.0 ** (taken - serves)), 0, 255).astype(np.uint8)
     setting = ExposureSetting(1000.0, 20.0 * (taken - np.log2(1000.0)) * np.log10(2.0))
-    trail.see(distance_m, Frame(pixels, 8, 1, 0, 0, 0, setting), replace(DECISION, motion_px=8.0), LINEAR)
+    trail.see(distance_m, Frame(pixels, 8, 1, 0, 0, 0, setting), LINEAR)
 
 
 def rows_of(trail: LightTrail) -> NDArray[np.float64]:
@@ -54,23 +51,25 @@ def test_where_decisions_come_late_and_overshoot_the_light_itself_is_remembered(
     assert risen[-1] == pytest.approx(0.0, abs=0.3)
 
 
-def test_a_place_waits_for_the_frames_after_it_or_the_end() -> None:
-    trail = LightTrail()
-    for number in range(REACH + 2):
-        see(trail, 0.1 * number, 9.0, 9.0)
-    early, late = trail.new_rows(), trail.new_rows(ended=True)
-    assert [distance_m for distance_m, _, _ in early] == [0.0, 0.1]
-    assert [distance_m for distance_m, _, _ in late] == pytest.approx(0.1 * np.arange(2, REACH + 2))
+def test_a_place_where_nothing_shows_waits_for_a_frame_that_shows_something_or_the_end() -> None:
+    trail, white = LightTrail(), 18.0
+    see(trail, 0.0, 9.0, 9.0)
+    assert [distance_m for distance_m, _, _ in trail.new_rows()] == [0.0]
+    for number in range(1, MOST_WAITING + 3):
+        see(trail, 0.1 * number, white, 9.0)
+    assert [distance_m for distance_m, _, _ in trail.new_rows()] == pytest.approx([0.1, 0.2])
+    see(trail, 20.0, 9.0, 9.0)
+    assert len(trail.new_rows()) == MOST_WAITING + 1
+    see(trail, 21.0, white, 9.0)
+    assert trail.new_rows() == []
+    assert len(trail.new_rows(ended=True)) == 1
     assert trail.new_rows(ended=True) == []
 
 
-def test_a_robot_that_stands_or_drives_back_or_has_no_decision_adds_nothing() -> None:
+def test_a_robot_that_stands_or_drives_back_adds_nothing() -> None:
     trail = LightTrail()
     for distance_m in (0.5, 0.5, 0.5 + 0.9 * EVERY_M, 0.3, 0.52):
         see(trail, distance_m, 9.0, 9.0)
-    black = Frame(np.zeros((68, 90), np.uint8), 8, 1, 0, 0, 0, SETTING)
-    trail.see(0.6, black, None, LINEAR)
-    trail.see(0.6, black, replace(DECISION, motion_px=float("nan")), LINEAR)
     assert rows_of(trail)[:, 0].tolist() == [0.5, 0.52]
 
 
@@ -96,7 +95,7 @@ def test_an_impossible_level_is_not_remembered() -> None:
     trail, white = LightTrail(), np.full((68, 90), 255, np.uint8)
     for distance_m, gain_db in ((0.0, 0.0), (0.1, 600.0), (0.2, 0.0)):
         frame = Frame(white, 8, 1, 0, 0, 0, ExposureSetting(1000.0, gain_db))
-        trail.see(distance_m, frame, DECISION, LINEAR)
+        trail.see(distance_m, frame, LINEAR)
     assert rows_of(trail)[:, 0].tolist() == [0.0, 0.2]
 
 

@@ -2,7 +2,9 @@
 
 import os
 import signal
+import sqlite3
 import time
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 from typing import get_args, get_type_hints
@@ -299,3 +301,19 @@ def test_a_robot_is_told_to_stop_also_when_the_terminal_is_closed(number: signal
     finally:
         for each, handler in before.items():
             signal.signal(each, handler)
+
+
+@pytest.mark.parametrize(
+    ("taught_with", "words"),
+    [
+        ("fisher-map", "taught with fisher-map, which is no longer here, while the daemon exposes by belief"),
+        ("neves2009", "taught with neves2009, while the daemon exposes by belief"),
+        ("belief", ""),
+        ("", ""),
+    ],
+)
+def test_a_map_that_was_taught_with_another_policy_says_so(taught: Path, taught_with: str, words: str) -> None:
+    with closing(sqlite3.connect(taught)) as connection, connection:
+        connection.execute("UPDATE meta SET policy = ?", (taught_with,))
+    with MapFile(taught, writable=True) as file:
+        assert Repeater(file, "static").misfit("belief") == words

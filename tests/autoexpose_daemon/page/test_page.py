@@ -77,7 +77,7 @@ TROUBLED = replace(
 SHOWN = {
     "left": ["camera gone, no pair yet"],
     "headline": ["60.0", "2.0 h"],
-    "policy": ["by metric-map, locked at 1.00", "dB, EV \u22120.50, policy changed"],
+    "policy": ["by belief, locked at 1.00", "dB, EV \u22120.50, policy changed"],
     "triggers": [
         "triggers\t12\u202f414",
         "stereo pairs\t12\u202f345",

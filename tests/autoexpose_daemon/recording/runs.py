@@ -35,7 +35,7 @@ SHAPE = (136, 180)
 class VirtualRun:
     """A loop, the light it lives in, and what it has decided."""
 
-    policy_id: str = "metric-map"
+    policy_id: str = "belief"
     bits: int = 8
     imu: bool = False
     driven_before: bool = False

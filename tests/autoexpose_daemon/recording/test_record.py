@@ -65,9 +65,15 @@ def test_what_is_no_recording_is_one_sentence(tmp_path: Path) -> None:
 
 
 def test_a_policy_to_replay_that_does_not_exist_is_named_with_a_near_one(tmp_path: Path) -> None:
-    result = autoexpose("replay", str(tmp_path / "run.mcap"), "--policy", "metricmap")
+    result = autoexpose("replay", str(tmp_path / "run.mcap"), "--policy", "begin2021")
     assert result.returncode == 1
-    assert result.stderr.startswith("autoexpose: there is no policy 'metricmap'; did you mean metric-map?")
+    assert result.stderr.startswith("autoexpose: there is no policy 'begin2021'; did you mean begin2022?")
+
+
+def test_a_policy_that_is_no_longer_here_names_the_one_in_its_place(tmp_path: Path) -> None:
+    result = autoexpose("replay", str(tmp_path / "run.mcap"), "--policy", "fisher-map")
+    assert result.returncode == 1
+    assert result.stderr.startswith("autoexpose: there is no policy 'fisher-map'; belief took the place of fisher-map;")
 
 
 @pytest.mark.parametrize("last", [(), ("--last", "5")])

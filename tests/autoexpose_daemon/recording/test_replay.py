@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -36,7 +37,7 @@ def test_every_decision_but_the_first_is_replayed_bit_for_bit(tmp_path: Path, po
     assert all(each.same for each in steps[1:])
 
 
-@pytest.mark.parametrize("policy_id", ["metric-map", "begin2022"])
+@pytest.mark.parametrize("policy_id", ["belief", "begin2022"])
 def test_decisions_by_an_imu_that_comes_and_goes_are_replayed_bit_for_bit(tmp_path: Path, policy_id: str) -> None:
     path = record(tmp_path / "run.mcap", VirtualRun(policy_id, imu=True))
     steps = replayed(path)
@@ -192,7 +193,7 @@ def test_control_that_begins_anew_is_replayed_anew(tmp_path: Path) -> None:
         run.loop = VirtualRun("begin2022").loop
         run.feed(recorder, 20)
     items = list(Recording(path))
-    assert [item.control.policy_id for item in items if isinstance(item, Setup)] == ["metric-map", "begin2022"]
+    assert [item.control.policy_id for item in items if isinstance(item, Setup)] == ["belief", "begin2022"]
     steps = replayed(path)
     assert [index for index, each in enumerate(steps) if each.decision is None] == [0, 20]
     assert all(each.same for each in steps if each.decision is not None)
@@ -254,3 +255,14 @@ def test_the_last_seconds_are_kept_and_begin_with_a_snapshot(tmp_path: Path) -> 
         assert len(steps) <= 1.1 * 30 + 1
         assert all(each.same for each in steps[1:])
     assert replayed(tmp_path / "run-2.mcap")[-1].step.pair.trigger == 309
+
+
+def test_a_recording_by_a_policy_that_is_no_longer_here_is_shown_and_can_be_replayed_by_another(tmp_path: Path) -> None:
+    run, said = VirtualRun("belief"), list[str]()
+    run.loop.setup = replace(run.loop.setup, policy_id="fisher-map")
+    path = record(tmp_path / "run.mcap", run)
+    steps = replayed(path)
+    assert len(steps) == 60 and all(each.decision is None for each in steps)
+    assert report_replay(path, None, said.append)
+    assert "fisher-map" in said[-1] and "no longer here" in said[-1] and "--policy belief" in said[-1]
+    assert len([each for each in replayed(path, "belief") if each.decision]) == 60

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from autoexpose_daemon.control.light_ahead import LightAhead
 from autoexpose_daemon.control.loop import ControlLoop, ControlSetup
 from autoexpose_daemon.control.parameters import Bracketing, ControlParameters
+from autoexpose_daemon.control.policies.belief.policy import Belief
 from autoexpose_daemon.control.snapshot import parse, plain
 from autoexpose_daemon.recording.plain_json import from_json, to_json
 from autoexpose_daemon.recording.upgrade import upgraded_light, upgraded_setup, upgraded_state
@@ -18,55 +21,10 @@ from calibration.response import ResponseFunction
 from drivers.frames import SIDES
 from tests.autoexpose_daemon.recording.runs import LIMITS, START, VirtualRun
 
-ADDED = ("black_share", "steered")
-
-
-def of_tenth(setup: Any, state: Any) -> tuple[Any, Any]:
-    """A setup and a state of the present format as the tenth format had them."""
-    return setup, {**state, "policy": _with_one_delay(state["policy"])}
-
-
-def _with_one_delay(policy: Any) -> Any:
-    if "policy" in policy:
-        return {**policy, "policy": _with_one_delay(policy["policy"])}  # a bracket's
-    return {**policy, "latency": {"frames": 2, "level": policy["latency"]["level"]}}
-
-
-def of_ninth(setup: Any, state: Any) -> tuple[Any, Any]:
-    """As the ninth format had them."""
-    setup, state = of_tenth(setup, state)
-    return setup, {**state, "policy": _without_memory(state["policy"])}
-
-
-def _without_memory(policy: Any) -> Any:
-    if "policy" in policy:
-        return {**policy, "policy": _without_memory(policy["policy"])}  # a bracket's
-    return {key: value for key, value in policy.items() if key != "served"}
-
-
-def of_seventh(setup: Any, state: Any) -> tuple[Any, Any]:
-    """As the seventh format had them."""
-    setup, state = of_ninth(setup, state)
-    return setup, {**state, "policy": _uncounted(state["policy"])}
-
-
-def _uncounted(policy: Any) -> Any:
-    if "votes" not in policy:
-        return {**policy, "policy": _uncounted(policy["policy"])}  # a bracket's
-    eyes = {side: {key: eye[key] for key in eye if key != "missed"} for side, eye in policy["votes"]["eyes"].items()}
-    return {**policy, "votes": {**policy["votes"], "eyes": eyes}}
-
 
 def of_fifth(setup: Any, state: Any) -> tuple[Any, Any]:
-    """As the fifth format had them."""
-    setup, state = of_seventh(setup, state)
-    setup = {key: value for key, value in setup.items() if key != "vignettings"}
-    sightings = [
-        {**sighting, "views": [{name: view[name] for name in view if name not in ADDED} for view in sighting["views"]]}
-        for sighting in state["policy"]["memory"]["sightings"]
-    ]
-    assert sightings
-    return setup, {**state, "policy": {**state["policy"], "memory": {"sightings": sightings}}}
+    """A setup and a state of the present format as the fifth format had them."""
+    return {key: value for key, value in setup.items() if key != "vignettings"}, state
 
 
 def of_fourth(setup: Any, state: Any) -> tuple[Any, Any]:
@@ -76,50 +34,73 @@ def of_fourth(setup: Any, state: Any) -> tuple[Any, Any]:
     return {**setup, "limits": limits}, state
 
 
-def of_third(setup: Any, state: Any) -> tuple[Any, Any]:
-    """As the third format had them."""
-    setup, state = of_fourth(setup, state)
-    return setup, {**state, "policy": {key: value for key, value in state["policy"].items() if key != "foresight"}}
-
-
 def of_second(setup: Any, state: Any) -> tuple[Any, Any]:
     """As the second format had them."""
-    setup, state = of_third(setup, state)
-    policy = {**state["policy"], "registration": {**state["policy"]["registration"]}}
-    del policy["registration"]["side"]
-    del policy["votes"], policy["sides"]
-    policy["latency"] = {**state["policy"]["latency"], "targets": []}
+    setup, state = of_fourth(setup, state)
     former_setup = {key: value for key, value in setup.items() if key != "responses"}
     return (
         {**former_setup, "response": setup["responses"]["left"]},
-        {"past": state["past"], "motion": state["motions"]["left"], "policy": policy},
+        {"past": state["past"], "motion": state["motions"]["left"], "policy": state["policy"]},
     )
 
 
-@pytest.mark.parametrize("as_it_was", [of_second, of_third, of_fourth, of_fifth, of_seventh, of_ninth, of_tenth])
+def through_json(data: Any) -> Any:
+    return from_json(to_json(data))
+
+
+@pytest.mark.parametrize("as_it_was", [of_second, of_fourth, of_fifth])
 def test_a_loop_goes_on_from_a_former_setup_and_state(as_it_was: Callable[[Any, Any], tuple[Any, Any]]) -> None:
-    pairs = list(itertools.islice(VirtualRun("metric-map").pairs(), 12))
-    loop = ControlLoop("metric-map", ResponseFunction.linear(), LIMITS, START)
+    pairs = list(itertools.islice(VirtualRun("begin2022").pairs(), 12))
+    loop = ControlLoop("begin2022", ResponseFunction.linear(), LIMITS, START)
     for pair in pairs[:8]:
         loop.step(pair)
-    texts = [to_json(each) for each in as_it_was(plain(loop.setup), loop.state())]
-    setup, state = (from_json(text) for text in texts)
+    setup, state = (through_json(each) for each in as_it_was(plain(loop.setup), loop.state()))
     again = parse(upgraded_setup(setup), ControlSetup).loop()
-    again.restore(upgraded_state(state))
+    again.restore(upgraded_state(state, again.setup))
     assert set(again.setup.responses) == set(SIDES)
     assert [again.step(pair) for pair in pairs[8:]] == [loop.step(pair) for pair in pairs[8:]]
 
 
-def test_brackets_go_on_with_the_policy_of_their_kept_frames() -> None:
-    pairs = list(itertools.islice(VirtualRun("metric-map").pairs(), 12))
-    parameters = ControlParameters(bracket=Bracketing(2, 2.0, keep=True))
-    loop = ControlLoop("metric-map", ResponseFunction.linear(), LIMITS, START, parameters)
+def test_a_loop_of_the_tenth_format_goes_on_with_the_delay_that_it_knew() -> None:
+    loop = VirtualRun("belief").loop
+    state = through_json(loop.state())
+    state["policy"]["latency"] = {"frames": 3, "level": 9.0}
+    loop.restore(upgraded_state(state, loop.setup))
+    assert isinstance(loop._policy, Belief)
+    assert loop._policy.latency.frames == 3
+
+
+@pytest.mark.parametrize("bracket", [None, Bracketing(2, 2.0, keep=True)])
+@pytest.mark.parametrize("motion", ["policy", "dis"])
+def test_where_motion_was_measured_by_dis_tiles_begin_anew(motion: str, bracket: Bracketing | None) -> None:
+    """What is decided does not depend on it."""
+    pairs = list(itertools.islice(VirtualRun("neves2009").pairs(), 12))
+    loop = ControlLoop("neves2009", ResponseFunction.linear(), LIMITS, START, ControlParameters(bracket=bracket))
     for pair in pairs[:8]:
         loop.step(pair)
-    setup, state = of_seventh(plain(loop.setup), loop.state())
-    again = parse(upgraded_setup(from_json(to_json(setup))), ControlSetup).loop()
-    again.restore(upgraded_state(from_json(to_json(state))))
-    assert [again.step(pair) for pair in pairs[8:]] == [loop.step(pair) for pair in pairs[8:]]
+    setup, state = through_json(plain(loop.setup)), through_json(loop.state())
+    setup["parameters"]["motion"] = motion
+    by_dis = {
+        "shape": [136, 180],
+        "previous": np.zeros((68, 90), np.uint8),
+        "previous_level": 9.0,
+        "previous_time_ns": 1,
+    }
+    state["motions"] = dict.fromkeys(SIDES, by_dis)
+    again = parse(upgraded_setup(setup), ControlSetup).loop()
+    again.restore(upgraded_state(state, again.setup))
+    assert again.setup.parameters.motion in {"policy", "tiles"}
+    for pair in pairs[8:]:
+        decision, expected = again.step(pair), loop.step(pair)
+        assert replace(decision, motion_px=expected.motion_px) == expected
+
+
+@pytest.mark.parametrize("keep", [False, True])
+def test_brackets_without_frames_of_a_policy_do_not_need_it(keep: bool) -> None:
+    parameters = ControlParameters(bracket=Bracketing(2, 2.0, keep))
+    setup = through_json(plain(ControlLoop("belief", ResponseFunction.linear(), LIMITS, START, parameters).setup))
+    found = parse(upgraded_setup({**setup, "policy_id": "fisher-map"}), ControlSetup)
+    assert found.policy_id == ("fisher-map" if keep else "belief")
 
 
 @pytest.mark.parametrize("bracket", [None, Bracketing(2, 2.0, keep=True)])
@@ -132,7 +113,7 @@ def test_a_search_of_the_eighth_format_goes_on_with_the_camera_of_its_next_frame
     for pair in pairs[:8]:
         loop.step(pair)
     again = loop.setup.loop()
-    again.restore(upgraded_state(from_json(to_json(_of_eighth(loop.state())))))
+    again.restore(upgraded_state(through_json(_of_eighth(loop.state())), loop.setup))
     assert [again.step(pair) for pair in pairs[8:]] == [loop.step(pair) for pair in pairs[8:]]
 
 
@@ -148,7 +129,7 @@ def _of_eighth(state: Any) -> Any:
 def test_anything_else_is_left_to_whoever_reads_it() -> None:
     for other in (None, 3, [], {}, {"policy": 1}, {"policy": {"memory": {"sightings": [1, {"views": [2]}]}}}):
         assert upgraded_setup(other) == other
-        assert upgraded_state(other) == other
+        assert upgraded_state(other, VirtualRun("fixed").loop.setup) == other
 
 
 def test_light_of_the_ninth_format_changed_as_its_levels_did() -> None:

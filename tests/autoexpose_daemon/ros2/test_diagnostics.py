@@ -24,7 +24,7 @@ def test_a_rig_that_exposes_is_ok_with_its_figures() -> None:
     assert list(entries) == ["scout: exposure", "scout: left camera", "scout: right camera"]
     assert {entry.level for entry in entries.values()} == {OK}
     values = {pair.key: pair.value for pair in entries["scout: exposure"].values}
-    assert values["policy"] == "metric-map"
+    assert values["policy"] == "belief"
     assert values["exposure time us"] == "1100"
     assert entries["scout: left camera"].hardware_id == "FakeCam L1"
 

@@ -1,4 +1,4 @@
-"""The balance of `fisher-map`: the longest exposure whose blur costs less than the light it brings."""
+"""The balance of `belief`: the longest exposure whose blur costs less than the light it brings."""
 
 from __future__ import annotations
 
@@ -11,17 +11,14 @@ from numpy.typing import NDArray
 
 from autoexpose_daemon.control.balance import Balance, whole_periods_us
 from autoexpose_daemon.control.metrics.extension import extension as _native
-from autoexpose_daemon.control.metrics.information import FRONT_END_DN, PER_US, blur_length_px, sharpness, variance_of
 from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
+from autoexpose_daemon.control.picture.motion import PER_US
 from autoexpose_daemon.control.policies.belief.forecast import SWING_FRAMES, Forecast
 from autoexpose_daemon.control.policy import Look, Observation
 from drivers.exposure import DB_PER_STOP, ExposureLimits
 
 MIDDLE = 0.25
 """Share of full scale at which noise is judged: well exposed pictures have most of their gradients around it."""
-
-TIMES = 33
-"""Exposure times that are compared, evenly spaced in stops; 20 us to 7.5 ms then lie 0.27 stop apart."""
 
 BEATING_STOPS = 4.0
 """The light beats if it rises and falls again by so much within 12 frames: a third of a stop a frame."""
@@ -32,12 +29,10 @@ USUAL_SHARE = 0.75
 SPARE_GAIN_DB = 6.0
 """... or twice that, if all of them had more than this to spare."""
 
-_STEPS = np.linspace(0.0, 1.0, TIMES)[:, None]
-
 
 @dataclass(frozen=True, slots=True)
 class BlurPhotonBalance:
-    """Takes the time at which a pixel of middle brightness has the most information: see `InformationPrediction`.
+    """Takes the time at which a pixel of middle brightness has the most information (docs/policy.md).
 
     Longer exposures blur; shorter ones need gain, which raises the noise of fewer photons. As noise below what front
     ends lose anyway costs little, gain stays at its minimum in good light.
@@ -70,25 +65,11 @@ class BlurPhotonBalance:
         shot, read = _middle_variance(self.noise)
         shortest, longest = math.log2(limits.min_time_us), math.log2(limits.max_time_us)
         least_gain, greatest_gain = limits.min_gain_db / DB_PER_STOP, limits.max_gain_db / DB_PER_STOP
-        if _native is not None:
-            best_us = np.empty(levels.size)
-            _native.best_times(
-                levels, shortest, longest, least_gain, greatest_gain, shot, read, self.averaged,
-                motion_px * PER_US, self.scale, best_us,
-            )  # fmt: skip
-            return self._bounded(best_us, levels, greatest_gain)
-        long = np.minimum(levels - least_gain, longest)
-        short = np.minimum(np.maximum(levels - greatest_gain, shortest), long)
-        times_us = np.exp2(long + _STEPS * (short - long))
-        gains = np.exp2(levels) / times_us
-        variance = variance_of(shot * gains + read * gains**2, self.averaged)
-        sharp = sharpness(blur_length_px(motion_px, times_us, self.scale))
-        best = np.argmax(sharp / (variance + FRONT_END_DN**2), axis=0)
-        return self._bounded(times_us[best, np.arange(levels.size)], levels, greatest_gain)
-
-    def _bounded(
-        self, times_us: NDArray[np.float64], levels: NDArray[np.float64], greatest_gain: float
-    ) -> NDArray[np.float64]:
+        times_us = np.empty(levels.size)
+        _native.best_times(
+            levels, shortest, longest, least_gain, greatest_gain, shot, read, self.averaged, motion_px * PER_US,
+            self.scale, times_us,
+        )  # fmt: skip
         if math.isinf(self.longest_us):
             return times_us
         return np.minimum(times_us, np.maximum(self.longest_us, np.exp2(levels - greatest_gain)))

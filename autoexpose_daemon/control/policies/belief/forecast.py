@@ -65,15 +65,11 @@ class Forecast:
             change -= filled
         self.changes.append(change)
 
-    def ahead(self, frames: int, steady: bool) -> float:
-        """Stops by which the light will have risen `frames` from now; 0 when there is no pattern in it.
+    def path(self, ahead: Sequence[int], steady: bool) -> list[float]:
+        """Stops by which the light will have risen so many frames from now each; 0 when there is no pattern in it.
 
         A ramp is led only when `steady`, with the camera moving slowly: in fast motion content causes such slopes too.
         """
-        return self.path([frames], steady)[0]
-
-    def path(self, ahead: Sequence[int], steady: bool) -> list[float]:
-        """The same, for so many frames ahead each."""
         period = self.period()
         if period is not None:
             cycle = np.array(self.changes)[-period:]

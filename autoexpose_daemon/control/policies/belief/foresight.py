@@ -26,9 +26,6 @@ LEAST_BELIEF, MOST_BELIEF = 0.05, 0.95
 
 NARROWEST_FRAMES = 0.5
 
-RISE_STOPS = 0.25
-"""Rises of the light that differ by less are counted as one."""
-
 
 @dataclass(slots=True)
 class Foresight:
@@ -90,33 +87,6 @@ class Foresight:
         # Every change stays in the window for as many frames as it has, but counts once.
         self.belief = min(max(_shifted(self.belief, evidence / WINDOW_FRAMES), LEAST_BELIEF), MOST_BELIEF)
         return share
-
-    def rises(
-        self, ahead: LightAhead, changes: Collection[float], frames: int, otherwise: float
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """By how much the light may rise within the next `frames`, and with which probabilities.
-
-        Parameters
-        ----------
-        ahead
-            What the earlier drive saw.
-        changes
-            Of the light from frame to frame so far, stops, oldest first.
-        frames
-            How far to look ahead.
-        otherwise
-            The rise if the series is wrong, stops.
-
-        Returns
-        -------
-            Rises in stops, and probabilities that sum to 1; float64, both of the same length.
-        """
-        share = self.weigh(ahead, changes)
-        risen = np.array(ahead.risen)
-        now, then = (risen.take(self.here + shift, mode="clip") for shift in (0, frames))
-        rises, which = np.unique(np.round((then - now) / RISE_STOPS) * RISE_STOPS, return_inverse=True)
-        probabilities = np.bincount(which, share * self.places, len(rises))
-        return np.append(rises, otherwise), np.append(probabilities, 1.0 - share)
 
 
 def _misfits(

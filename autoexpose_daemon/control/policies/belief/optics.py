@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autoexpose_daemon.control.metrics.contrast import GreyBins
-from autoexpose_daemon.control.metrics.information import response_slopes
-from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
+from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise, response_slopes
 from calibration.response import GREY_LEVELS, ResponseFunction
 
 Array = NDArray[np.float64]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping, Sequence
-from typing import ClassVar, Literal
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,8 +14,8 @@ from autoexpose_daemon.control.grounds import Grounds
 from autoexpose_daemon.control.light_ahead import LightAhead
 from autoexpose_daemon.control.metrics.contrast import CELLS, Contrast, contrast
 from autoexpose_daemon.control.metrics.extension import extension as _native
-from autoexpose_daemon.control.metrics.information import PER_US, blur_length_px
 from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
+from autoexpose_daemon.control.picture.motion import PER_US, blur_length_px
 from autoexpose_daemon.control.picture.steering import STEERING_SHARE
 from autoexpose_daemon.control.policies.belief.balance import BlurPhotonBalance, bounded, fitted, times_of_levels
 from autoexpose_daemon.control.policies.belief.cadence import Cadence
@@ -35,7 +35,6 @@ from autoexpose_daemon.control.policies.belief.scene_belief import (
 from autoexpose_daemon.control.policy import ExposurePolicy, Look, Objective, Observation, PolicySetup, Target
 from autoexpose_daemon.control.registration import LightChange, Registration
 from calibration.response import ResponseFunction
-from drivers.errors import ConfigurationError
 from drivers.exposure import ExposureLimits, linear_gain
 from drivers.frames import Side
 from drivers.python310 import Self
@@ -76,7 +75,6 @@ class Belief(ExposurePolicy):
     STATE: ClassVar[tuple[str, ...]] = (
         "registrations", "forecast", "foresight", "cadence", "latency", "beliefs", "motion_px", "seen_ns",
     )  # fmt: skip
-    FLOW: ClassVar[Literal["tiles"]] = "tiles"
     OBJECTIVE: ClassVar[Objective] = "information"
     STEERED: ClassVar[bool] = True
     FILTERED: ClassVar[bool] = False
@@ -104,18 +102,7 @@ class Belief(ExposurePolicy):
 
     @classmethod
     def build(cls, setup: PolicySetup) -> Self:
-        """With its own balance, unless another is configured.
-
-        Raises
-        ------
-        ConfigurationError
-            Without the C extension.
-        """
-        if _native is None:
-            raise ConfigurationError(
-                "policy belief needs the C extension, which is not built here: install gcc and python3-dev and then "
-                "autoexpose-daemon again, or choose another policy"
-            )
+        """With its own balance, unless another is configured."""
         noise = SensorNoise(setup.parameters.full_well_e, setup.parameters.read_noise_e)
         return cls(setup.responses, setup.balance(BlurPhotonBalance(noise)), noise)
 

@@ -14,15 +14,13 @@ from autoexpose_daemon.control.balance import Balance, ExposurePriority, whole_p
 from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
 from autoexpose_daemon.control.parameters import BalanceId, ControlParameters
-from autoexpose_daemon.control.policies.belief.balance import BlurPhotonBalance
-from autoexpose_daemon.control.policies.fisher_map.policy import FisherMap
+from autoexpose_daemon.control.policies.belief.balance import BlurPhotonBalance, times_of_levels
 from autoexpose_daemon.control.policies.flicker import FRAMES, FlickerWatch
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
-from autoexpose_daemon.control.policies.metric_map.view import DELTAS
 from autoexpose_daemon.control.policy import Look, Observation
 from autoexpose_daemon.control.registration import LightChange
 from calibration.response import ResponseFunction
-from drivers.exposure import ExposureLimits, ExposureSetting, linear_gain
+from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import Frame, StereoPair
 from fake_camera.world.lighting import Change, Flicker, LightScript
 from tests.autoexpose_daemon.control.scene import expose, radiance
@@ -105,7 +103,7 @@ def found_s(seen: list[Seen], rate_hz: float) -> float:
     return next(index for index, each in enumerate(seen) if each.flicker_hz is not None) / rate_hz
 
 
-@pytest.mark.parametrize("policy_id", [DEFAULT_POLICY, "metric-map", "neves2009", "begin2022"])
+@pytest.mark.parametrize("policy_id", [DEFAULT_POLICY, "neves2009", "begin2022"])
 @pytest.mark.parametrize(("rate_hz", "flicker_hz"), [(60.0, 100.0), (47.0, 100.0), (47.0, 120.0)])
 def test_a_lamp_is_found_and_vanishes_from_the_frames(policy_id: str, rate_hz: float, flicker_hz: float) -> None:
     mains = 1 + 1e-3  # they are never exact
@@ -135,20 +133,15 @@ def test_where_no_period_fits_the_exposure_is_as_without_flicker() -> None:
 
 
 @pytest.mark.parametrize("balance", [BlurPhotonBalance(NOISE), ExposurePriority()])
-def test_fisher_map_judges_a_level_by_the_setting_that_it_would_get(balance: Balance) -> None:
+def test_a_level_is_judged_by_the_setting_that_it_would_get(balance: Balance) -> None:
     """Even near the upper limit, where the gain cannot make up for whole periods; in steps of the camera."""
     limits = ExposureLimits(20.0, 25_000.0, 0.0, 30.0, time_step_us=7.0)
-    policy, setting = FisherMap({"left": LINEAR}, balance, NOISE, native=False), ExposureSetting(21_034.0, 24.0)
-    policy.motion_px = 0.0
     looks = [Look("left", np.zeros((136, 180), np.uint8), LINEAR)]
-    observation = Observation(looks, setting, 0.0, 0.0, 0.0, 0.0, limits, flicker_hz=100.0)
-    times_us, gains = policy._splits(observation)
-    for level, time_us, gain in zip(setting.level + DELTAS, times_us, gains, strict=True):
-        within = limits.clamp_level(level)
-        wanted_us = whole_periods_us(balance.exposure_time_us(within, 0.0, limits), within, limits, 100.0)
-        expected = limits.realise(within, wanted_us)
-        assert time_us == expected.exposure_time_us
-        assert gain == pytest.approx(linear_gain(expected.gain_db) * 2.0 ** (level - expected.level))
+    observation = Observation(looks, ExposureSetting(21_034.0, 24.0), 0.0, 0.0, 0.0, 0.0, limits, flicker_hz=100.0)
+    levels = np.linspace(limits.darkest.level, limits.brightest.level, 40)
+    for level, time_us in zip(levels.tolist(), times_of_levels(balance, levels, 0.0, observation), strict=True):
+        wanted_us = whole_periods_us(balance.exposure_time_us(level, 0.0, limits), level, limits, 100.0)
+        assert time_us == limits.realise(level, wanted_us).exposure_time_us
 
 
 @pytest.mark.parametrize(("rate_hz", "flicker_hz"), [(60.0, 120.0), (50.0, 100.0), (55.0, 100.0), (55.0, 120.0)])

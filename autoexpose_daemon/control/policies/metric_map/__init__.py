@@ -1,1 +1,0 @@
-"""What the policy `metric-map` is made of: one idea per file, all pure."""
