@@ -20,7 +20,7 @@ from evaluation.experiments.worth.odometry import closed_loop
 from evaluation.experiments.worth.odometry.closed_loop import hindsight
 from evaluation.experiments.worth.odometry.drives import CHOICE, LUX, PERIODS_S, SCORED, SEEN, Drive, drives
 from evaluation.experiments.worth.odometry.follower import WORST_MM, Follower
-from evaluation.experiments.worth.odometry_judge import GROUP, JUDGES, jobs_of, measure_contender
+from evaluation.experiments.worth.odometry_judge import JUDGES, jobs_of, measure_contender
 from evaluation.odometry.tracking import EVERY, FAILED_PAIRS
 from evaluation.scenes.natural_rooms import WINDOW_AWAY_M
 from evaluation.scenes.views import CAMERA
@@ -144,6 +144,4 @@ def test_jobs_hold_plain_data_and_a_quick_run_is_short() -> None:
     assert Drive.of(json.loads(json.dumps(drive.plain()))) == drive
     (given,) = {json.dumps(job.arguments["drives"]) for job in jobs_of("tuning", True)}
     assert [one["seconds"] for one in json.loads(given)] == [1.25]
-    full = jobs_of("report", False)
-    assert len(full) == (1 + len(CONTENDERS)) * ROOMS // GROUP
-    assert {job.policies for job in full} == {(), *((one.policy_id,) for one in CONTENDERS.values())}
+    assert {job.policies for job in jobs_of("report", False)} == {(), *((one.policy_id,) for one in CONTENDERS.values())}
