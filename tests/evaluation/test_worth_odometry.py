@@ -144,4 +144,7 @@ def test_jobs_hold_plain_data_and_a_quick_run_is_short() -> None:
     assert Drive.of(json.loads(json.dumps(drive.plain()))) == drive
     (given,) = {json.dumps(job.arguments["drives"]) for job in jobs_of("tuning", True)}
     assert [one["seconds"] for one in json.loads(given)] == [1.25]
-    assert {job.policies for job in jobs_of("report", False)} == {(), *((one.policy_id,) for one in CONTENDERS.values())}
+    assert {job.policies for job in jobs_of("report", False)} == {
+        (),
+        *((one.policy_id,) for one in CONTENDERS.values()),
+    }
