@@ -136,6 +136,14 @@ def test_the_maximum_found_is_the_global_one() -> None:
     assert worth(levels[-1], 14.0, scene) > 0.95 * best
 
 
+@pytest.mark.parametrize("below", [6.0, 8.0, 10.0])
+def test_a_room_far_below_a_window_is_found_though_it_begins_black(below: float) -> None:
+    scene = np.where(np.arange(180) < 50, radiance(1, 1.0), 2.0**-below * radiance(2, 1.0))
+    _, best = best_level(9.0, scene)
+    levels = run(make(), [9.0] * 20, ExposureSetting(512.0, 0.0), scene=scene)
+    assert worth(levels[-1], 9.0, scene) > 0.9 * best
+
+
 def test_a_wall_that_stays_white_is_looked_at_and_then_left_alone() -> None:
     scene = radiance(5, 0.5)
     scene[:, 130:] = 2.0**5
