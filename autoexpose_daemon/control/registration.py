@@ -82,14 +82,18 @@ class Registration:
         None after a frame of another camera, and when no pixel shows any change. `level` is the exposure level of this
         frame, stops; pixels that weigh nothing do not count.
         """
-        now = self._sampled(look)
         side, before, level_change = self.side, self.previous, level - self.previous_level
-        self.side, self.previous, self.previous_level = look.side, now, level
+        now = self.remember(look, level)
         if before is None or side != look.side or before.shape != now.shape:
             return None
         counts = None if look.weights is None else np.ascontiguousarray(look.weights[::STRIDE, ::STRIDE])
         counted, known, median = _native.light_change(before, now, counts, *self._tables[look.side])
         return None if math.isnan(median) else LightChange(median - level_change, known >= LEAST_SHARE * counted)
+
+    def remember(self, look: Look, level: float) -> NDArray[np.uint8]:
+        """Keep a frame for the next to be compared with; returns what is kept of it, as `previous`."""
+        self.side, self.previous, self.previous_level = look.side, self._sampled(look), level
+        return self.previous
 
     def _sampled(self, look: Look) -> NDArray[np.uint8]:
         """Every fifth pixel; one beside a saturated pixel was partly averaged from saturated ones, and counts as one.

@@ -20,7 +20,14 @@ from evaluation.experiments.worth.odometry import closed_loop
 from evaluation.experiments.worth.odometry.closed_loop import hindsight
 from evaluation.experiments.worth.odometry.drives import CHOICE, LUX, PERIODS_S, SCORED, SEEN, Drive, drives
 from evaluation.experiments.worth.odometry.follower import WORST_MM, Follower
-from evaluation.experiments.worth.odometry_judge import JUDGES, jobs_of, measure_contender
+from evaluation.experiments.worth.odometry_judge import (
+    CLOSEST,
+    GROUP,
+    JUDGES,
+    SCREENED_EVERY,
+    jobs_of,
+    measure_contender,
+)
 from evaluation.odometry.tracking import EVERY, FAILED_PAIRS
 from evaluation.scenes.natural_rooms import WINDOW_AWAY_M
 from evaluation.scenes.views import CAMERA
@@ -144,7 +151,7 @@ def test_jobs_hold_plain_data_and_a_quick_run_is_short() -> None:
     assert Drive.of(json.loads(json.dumps(drive.plain()))) == drive
     (given,) = {json.dumps(job.arguments["drives"]) for job in jobs_of("tuning", True)}
     assert [one["seconds"] for one in json.loads(given)] == [1.25]
-    assert {job.policies for job in jobs_of("report", False)} == {
-        (),
-        *((one.policy_id,) for one in CONTENDERS.values()),
-    }
+    full, groups = jobs_of("report", False), ROOMS // GROUP
+    screened = 1 + len(CONTENDERS) - len(CLOSEST)  # and the best in hindsight
+    assert len(full) == len(CLOSEST) * groups + screened * groups // SCREENED_EVERY
+    assert {job.policies for job in full} == {(), *((one.policy_id,) for one in CONTENDERS.values())}

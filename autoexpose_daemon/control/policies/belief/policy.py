@@ -54,6 +54,10 @@ LARGE_CHANGE = 0.5
 """Stops. Flow measured across a larger change is wrong. If the light changes by more and cannot be measured, all that
 was believed is dropped."""
 
+LOST_AFTER = 1.5
+"""A camera that was silent for so many times as long as the other has lost a frame: it does not say how the light has
+changed since the latest."""
+
 STILL_PX, SLOW_PX = 1.0, 8.0
 """Pixels per 1/60 s: less is no motion, and from 8 on content causes slopes that look like ramps of the light."""
 
@@ -90,7 +94,7 @@ class Belief(ExposurePolicy):
 
     def __init__(self, responses: Mapping[Side, ResponseFunction], balance: Balance, noise: SensorNoise) -> None:
         self.balance = balance
-        self.registrations = {side: Registration(responses) for side in responses}
+        self.registrations = {side: Registration({side: response}) for side, response in responses.items()}
         self.forecast = Forecast()
         self.foresight = Foresight()
         self.cadence = Cadence()
@@ -147,8 +151,8 @@ class Belief(ExposurePolicy):
         since_s = self._since_before_s(observation.looks)
         seconds = min(since_s.values())
         showing = [(look, each) for look, each in news if shows(each.count)] or seen[:1]
-        there_before = min(showing, key=lambda one: since_s[one[0].side] > 1.5 * seconds)  # its frame was not lost
-        light = self._light_change(*there_before, observation)
+        unbroken = min(showing, key=lambda one: since_s[one[0].side] > LOST_AFTER * seconds)
+        light = self._light_change(*unbroken, observation)
         self.forecast.add(light.stops, self.cadence.frames(seconds))
         if not light.measured and abs(light.stops) > LARGE_CHANGE:
             for belief in self.beliefs.values():
@@ -175,8 +179,10 @@ class Belief(ExposurePolicy):
         """By how much the light has changed for a camera; and is the motion that was measured to be believed?"""
         level = observation.setting.level
         level_change = level - self.registrations[look.side].previous_level
-        changes = {each.side: self.registrations[each.side].change(each, level) for each in observation.looks}
-        light = changes[look.side] or LightChange(0.0, measured=False)
+        light = self.registrations[look.side].change(look, level) or LightChange(0.0, measured=False)
+        for other in observation.looks:
+            if other is not look:
+                self.registrations[other.side].remember(other, level)
         if not light.measured:  # no less than that if the picture is white, no more if it is black
             white = seen.count[:, -1].sum() > seen.count[:, 0].sum()
             light = LightChange(max(light.stops, 0.0) if white else min(light.stops, 0.0), measured=False)
