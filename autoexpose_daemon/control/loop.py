@@ -297,7 +297,6 @@ class ControlLoop:
             motion_px=self._speed_px(look, frame, setting, angular_rate_rad_s),
             limits=limits,
             past=self._past,
-            by_flow=angular_rate_rad_s is None,
             flicker_hz=self.flicker_hz,
             light_ahead=light_ahead,
             steering=self.steering,

@@ -117,8 +117,6 @@ class Observation:
         Bounds and increments that the next setting will be cut to.
     past
         The latest decisions, oldest first, one per frame.
-    by_flow
-        Whether `motion_px` is from optical flow, which may mistake a change of light for motion, not from a gyroscope.
     flicker_hz
         Flashes of the light per second: the next exposure time will be whole periods, if they fit; None: any time.
     light_ahead
@@ -137,7 +135,6 @@ class Observation:
     motion_px: float
     limits: ExposureLimits
     past: Sequence[PastStep] = ()
-    by_flow: bool = True
     flicker_hz: float | None = None
     light_ahead: LightAhead | None = None
     steering: Steering | None = None

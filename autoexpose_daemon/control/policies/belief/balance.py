@@ -90,11 +90,9 @@ def bounded(balance: Balance, observation: Observation, forecast: Forecast) -> B
     return balance
 
 
-def times_of_levels(
-    balance: Balance, levels: NDArray[np.float64], motion_px: float, observation: Observation
-) -> NDArray[np.float64]:
+def times_of_levels(balance: Balance, levels: NDArray[np.float64], observation: Observation) -> NDArray[np.float64]:
     """Exposure time (us) that each level (stops, within the limits) would get, shape (n,)."""
-    limits, flicker_hz = observation.limits, observation.flicker_hz
+    limits, motion_px, flicker_hz = observation.limits, observation.motion_px, observation.flicker_hz
     if isinstance(balance, BlurPhotonBalance):
         times_us = balance.exposure_times_us(levels, motion_px, limits)
         if flicker_hz is None:  # already within the limits

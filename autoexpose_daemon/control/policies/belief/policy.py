@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from autoexpose_daemon.control.balance import Balance
 from autoexpose_daemon.control.grounds import Grounds
-from autoexpose_daemon.control.light_ahead import LightAhead
 from autoexpose_daemon.control.metrics.contrast import CELLS, Contrast, contrast
 from autoexpose_daemon.control.metrics.extension import extension as _native
 from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
@@ -51,8 +50,7 @@ HOPE = 1.5
 """What is hidden may hold more than what is beside it: looks are valued as if it were worth so many times as much."""
 
 LARGE_CHANGE = 0.5
-"""Stops. Flow measured across a larger change is wrong. If the light changes by more and cannot be measured, all that
-was believed is dropped."""
+"""Stops. If the light changes by more and that cannot be measured, all that was believed is dropped."""
 
 LOST_AFTER = 1.5
 """A camera that was silent for so many times as long as the other has lost a frame: it does not say how the light has
@@ -77,7 +75,7 @@ class Belief(ExposurePolicy):
     """
 
     STATE: ClassVar[tuple[str, ...]] = (
-        "registrations", "forecast", "foresight", "cadence", "latency", "beliefs", "motion_px", "seen_ns",
+        "registrations", "forecast", "foresight", "cadence", "latency", "beliefs", "seen_ns",
     )  # fmt: skip
     OBJECTIVE: ClassVar[Objective] = "information"
     STEERED: ClassVar[bool] = True
@@ -89,7 +87,6 @@ class Belief(ExposurePolicy):
     cadence: Cadence
     latency: LoopDelay
     beliefs: dict[Side, SceneBelief]
-    motion_px: float
     seen_ns: dict[Side, int]
 
     def __init__(self, responses: Mapping[Side, ResponseFunction], balance: Balance, noise: SensorNoise) -> None:
@@ -100,7 +97,6 @@ class Belief(ExposurePolicy):
         self.cadence = Cadence()
         self.latency = LoopDelay()
         self.beliefs = {side: SceneBelief(Optics(response, noise)) for side, response in responses.items()}
-        self.motion_px = 0.0
         self.seen_ns = {}
         self._planned_for: tuple[float, Prospects, Array] | None = None
 
@@ -158,7 +154,7 @@ class Belief(ExposurePolicy):
             for belief in self.beliefs.values():
                 belief.forget()
         for belief in self.beliefs.values():
-            belief.pass_time(seconds, self._moved_cells(observation.looks[0], seconds), light.stops)
+            belief.pass_time(seconds, _moved_cells(observation, seconds), light.stops)
         for look, each in news:
             setting = look.setting or observation.setting
             self.beliefs[look.side].see(
@@ -176,30 +172,19 @@ class Belief(ExposurePolicy):
         return contrast(look.unfiltered, self.beliefs[look.side].optics.bins, look.weights)
 
     def _light_change(self, look: Look, seen: Contrast, observation: Observation) -> LightChange:
-        """By how much the light has changed for a camera; and is the motion that was measured to be believed?"""
+        """By how much the light has changed for a camera."""
         level = observation.setting.level
-        level_change = level - self.registrations[look.side].previous_level
         light = self.registrations[look.side].change(look, level) or LightChange(0.0, measured=False)
         for other in observation.looks:
             if other is not look:
                 self.registrations[other.side].remember(other, level)
         if not light.measured:  # no less than that if the picture is white, no more if it is black
             white = seen.count[:, -1].sum() > seen.count[:, 0].sum()
-            light = LightChange(max(light.stops, 0.0) if white else min(light.stops, 0.0), measured=False)
-        calm = light.measured and max(abs(light.stops), abs(level_change)) < LARGE_CHANGE
-        if calm or not observation.by_flow:
-            self.motion_px = observation.motion_px
+            return LightChange(max(light.stops, 0.0) if white else min(light.stops, 0.0), measured=False)
         return light
 
-    def _moved_cells(self, look: Look, seconds: float) -> float:
-        """By which share of a cell the picture has moved."""
-        if self.motion_px < STILL_PX:
-            return 0.0
-        cell_px = look.image.shape[1] / CELLS
-        return float(min(blur_length_px(self.motion_px, 1e6 * seconds, look.scale) / cell_px, MOST_MOVED))
-
     def _planned(self, observation: Observation) -> Target:
-        light, chances = self._light_ahead(observation.light_ahead)
+        light, chances = self._light_ahead(observation)
         levels, step, beyond = _levels(observation.limits, float(np.abs(light).max()))
         worth, look = self._prospects(levels, observation)
         level, past = observation.setting.level, observation.past
@@ -220,10 +205,10 @@ class Belief(ExposurePolicy):
         Where consumers steer, what the favoured parts of the picture are worth, as far as the whole can afford it.
         """
         reachable = levels.clip(observation.limits.darkest.level, observation.limits.brightest.level)
-        times_us = times_of_levels(self.balance, reachable, self.motion_px, observation)
+        times_us = times_of_levels(self.balance, reachable, observation)
         now_us, scale = observation.setting.exposure_time_us, observation.looks[0].scale
         gains, sharp = np.empty((2, levels.size))
-        _native.split_levels(reachable, times_us, self.motion_px * PER_US / scale, now_us, gains, sharp)
+        _native.split_levels(reachable, times_us, observation.motion_px * PER_US / scale, now_us, gains, sharp)
         steering = observation.steering
         beliefs = {side: belief for side, belief in self.beliefs.items() if belief.by_cell.any()}
         information, favoured, revealed = np.empty((3, len(beliefs), HYPOTHESES, levels.size))
@@ -232,7 +217,7 @@ class Belief(ExposurePolicy):
             favours = None if steering is None else steering.weights(side, CELLS, CELLS)
             outlook = Outlook(probability[camera], information[camera], favoured[camera], revealed[camera])
             belief.look_out(levels, gains, favours, outlook)
-        served = SERVED_FRAMES / (1.0 + SERVED_FRAMES * min(self.motion_px / PASSING_PX, 1.0))
+        served = SERVED_FRAMES / (1.0 + SERVED_FRAMES * min(observation.motion_px / PASSING_PX, 1.0))
         worth, look = np.empty((2, levels.size))
         _native.weigh_levels(
             information, None if steering is None else favoured, revealed, probability, self._votes(beliefs.values()),
@@ -247,14 +232,14 @@ class Belief(ExposurePolicy):
         votes = np.array([math.exp((youngest_s - belief.age_s) / SILENT_S) for belief in beliefs])
         return np.asarray(votes / votes.sum())
 
-    def _light_ahead(self, told: LightAhead | None) -> tuple[Array, Array]:
+    def _light_ahead(self, observation: Observation) -> tuple[Array, Array]:
         """Paths that the light may take, and their probabilities, which sum to 1.
 
         Stops by which it will have risen until the last frame under way, and each of those planned, shape
         (paths, HORIZON + 1): as its own pattern has it, and as an earlier drive saw it from each place where the rig
         may be.
         """
-        steady, delay = self.motion_px < SLOW_PX, self.latency.frames
+        told, steady, delay = observation.light_ahead, observation.motion_px < SLOW_PX, self.latency.frames
         frames = range(delay - 1, delay + HORIZON)
         by_itself = np.array([self.forecast.path(frames, steady=steady)])
         if told is None:
@@ -264,6 +249,15 @@ class Belief(ExposurePolicy):
         risen, here = np.array(told.risen), self.foresight.here[:, None]
         rises = risen.take(here + np.array(frames), mode="clip") - risen.take(here, mode="clip")
         return np.concatenate([by_itself, rises]), np.append(1.0 - share, share * self.foresight.places)
+
+
+def _moved_cells(observation: Observation, seconds: float) -> float:
+    """By which share of a cell the picture has moved."""
+    if observation.motion_px < STILL_PX:
+        return 0.0
+    look = observation.looks[0]
+    cell_px = look.image.shape[1] / CELLS
+    return float(min(blur_length_px(observation.motion_px, 1e6 * seconds, look.scale) / cell_px, MOST_MOVED))
 
 
 def _reason(change: float, look: float) -> str:

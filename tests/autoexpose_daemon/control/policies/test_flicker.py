@@ -139,7 +139,7 @@ def test_a_level_is_judged_by_the_setting_that_it_would_get(balance: Balance) ->
     looks = [Look("left", np.zeros((136, 180), np.uint8), LINEAR)]
     observation = Observation(looks, ExposureSetting(21_034.0, 24.0), 0.0, 0.0, 0.0, 0.0, limits, flicker_hz=100.0)
     levels = np.linspace(limits.darkest.level, limits.brightest.level, 40)
-    for level, time_us in zip(levels.tolist(), times_of_levels(balance, levels, 0.0, observation), strict=True):
+    for level, time_us in zip(levels.tolist(), times_of_levels(balance, levels, observation), strict=True):
         wanted_us = whole_periods_us(balance.exposure_time_us(level, 0.0, limits), level, limits, 100.0)
         assert time_us == limits.realise(level, wanted_us).exposure_time_us
 
