@@ -22,7 +22,7 @@ ROBOT_PACKAGES := $(DEMO_PACKAGES) udev
 EXTRAS := sim,calibration,publish,record,page
 
 # A set-up that lacks one of the C parts is made again: `git clean` takes them, and the second is optional for pip.
-NATIVE_SOURCES := setup.py $(wildcard autoexpose_daemon/control/native/* fake_camera/usb3/shim/*)
+NATIVE_SOURCES := setup.py $(wildcard autoexpose_daemon/control/native/*/* fake_camera/usb3/shim/*)
 UNBUILT := $(if $(and $(wildcard autoexpose_daemon/control/_native.*.so),$(wildcard fake_camera/usb3/_shim.*.so)),,unbuilt)
 
 .PHONY: unbuilt setup demo test suite parallel realtime test-again test-data test-platforms test-arm64 lint bench accept soak fuzz mutate test-kernel install uninstall deb wheels image docs clean

@@ -25,8 +25,9 @@ setup(
     ext_modules=[
         Extension(
             "autoexpose_daemon.control._native",
-            sources=sorted(str(path) for path in Path(NATIVE).glob("*.c")),
-            depends=sorted(str(path) for path in Path(NATIVE).glob("*.h")),
+            sources=sorted(str(path) for path in Path(NATIVE).rglob("*.c")),
+            depends=sorted(str(path) for path in Path(NATIVE).rglob("*.h")),
+            include_dirs=[NATIVE],
             # Square roots that set no errno and convert without traps can be vectorised.
             extra_compile_args=["-O3", "-std=c11", "-fno-math-errno", "-fno-trapping-math"],
             libraries=["m"],

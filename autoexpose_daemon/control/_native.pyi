@@ -101,6 +101,7 @@ def look_out(
     revealed: NDArray[np.float64],
     /,
 ) -> float: ...
+def find_period(changes: NDArray[np.float64], least_frames: int, least_variance: float, residue: float, /) -> int: ...
 def weigh_levels(
     information: NDArray[np.float64],
     favoured: NDArray[np.float64] | None,

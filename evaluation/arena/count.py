@@ -91,7 +91,7 @@ def python_files(policy_id: str, root: Path = ROOT) -> dict[str, Path]:
 
 def c_files(python: Sequence[Path], root: Path = ROOT) -> list[Path]:
     """The files of the C extension with the functions that these Python files call, and all that those need."""
-    sources = sorted((root / NATIVE).glob("*.c"))
+    sources = sorted((root / NATIVE).rglob("*.c"))
     if not sources:
         raise ConfigurationError(f"{root / NATIVE}: no C files to count: run this from a checkout of the sources")
     names = {node.attr for path in python for node in ast.walk(_tree(path)) if isinstance(node, ast.Attribute)}
@@ -102,7 +102,8 @@ def c_files(python: Sequence[Path], root: Path = ROOT) -> list[Path]:
         if path in reached or not path.exists():
             continue
         reached.add(path)
-        ahead += [path.parent / name for name in _INCLUDE.findall(path.read_text(encoding="utf-8"))]
+        included = _INCLUDE.findall(path.read_text(encoding="utf-8"))
+        ahead += [folder / name for folder in (path.parent, root / NATIVE) for name in included]
         ahead.append(path.with_suffix(".c"))
     return sorted(reached)
 

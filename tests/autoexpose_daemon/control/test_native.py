@@ -123,6 +123,6 @@ def test_c_compiles_without_warnings() -> None:
     compiler = (sysconfig.get_config_var("CC") or "cc").split()[0]
     include = sysconfig.get_paths()["include"]
     flags = ["-std=c11", "-O1", "-Wall", "-Wextra", "-Werror", "-fsyntax-only"]
-    sources = sorted(str(path) for path in SOURCES.glob("*.c"))
-    checked = subprocess.run([compiler, *flags, f"-I{include}", *sources], capture_output=True, text=True, check=False)
+    sources = sorted(str(path) for path in SOURCES.rglob("*.c"))
+    checked = subprocess.run([compiler, *flags, f"-I{include}", f"-I{SOURCES}", *sources], capture_output=True, text=True, check=False)
     assert checked.returncode == 0, checked.stderr

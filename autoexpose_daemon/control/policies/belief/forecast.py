@@ -9,7 +9,8 @@ from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
+
+from autoexpose_daemon.control.metrics.extension import extension as _native
 
 HISTORY = 96
 """Frames: one and a half seconds at 60 Hz, three periods of a shadow that passes twice a second."""
@@ -27,9 +28,6 @@ every frame, would otherwise have a period of 2 frames."""
 RAMP_FRAMES = 4
 RAMP_SLOPE = 0.03
 """A ramp: this many changes in a row with one sign, each of at least this many stops."""
-
-_SLACK = 1.0 + 1e-6
-"""What is excluded quickly must be excluded by this factor."""
 
 SWING_FRAMES = 12
 """Frames over which `Forecast.swing` looks: as long as the longest beat of flicker and frame rate."""
@@ -84,10 +82,7 @@ class Forecast:
 
     def period(self) -> int | None:
         """Frames after which the changes repeat themselves; None when they do not, or are small."""
-        if not self.changes or max(self.changes) - min(self.changes) < 2 * LEAST_CHANGE / _SLACK:
-            return None  # no variance is greater than the square of half the range
-        changes = np.array(self.changes)
-        return next((lag for lag in _likely_periods(changes) if _repeats(changes, lag)), None)
+        return _native.find_period(np.array(self.changes), LEAST_FRAMES, LEAST_CHANGE**2, RESIDUE) or None
 
     def _slope(self) -> float:
         if len(self.changes) <= RAMP_FRAMES:
@@ -95,35 +90,3 @@ class Forecast:
         recent = [self.changes[-frame] for frame in range(1, RAMP_FRAMES + 1)]
         ramp = min(recent) > RAMP_SLOPE or max(recent) < -RAMP_SLOPE
         return statistics.median(recent) if ramp else 0.0
-
-
-def _repeats(changes: NDArray[np.float64], lag: int) -> bool:
-    """Whether the newest changes are large, and the same as those `lag` frames before."""
-    seen = changes[-max(2 * lag, LEAST_FRAMES + lag) :]
-    power = float(np.var(seen))
-    if len(seen) < LEAST_FRAMES + 2 or power < LEAST_CHANGE**2:
-        return False
-    return float(np.mean((seen[lag:] - seen[:-lag]) ** 2)) < 2 * RESIDUE * power
-
-
-def _likely_periods(changes: NDArray[np.float64]) -> list[int]:
-    """Every lag for which `_repeats` may hold, ascending, from running sums over all lags at once.
-
-    Asking `_repeats` about each of 47 lags took a seventh of the policy's step. These sums differ from its own in their
-    last bits, which `_SLACK` covers by far, so the outcome is the same to the last bit.
-    """
-    count, newest = len(changes), changes[::-1]
-    lags = np.arange(2, count // 2 + 1)
-    seen = np.minimum(np.maximum(2 * lags, LEAST_FRAMES + lags), count)
-    mean = np.cumsum(newest)[seen - 1] / seen
-    power = _SLACK * (np.cumsum(newest**2)[seen - 1] / seen - mean**2)
-    large = power >= LEAST_CHANGE**2
-    if not large.any():
-        return []
-    lags, seen, power = lags[large], seen[large], power[large]
-    ages = np.arange((seen - lags).max())
-    before = newest[np.minimum(ages + lags[:, None], count - 1)]
-    squares = np.cumsum((newest[ages] - before) ** 2, axis=1)
-    residue = squares[np.arange(lags.size), seen - lags - 1] / (seen - lags)
-    likely: list[int] = lags[residue < 2 * RESIDUE * power].tolist()
-    return likely

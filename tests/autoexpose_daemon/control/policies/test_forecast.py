@@ -55,12 +55,12 @@ def test_random_changes_have_no_period() -> None:
     assert forecast.period() is None
 
 
-def slow_period(changes: list[float]) -> int | None:
-    """The shortest lag, of at least two periods, at which the newest changes are large and recur."""
+def slow_period(changes: list[float], slack: float) -> int | None:
+    """The shortest lag, of at least two periods, at which the newest changes are large and recur, or almost."""
     for lag in range(2, len(changes) // 2 + 1):
         seen = np.array(changes)[-max(2 * lag, LEAST_FRAMES + lag) :]
-        large = len(seen) >= LEAST_FRAMES + 2 and np.var(seen) >= LEAST_CHANGE**2
-        if large and np.mean((seen[lag:] - seen[:-lag]) ** 2) < 2 * RESIDUE * np.var(seen):
+        large = len(seen) >= LEAST_FRAMES + 2 and np.var(seen) >= slack * LEAST_CHANGE**2
+        if large and np.mean((seen[lag:] - seen[:-lag]) ** 2) < 2 * RESIDUE * np.var(seen) / slack:
             return lag
     return None
 
@@ -72,14 +72,14 @@ def slow_period(changes: list[float]) -> int | None:
     still_frames=st.integers(0, 96),
     seed=st.integers(0, 99),
 )
-def test_looking_at_all_lags_at_once_misses_no_period(
+def test_the_shortest_period_is_found(
     length: int, cycle: list[float], noise: float, still_frames: int, seed: int
 ) -> None:
     changes = (np.resize(cycle, length) + np.random.default_rng(seed).normal(0.0, noise, length)).tolist()
     forecast = Forecast()
     for change in [0.0] * still_frames + changes:
         forecast.add(change)
-    assert forecast.period() == slow_period(list(forecast.changes))
+    assert forecast.period() in {slow_period(list(forecast.changes), slack) for slack in (1 - 1e-9, 1 + 1e-9)}
 
 
 @pytest.mark.parametrize("delay", [1, 2, 3, 6])

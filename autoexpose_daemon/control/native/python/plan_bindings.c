@@ -1,7 +1,31 @@
-/* plan.h for Python. */
+/* forecast.h and plan.h for Python. */
 #include "arguments.h"
 #include "bindings.h"
-#include "plan.h"
+#include "belief/forecast.h"
+#include "belief/plan.h"
+
+PyDoc_STRVAR(find_period_doc,
+             "find_period(changes, least_frames, least_variance, residue)\n--\n\n"
+             "After how many frames changes of light, float64 (n,), oldest first, repeat themselves; 0: they do not.");
+
+static PyObject *find_period_of(PyObject *module, PyObject *arguments)
+{
+    PyObject *object, *result = NULL;
+    Py_ssize_t least_frames;
+    Pattern pattern;
+    Held held = {0};
+    (void)module;
+    if (!PyArg_ParseTuple(arguments, "Ondd", &object, &least_frames, &pattern.least_variance, &pattern.residue))
+        return NULL;
+    const double *changes = hold_doubles(&held, object, -1, "changes");
+    pattern.least_frames = (size_t)least_frames;
+    if (changes && least_frames < 0)
+        PyErr_SetString(PyExc_ValueError, "least_frames must not be negative");
+    else if (changes)
+        result = PyLong_FromSize_t(find_period(changes, (size_t)held_numbers(&held), &pattern));
+    release(&held);
+    return result;
+}
 
 PyDoc_STRVAR(weigh_levels_doc,
              "weigh_levels(information, favoured, revealed, probability, votes, sharp, hope, least_camera, steering_share,\n"
@@ -81,6 +105,7 @@ static PyObject *plan_frames_of(PyObject *module, PyObject *arguments)
 }
 
 PyMethodDef plan_methods[] = {
+    {"find_period", find_period_of, METH_VARARGS, find_period_doc},
     {"weigh_levels", weigh_levels_of, METH_VARARGS, weigh_levels_doc},
     {"plan_frames", plan_frames_of, METH_VARARGS, plan_frames_doc},
     {NULL, NULL, 0, NULL},

@@ -3,7 +3,7 @@
 #include <math.h>
 #include <stdlib.h>
 
-#include "vectorised.h"
+#include "picture/vectorised.h"
 
 /* What is hidden is somewhere, even if all has been looked at. */
 #define SOMEWHERE 1e-9

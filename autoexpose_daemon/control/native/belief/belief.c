@@ -6,7 +6,7 @@
 
 #include "hidden.h"
 #include "noise.h"
-#include "vectorised.h"
+#include "picture/vectorised.h"
 
 /* What has faded to this is nothing: numbers much smaller take long. */
 #define FADED 1e-200

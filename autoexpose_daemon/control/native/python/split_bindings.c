@@ -1,7 +1,7 @@
 /* split.h for Python. */
 #include "arguments.h"
 #include "bindings.h"
-#include "split.h"
+#include "belief/split.h"
 
 PyDoc_STRVAR(best_times_doc,
              "best_times(levels, shortest, longest, least_gain, greatest_gain, shot, read, pixels, speed, scale, times_us)\n"

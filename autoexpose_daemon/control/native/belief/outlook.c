@@ -1,11 +1,12 @@
+#include "outlook.h"
+
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "belief.h"
 #include "hidden.h"
 #include "noise.h"
-#include "vectorised.h"
+#include "picture/vectorised.h"
 
 /* Cells whose sums fit into the registers of a processor. */
 enum { AT_ONCE = 16 };

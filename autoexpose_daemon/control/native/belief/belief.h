@@ -4,7 +4,7 @@
 
 #include <stddef.h>
 
-#include "contrast.h"
+#include "picture/contrast.h"
 
 /* Distances at which mass may be detached; log exposures for which a bin stands. */
 enum { SIDES = 2, DISTANCES = 2, GUESSES = 1 + DISTANCES, HYPOTHESES = 1 + GUESSES, SAMPLES = 4 };
@@ -41,19 +41,12 @@ typedef struct {
     double level, gain, averaged;
 } Frame;
 
-/* What frames tell besides what becomes of the scene: the noise as a share of that expected, and of the contrast guessed in what had not been looked at: all of it, what the frame should have shown,
- * and what it did show. The last two are 0 if it shows hardly anything new. */
+/* What a frame tells besides what becomes of the scene: the noise as a share of that expected, and of the contrast guessed
+ * in what had not been looked at: all of it, what the frame should have shown, and what it did show. The last two are 0
+ * if it shows hardly anything new. */
 typedef struct {
     double noise_share, guessed, expected, found;
 } Told;
-
-/* Frames that may be taken: levels beyond the drift, linear gains; and how they are judged, cells by their weights. */
-typedef struct {
-    size_t count;
-    const double *levels, *gains;            /* [level] */
-    const double *by_cell, *light, *favours; /* [cell]; favours may be NULL */
-    double averaged, noise_share;
-} Outlooks;
 
 /* What was seen grows old: `kept` is left of it, the camera has moved by a share of a cell, and the light has risen by so
  * many bins. */
@@ -62,16 +55,5 @@ void pass_time(const Scene *scene, double kept, double moved, ptrdiff_t risen);
 /* Takes in a frame; by_cell[cell] is written. Returns 0, or -1 if out of memory. */
 int see_frame(const Rules *rules, Scene *scene, const Optics *optics, const Frame *frame, double *by_cell,
               Told *told);
-
-/* Under each hypothesis (there is nothing, it continues, it is detached so far), at each level: information, [hypothesis][level],
- * and again as favoured, or NULL; the share of what is hidden that would be shown; and the one that is expected to
- * continue. In outlook.c. Returns 0, or -1 if out of memory. */
-int look_out(const Rules *rules, const Scene *scene, const Optics *optics, const Outlooks *frames, double *information,
-             double *favoured, double *revealed, double *continues);
-
-/* Where the light of the whole picture lies, pixels and contrast, [bin]: what was seen; and in the mean over the guesses,
- * if there is something, what is hidden. Returns as `look_out`. */
-int sum_light(const Rules *rules, const Scene *scene, double *pixels, double *contrast, double *guessed,
-              double *guessed_contrast);
 
 #endif

@@ -1,9 +1,9 @@
 /* contrast.h, shift.h and tones.h for Python. */
 #include "arguments.h"
 #include "bindings.h"
-#include "contrast.h"
-#include "shift.h"
-#include "tones.h"
+#include "picture/contrast.h"
+#include "picture/shift.h"
+#include "picture/tones.h"
 #include <math.h>
 
 PyDoc_STRVAR(contrast_sums_doc,

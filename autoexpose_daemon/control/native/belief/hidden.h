@@ -94,4 +94,9 @@ void guess_hidden(const Rules *rules, const Scene *scene, size_t side, size_t nu
 /* The chance of a guess, if there is something. */
 double chance_of(size_t number, double continues);
 
+/* Where the light of the whole picture lies, pixels and contrast, [bin]: what was seen; and in the mean over the guesses,
+ * if there is something, what is hidden. Returns 0, or -1 if out of memory. */
+int sum_light(const Rules *rules, const Scene *scene, double *pixels, double *contrast, double *guessed,
+              double *guessed_contrast);
+
 #endif

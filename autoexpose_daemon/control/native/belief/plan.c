@@ -4,7 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "vectorised.h"
+#include "picture/vectorised.h"
 
 /* A camera's best counts as more than nothing. */
 #define LEAST_BEST 1e-9

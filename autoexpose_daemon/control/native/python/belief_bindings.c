@@ -1,6 +1,8 @@
-/* belief.h for Python. */
+/* belief.h, hidden.h and outlook.h for Python. */
 #include "arguments.h"
-#include "belief.h"
+#include "belief/belief.h"
+#include "belief/hidden.h"
+#include "belief/outlook.h"
 #include "bindings.h"
 
 /* Of a call; `rules`, `scene` and `optics` are tuples. */

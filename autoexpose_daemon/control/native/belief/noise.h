@@ -2,7 +2,7 @@
 #ifndef AUTOEXPOSE_NOISE_H
 #define AUTOEXPOSE_NOISE_H
 
-#include "contrast.h"
+#include "picture/contrast.h"
 
 /* Grey levels of contrast that feature detectors and matchers lose besides noise: FAST asks for 20 of them over 3 pixels.
  * Of 2 to 12, 6 and 8 did best for ORB and SIFT on two photographs and eight paintings in ten lights. */

@@ -6,7 +6,7 @@
 #include <Python.h>
 #include <stdint.h>
 
-#include "gradient.h"
+#include "picture/gradient.h"
 
 /* The buffers that a call holds; starts as {0}. */
 typedef struct {
