@@ -121,8 +121,8 @@ def test_bad_input_is_refused(change: dict[str, object], message: str) -> None:
 
 def test_c_compiles_without_warnings() -> None:
     compiler = (sysconfig.get_config_var("CC") or "cc").split()[0]
-    include = sysconfig.get_paths()["include"]
-    flags = ["-std=c11", "-O1", "-Wall", "-Wextra", "-Werror", "-fsyntax-only"]
+    include = [f"-I{folder}" for folder in (sysconfig.get_paths()["include"], SOURCES)]
+    flags = ["-std=c11", "-O1", "-Wall", "-Wextra", "-Werror", "-fsyntax-only", *include]
     sources = sorted(str(path) for path in SOURCES.rglob("*.c"))
-    checked = subprocess.run([compiler, *flags, f"-I{include}", f"-I{SOURCES}", *sources], capture_output=True, text=True, check=False)
+    checked = subprocess.run([compiler, *flags, *sources], capture_output=True, text=True, check=False)
     assert checked.returncode == 0, checked.stderr
