@@ -16,6 +16,7 @@ import cv2
 import numpy as np
 
 from autoexpose_daemon.client import ReceivedPair, alike
+from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from calibration.response import ResponseFunction
 from drivers.exposure import ExposureSetting
 from drivers.frames import Side, StereoPair
@@ -37,7 +38,6 @@ from evaluation.stage.delayed_loop import Entrant
 from evaluation.stage.oracle import Oracle, best_start
 from evaluation.stage.rendering import Stage
 
-POLICY = "belief"
 LOOP_SCENARIOS = ("step_up", "step_down", "pan", "tunnel", "sun_shadow")
 
 CHANGES = (0.0, 0.25, 0.5, 1.0, 2.0)
@@ -207,7 +207,7 @@ def _changes(name: str, painter: str, apart_frames: int) -> list[tuple[Taken, Ta
     scenario = SCENARIOS[name]
     course = scenario.draw(np.random.default_rng(SEED))
     stage = Stage(build_views(painter, SEED, course.gaze, scenario.at_window), course, NOISE_SEED)
-    delayed = Entrant.of(POLICY).enter(best_start(Oracle(stage)))
+    delayed = Entrant.of(DEFAULT_POLICY).enter(best_start(Oracle(stage)))
     taken: list[Taken] = []
     for frame in range(course.first_scored + LOOP_FRAMES):
         stage.go_to(frame)

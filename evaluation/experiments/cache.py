@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY, PLACES
+from evaluation.arena.count import c_files
 from evaluation.experiments.experiment import Job, Plain
 from evaluation.kept import KeptResults
 
@@ -55,7 +56,7 @@ _IDS = "autoexpose_daemon.control.policies.ids"
 def _digest(module: str, policies: tuple[str, ...] = tuple(PLACES)) -> str:
     """Of the sources that a module reaches, and of the versions of the libraries that produce numbers.
 
-    It reaches what it imports and, where it reaches the table of policies, the policies with these ids.
+    It reaches what it imports, the C that this calls and, where it reaches the table of policies, those with these ids.
     """
     reached: dict[str, Path] = {}
     ahead = [module]
@@ -75,6 +76,8 @@ def _digest(module: str, policies: tuple[str, ...] = tuple(PLACES)) -> str:
         weights = reached[name].with_suffix(".npz")  # of a learned policy
         if weights.exists():
             state.update(weights.read_bytes())
+    for path in c_files(list(reached.values())):
+        state.update(path.read_bytes())
     state.update(repr([DEFAULT_POLICY, *((policy, PLACES[policy]) for policy in policies)]).encode())
     for library in _LIBRARIES:
         state.update(f"{library} {_version(library)}".encode())

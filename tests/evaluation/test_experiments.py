@@ -125,6 +125,18 @@ def test_another_policy_in_the_table_changes_no_result_of_the_others(monkeypatch
     cache._digest.cache_clear()
 
 
+def test_the_c_that_a_policy_calls_counts(monkeypatch: pytest.MonkeyPatch) -> None:
+    keys = ResultCache(Path("anywhere"))
+    jobs = {policy: Job(measure_policies, {}, policies=(policy,)) for policy in ("belief", "begin2022")}
+    before = {policy: keys.key(job) for policy, job in jobs.items()}
+    read = Path.read_bytes
+    monkeypatch.setattr(Path, "read_bytes", lambda path: read(path) + b" " * (path.name == "outlook.c"))
+    cache._digest.cache_clear()
+    after = {policy: keys.key(job) for policy, job in jobs.items()}
+    cache._digest.cache_clear()
+    assert {policy for policy in jobs if before[policy] != after[policy]} == {"belief"}
+
+
 def test_a_damaged_file_counts_as_none(tmp_path: Path) -> None:
     kept, job = ResultCache(tmp_path), Job(square, {"number": 2})
     kept.put(job, 4)

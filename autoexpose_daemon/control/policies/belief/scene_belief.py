@@ -186,12 +186,7 @@ class SceneBelief:
 
     def is_news(self, seen: Contrast) -> bool:
         """Whether a frame differs from the one before, as by noise, or is all clipped."""
-        before, self.latest = self.latest, seen.count
-        repeated = (
-            before is not None
-            and np.array_equal(before[0], seen.count[0])  # where most differ already
-            and np.array_equal(before, seen.count)
-        )
+        repeated = self.latest is not None and np.array_equal(self.latest, seen.count)
         return not repeated or not shows(seen.count)
 
     def remark(self) -> str | None:
@@ -220,6 +215,7 @@ class SceneBelief:
         relative_light
             What the lens lets through to each cell, shape (64,), with few distinct values; None: the same to all.
         """
+        self.latest = seen.count
         self.averaged = averaged
         if shows(seen.count):
             self.age_s = 0.0
