@@ -41,7 +41,7 @@ _MOTIONS: dict[str, Callable[[ResponseFunction], Motion]] = {
 }
 
 
-STATE_FORMAT = "autoexpose-control/12"
+STATE_FORMAT = "autoexpose-control/13"
 """Format of `ControlSetup` and `ControlLoop.state` as plain data: a new number when names, types or meaning change."""
 
 

@@ -10,7 +10,7 @@ from autoexpose_daemon.control.loop import ControlSetup
 from autoexpose_daemon.control.policies.removed import REMOVED
 from drivers.frames import SIDES
 
-FORMER_FORMATS = tuple(f"autoexpose-control/{number}" for number in range(2, 12))
+FORMER_FORMATS = tuple(f"autoexpose-control/{number}" for number in range(2, 13))
 """In the eleventh, motion was measured by DIS flow unless a paper has Farneback's. In the tenth, only the latest delay
 of the loop was remembered. In the ninth, levels of light ahead followed the light and nothing else. In the eighth,
 searches did not know whose frames they compared. In the sixth, nothing was bracketed. In the fifth, consumers steered

@@ -123,7 +123,7 @@ def test_the_state_is_what_its_format_says() -> None:
     """A change here changes what a recording holds: give `STATE_FORMAT` another number."""
     states = {policy_id: ControlLoop(policy_id, ResponseFunction.linear(), LIMITS, START) for policy_id in POLICY_IDS}
     names = {policy_id: sorted(state) for policy_id, loop in states.items() if (state := _policy_state(loop))}
-    assert STATE_FORMAT == "autoexpose-control/12"
+    assert STATE_FORMAT == "autoexpose-control/13"
     assert set(states["fixed"].state()) == {"past", "motions", "motion_side", "motion_px", "policy", "flicker"}
     assert names == {
         "neves2009": ["previous_error"],
@@ -136,7 +136,7 @@ def test_the_state_is_what_its_format_says() -> None:
         "berthold2013": ["past", "target"],
         "tomasi2021": ["past", "target"],
         "zhang2024": ["past", "target"],
-        "belief": ["beliefs", "cadence", "forecast", "foresight", "latency", "motion_px", "registrations", "seen_ns"],
+        "belief": ["beliefs", "cadence", "forecast", "foresight", "latency", "registrations", "seen_ns"],
     }
 
 
