@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY, LEARNED, POLICY_IDS
+from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY, POLICY_IDS
 from evaluation.experiments.cache import ResultCache
 from evaluation.experiments.drives import fig7, fig12, fig12_claims, fixed_drives, policy_drives
 from evaluation.experiments.drives.courses import FEWEST_ROOMS, over_rooms
@@ -162,7 +162,6 @@ def test_claims_are_judged_by_their_rules() -> None:
                 run("begin2022", base + (6 if scene is UNEVEN else 0), 0.15, scene is UNEVEN),
                 run("mehta2020-code", base + 0.3, 0.2),
                 run("neves2009", base - 0.5, 0.2),
-                *(run(policy_id, base + 1, 0.2) for policy_id in LEARNED),
                 run("fixed", base + (0 if scene in {UNEVEN, LOW} else 3), 0.1),
             ],
         )
