@@ -22,12 +22,11 @@ from autoexpose_daemon.control.picture.image import ImagePreparation
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from autoexpose_daemon.demo.options import SIZES
 from autoexpose_daemon.demo.reference_step import ReferenceStep, synthetic_frames
-from calibration.response import ResponseFunction
-from drivers.exposure import ExposureLimits, ExposureSetting
-from drivers.frames import Frame, StereoPair
 from drivers.host.frame_memory import share_one_heap
-from drivers.pixels.formats import PIXEL_FORMATS, PixelFormat
-from drivers.pixels.layout import SAMPLES, Pixels
+from imaging.exposure import ExposureLimits, ExposureSetting
+from imaging.frames import Frame, StereoPair
+from imaging.pixels import PIXEL_FORMATS, SAMPLES, PixelFormat, Pixels
+from imaging.response import ResponseFunction
 
 FORMATS = ("Mono8", "Mono12", "BayerRG8", "BayerRG12", "RGB8", "YUV422_8")
 SETTING = ExposureSetting(1000.0, 10.0)

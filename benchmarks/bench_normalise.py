@@ -9,11 +9,11 @@ from collections.abc import Callable
 import cv2
 import numpy as np
 
-from calibration.response import ResponseFunction
-from calibration.response.normalised import Bits, normalised
-from drivers.exposure import ExposureSetting
-from drivers.frames import Frame
-from drivers.pixels.layout import Pixels
+from imaging.exposure import ExposureSetting
+from imaging.frames import Frame
+from imaging.normalised import Bits, normalised
+from imaging.pixels import Pixels
+from imaging.response import ResponseFunction
 
 TURNS = 300
 RESPONSE = ResponseFunction.linear()

@@ -23,8 +23,8 @@ from autoexpose_daemon.messages.keys import status_key
 from autoexpose_daemon.publish.publisher import Publisher
 from autoexpose_daemon.status.describe import describe
 from autoexpose_daemon.status.telemetry import Telemetry
-from drivers.exposure import ExposureSetting
-from drivers.frames import Frame, StereoPair
+from imaging.exposure import ExposureSetting
+from imaging.frames import Frame, StereoPair
 
 RATE_HZ = 60.0
 MEASURED_S = 15.0

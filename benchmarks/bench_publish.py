@@ -10,8 +10,8 @@ import numpy as np
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.messages.read import read_exposure_info, read_image
 from autoexpose_daemon.messages.write import MessageWriter, realtime_offset_ns
-from drivers.exposure import ExposureSetting
-from drivers.frames import Frame, StereoPair
+from imaging.exposure import ExposureSetting
+from imaging.frames import Frame, StereoPair
 
 TURNS = 300
 SETTING = ExposureSetting(1000.0, 0.0)

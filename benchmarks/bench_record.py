@@ -16,12 +16,12 @@ from mcap.writer import CompressionType
 from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.recording import file
 from autoexpose_daemon.recording.step import Step
-from calibration.response import ResponseFunction
-from drivers.exposure import ExposureLimits, ExposureSetting
-from drivers.frames import Frame, StereoPair
 from fake_camera.imaging import ImageSettings
 from fake_camera.world.lighting import LightScript
 from fake_camera.world.simulation import build_image_source
+from imaging.exposure import ExposureLimits, ExposureSetting
+from imaging.frames import Frame, StereoPair
+from imaging.response import ResponseFunction
 
 LIGHTS = {"bright, 250 us, 0 dB": ExposureSetting(250.0, 0.0), "dim, 60 us, 24 dB": ExposureSetting(60.0, 24.0)}
 PAIRS, ROUNDS, RATE_HZ = 20, 6, 60.0

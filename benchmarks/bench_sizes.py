@@ -27,7 +27,7 @@ from autoexpose_daemon.demo.options import SIZES, Transport
 from autoexpose_daemon.demo.rate import cores
 from autoexpose_daemon.demo.reference_step import reference_step_ms
 from drivers.genicam.link_share import USB3_MBPS, bytes_per_s, needed_bytes_per_s, usb_bytes_per_s
-from drivers.pixels.formats import PIXEL_FORMATS, PixelFormat
+from imaging.pixels import PIXEL_FORMATS, PixelFormat
 
 TRIAL = Path(__file__).with_name("sizes_trial.py")
 TRIAL_TIMEOUT_S = 90

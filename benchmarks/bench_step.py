@@ -28,10 +28,9 @@ from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY, LEARNED
 from autoexpose_daemon.control.policies.published.begin2022 import DEGREE, DELTA_LEVELS
 from autoexpose_daemon.control.search.optimum import PolynomialFit
 from autoexpose_daemon.demo.reference_step import ReferenceStep, synthetic_frames
-from calibration.response import ResponseFunction
-from calibration.response.prediction import prediction_tables
-from drivers.exposure import ExposureLimits, ExposureSetting
-from drivers.frames import Frame, StereoPair
+from imaging.exposure import ExposureLimits, ExposureSetting
+from imaging.frames import Frame, StereoPair
+from imaging.response import ResponseFunction, prediction_tables
 
 SETTING = ExposureSetting(1000.0, 10.0)
 LIMITS = ExposureLimits(20.0, 7500.0, 0.0, 30.0)

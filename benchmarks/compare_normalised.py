@@ -17,9 +17,6 @@ import numpy as np
 
 from autoexpose_daemon.client import ReceivedPair, alike
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
-from calibration.response import ResponseFunction
-from drivers.exposure import ExposureSetting
-from drivers.frames import Side, StereoPair
 from evaluation.experiments.worth.matches.motions import Similarity
 from evaluation.experiments.worth.matches.pairs import (
     FEWEST_INLIERS,
@@ -37,6 +34,9 @@ from evaluation.scenes.views import CAMERA, Gaze, build_views
 from evaluation.stage.delayed_loop import Entrant
 from evaluation.stage.oracle import Oracle, best_start
 from evaluation.stage.rendering import Stage
+from imaging.exposure import ExposureSetting
+from imaging.frames import Side, StereoPair
+from imaging.response import ResponseFunction
 
 LOOP_SCENARIOS = ("step_up", "step_down", "pan", "tunnel", "sun_shadow")
 

@@ -18,7 +18,6 @@ import numpy as np
 from compare_normalised import Parts, longer, print_parts, received
 from numpy.typing import NDArray
 
-from drivers.exposure import ExposureSetting
 from evaluation.odometry.errors import relative_errors_mm
 from evaluation.odometry.lap import odometry_stage
 from evaluation.odometry.orb import in_house
@@ -26,6 +25,7 @@ from evaluation.odometry.orb_slam3 import OrbSlam3
 from evaluation.odometry.stereo import StereoCamera, StereoOdometry, Tracked, images, prepared
 from evaluation.odometry.tracking import EVERY, true_pose
 from evaluation.odometry.vocabulary import write_vocabulary
+from imaging.exposure import ExposureSetting
 
 CHANGES = (0.0, 0.5, 1.0, 2.0)
 """Stops between successive pairs."""

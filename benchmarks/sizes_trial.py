@@ -28,8 +28,8 @@ from autoexpose_daemon.runtime.cameras import openers
 from autoexpose_daemon.runtime.daemon import Daemon
 from drivers.aravis import find_cameras
 from drivers.camera import Camera, IncompleteFrame
-from drivers.exposure import ExposureSetting
 from drivers.triggers.tally import LossReason
+from imaging.exposure import ExposureSetting
 
 SETTLE_S = 1.0
 """Before what is lost counts: cameras start one after the other, and a program's first calls are slow."""

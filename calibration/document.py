@@ -13,11 +13,11 @@ from pydantic import BaseModel, ConfigDict, Field, Strict, ValidationError, with
 from pydantic_core import ErrorDetails
 
 from calibration.findings import Finding
-from drivers.config.bounds import Range
-from drivers.config.files import replace_file
-from drivers.config.readable import quoted
-from drivers.config.strict_yaml import load_mapping
-from drivers.errors import ConfigurationError
+from documents.bounds import Range
+from documents.files import replace_file
+from documents.strict_yaml import load_mapping
+from documents.text import quoted
+from imaging.errors import ConfigurationError
 
 D = TypeVar("D", bound=BaseModel)
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
-from drivers.exposure import ExposureLimits, ExposureSetting
-from drivers.frames import Frame
-from drivers.pixels.formats import PixelFormat
+from imaging.exposure import ExposureLimits, ExposureSetting
+from imaging.frames import Frame
+from imaging.pixels import PixelFormat
 
 
 @dataclass(frozen=True, slots=True)

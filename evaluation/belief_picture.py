@@ -11,10 +11,10 @@ from pathlib import Path
 from PIL import Image
 
 from autoexpose_daemon.recording.belief_plot import Moment, draw
-from drivers.exposure import ExposureSetting
 from evaluation.arena.race import course_of
 from evaluation.scenes.scenarios import RATE_HZ
 from evaluation.stage.delayed_loop import Entrant
+from imaging.exposure import ExposureSetting
 
 COURSE = "pan", "room", 1
 DELAY_FRAMES, MOMENTS = 2, 4

@@ -7,7 +7,7 @@ import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
-from drivers.errors import ConfigurationError
+from imaging.errors import ConfigurationError
 
 
 def check_chosen(quick: bool, full: bool, takes_s: Callable[[bool], float]) -> None:

@@ -6,8 +6,8 @@ import json
 from pathlib import Path
 from typing import Any
 
-from drivers.config.files import replace_file
-from drivers.errors import AutoexposeError
+from documents.files import replace_file
+from imaging.errors import AutoexposeError
 
 
 class KeptResults:

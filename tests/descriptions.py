@@ -27,9 +27,6 @@ from autoexpose_daemon.runtime.cameras import openers
 from autoexpose_daemon.runtime.daemon import Daemon
 from drivers.aravis import AravisCamera
 from drivers.camera import Camera
-from drivers.errors import AutoexposeError, stays
-from drivers.exposure import linear_gain
-from drivers.frames import Frame, StereoPair
 from fake_camera.device.device import Device
 from fake_camera.device.line0 import Line0
 from fake_camera.genapi.description import Description
@@ -38,6 +35,9 @@ from fake_camera.gige.server import GigeServer
 from fake_camera.imaging import ImageSettings
 from fake_camera.usb3.run import CAMERAS_VARIABLE
 from fake_camera.usb3.usbip.server import Usb3Server
+from imaging.errors import AutoexposeError, stays
+from imaging.exposure import linear_gain
+from imaging.frames import Frame, StereoPair
 from tests.data import data
 from tests.fakes import loopback_address, unique
 from tests.meanwhile import meanwhile

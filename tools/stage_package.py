@@ -18,7 +18,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-ROOMS = ("autoexpose_daemon", "calibration", "drivers", "evaluation", "fake_camera")
+ROOMS = ("autoexpose_daemon", "calibration", "documents", "drivers", "evaluation", "fake_camera", "imaging")
 _DATA = (".msg", ".typed")
 _WITHOUT = shutil.ignore_patterns("__pycache__", "*.so")
 
@@ -44,8 +44,7 @@ PACKAGES = {
     "autoexpose-client": Package(
         {
             "autoexpose_daemon": "autoexpose_client",
-            "calibration": "autoexpose_client.calibration",
-            "drivers": "autoexpose_client.drivers",
+            **{room: f"autoexpose_client.{room}" for room in ("calibration", "documents", "drivers", "imaging")},
         },
         face="autoexpose_daemon.client",
     ),

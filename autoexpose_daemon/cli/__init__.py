@@ -15,7 +15,7 @@ from autoexpose_daemon.cli.consumers import page, ros2, top
 from autoexpose_daemon.cli.daemon import record, replay, run
 from autoexpose_daemon.cli.inspection import check_config, doctor, features, list_cameras
 from autoexpose_daemon.cli.simulated import demo, fake_camera
-from drivers.errors import AutoexposeError
+from imaging.errors import AutoexposeError
 
 _COMMANDS: dict[str, Callable[..., None]] = {
     "run": run, "record": record, "replay": replay, "demo": demo, "page": page, "top": top, "ros2": ros2,

@@ -12,8 +12,8 @@ from rich.console import Console
 
 from autoexpose_daemon.cli.signals import stop_on_signals
 from autoexpose_daemon.messages.keys import LOOPBACK, check_endpoints
-from drivers.config.readable import readable
-from drivers.errors import AutoexposeError, ConfigurationError
+from documents.text import readable
+from imaging.errors import AutoexposeError, ConfigurationError
 
 Rig = Annotated[str, typer.Option(help="Name of the rig, `publish.rig` of its configuration.")]
 Connect = Annotated[list[str] | None, typer.Option(help=f"Endpoint of a daemon or router; {LOOPBACK} unless given.")]

@@ -18,8 +18,8 @@ from autoexpose_daemon.cli.signals import set_from_handler, stop_on_signals
 from autoexpose_daemon.control.policies.ids import POLICY_IDS, check_policy_id
 from autoexpose_daemon.recording import check_recording_extra
 from autoexpose_daemon.service.notify import Notifier
-from drivers.errors import CameraError, ConfigurationError
-from drivers.exposure import ExposureSetting
+from imaging.errors import CameraError, ConfigurationError
+from imaging.exposure import ExposureSetting
 
 if TYPE_CHECKING:
     from autoexpose_daemon.config.document import Config

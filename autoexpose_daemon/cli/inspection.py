@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from drivers.config.readable import readable
-from drivers.errors import AutoexposeError, ConfigurationError
+from documents.text import readable
+from imaging.errors import AutoexposeError, ConfigurationError
 
 
 def list_cameras() -> None:

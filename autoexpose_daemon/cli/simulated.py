@@ -13,7 +13,7 @@ from rich.console import Console
 
 from autoexpose_daemon.cli.signals import stop_on_signals
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY, POLICY_IDS
-from drivers.errors import ConfigurationError
+from imaging.errors import ConfigurationError
 
 
 def demo(

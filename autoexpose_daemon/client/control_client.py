@@ -17,10 +17,10 @@ from autoexpose_daemon.config.section import LONGEST_NAME
 from autoexpose_daemon.messages.keys import LOOPBACK, check_rig_name, control_key
 from autoexpose_daemon.publish.session import Endpoints, SessionError, open_session
 from autoexpose_daemon.status.inputs.requests import Answer, Shot
-from drivers.config.readable import readable
-from drivers.errors import AutoexposeError
-from drivers.frames import Side
-from drivers.python310 import Self
+from documents.text import readable
+from imaging.errors import AutoexposeError
+from imaging.frames import Side
+from imaging.python310 import Self
 
 _PATIENCE_S: Final = 10.0
 _LONGEST_REASON: Final = 1000

@@ -14,7 +14,7 @@ from autoexpose_daemon.messages.keys import LOOPBACK, check_endpoints
 from autoexpose_daemon.messages.zenoh_file import check_zenoh_file
 from autoexpose_daemon.status.inputs.requests import Answer
 from autoexpose_daemon.status.panel import plain
-from drivers.errors import ConfigurationError
+from imaging.errors import ConfigurationError
 
 ctl_app = typer.Typer(
     help="Change the control of a running daemon, until it restarts or reloads.", no_args_is_help=True

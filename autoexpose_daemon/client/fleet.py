@@ -14,8 +14,8 @@ from autoexpose_daemon.status.document import Status
 from autoexpose_daemon.status.losses import losses, lost_in_words
 from autoexpose_daemon.status.panel import newest_setting
 from autoexpose_daemon.status.states import State
-from drivers.exposure import ExposureSetting
-from drivers.python310 import StrEnum
+from imaging.exposure import ExposureSetting
+from imaging.python310 import StrEnum
 
 MOST_RIGS = 200
 """How many are listed: those heard first. Anyone can invent keys, but memory is limited."""

@@ -15,7 +15,7 @@ from autoexpose_daemon.client.status_client import SILENT_S
 from autoexpose_daemon.messages.keys import LOOPBACK, last_but, status_key
 from autoexpose_daemon.publish.session import Endpoints, SessionHolder
 from autoexpose_daemon.status.document import LARGEST_STATUS_BYTES, Status
-from drivers.python310 import Self
+from imaging.python310 import Self
 
 _RING_MESSAGES = 64
 

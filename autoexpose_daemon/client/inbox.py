@@ -17,11 +17,11 @@ from autoexpose_daemon.messages.read import DamagedMessageError
 from autoexpose_daemon.messages.report import ConsumerTally
 from autoexpose_daemon.messages.response import response_from_json, vignetting_from_json
 from autoexpose_daemon.publish.session import Endpoints, SessionHolder
-from calibration.response import ResponseFunction
-from calibration.vignetting.model import Vignetting
-from drivers.config.readable import readable
-from drivers.frames import Side
+from documents.text import readable
 from drivers.log_throttle import LogThrottle
+from imaging.frames import Side
+from imaging.response import ResponseFunction
+from imaging.vignetting import Vignetting
 
 log = logging.getLogger(__name__)
 

@@ -22,12 +22,12 @@ from autoexpose_daemon.messages.read import (
     stamp_ns,
 )
 from autoexpose_daemon.messages.report import ConsumerTally
-from calibration.response import ResponseFunction
-from calibration.response.normalised import Bits, normalised
-from calibration.vignetting.model import Vignetting
-from drivers.errors import ConfigurationError
-from drivers.frames import SIDES, Frame, Side, StereoPair
-from drivers.pixels.layout import Pixels
+from imaging.errors import ConfigurationError
+from imaging.frames import SIDES, Frame, Side, StereoPair
+from imaging.normalised import Bits, normalised
+from imaging.pixels import Pixels
+from imaging.response import ResponseFunction
+from imaging.vignetting import Vignetting
 
 _KEPT_STAMPS = 64
 """Triggers whose messages wait for the rest, about a second: the images of each camera queue separately."""
@@ -95,7 +95,7 @@ class ReceivedPair:
     ) -> NormalisedPair:
         """The frames as if taken with the exposure level `reference` (stops); None: that of the brighter exposed one.
 
-        Scales, marks and `dither` are those of `calibration.response.normalised.normalised`. With `flat` vignetting is
+        Scales, marks and `dither` are those of `imaging.normalised.normalised`. With `flat` vignetting is
         divided out: the light is as it is at the brightest place of the lens.
 
         Raises

@@ -27,9 +27,9 @@ from autoexpose_daemon.messages.response import LARGEST_RESPONSE_BYTES, response
 from autoexpose_daemon.publish.session import Endpoints, SessionHolder
 from autoexpose_daemon.status.document import LARGEST_STATUS_BYTES, Status
 from autoexpose_daemon.status.grounds import grounds_from_json
-from calibration.response import ResponseFunction
-from drivers.frames import Side
-from drivers.python310 import Self
+from imaging.frames import Side
+from imaging.python310 import Self
+from imaging.response import ResponseFunction
 
 SILENT_S = 5.0
 """A daemon that has been silent this long counts as down; it sends its status once a second."""

@@ -35,9 +35,9 @@ from autoexpose_daemon.messages.registration import RegisteredView, registration
 from autoexpose_daemon.messages.report import ConsumerTally
 from autoexpose_daemon.messages.tracked_cells import tracked_cells
 from autoexpose_daemon.publish.session import Endpoints
-from drivers.errors import ConfigurationError
-from drivers.frames import Side
-from drivers.python310 import Self
+from imaging.errors import ConfigurationError
+from imaging.frames import Side
+from imaging.python310 import Self
 
 _NUMBERS = itertools.count(1)
 """Of the clients of this process that are given no name."""

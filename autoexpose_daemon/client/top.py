@@ -16,7 +16,7 @@ from rich.table import Table
 from autoexpose_daemon.client.status_client import StatusClient
 from autoexpose_daemon.status.document import Fault, Status
 from autoexpose_daemon.status.panel import COLOURS, duration_text, plain, table_of
-from drivers.errors import AutoexposeError
+from imaging.errors import AutoexposeError
 
 _PATIENCE_S = 5.0
 _SILENT_S = 3.0

@@ -17,7 +17,7 @@ from rich.text import Text
 from autoexpose_daemon.client.fleet import MOST_RIGS, Condition, RigLine
 from autoexpose_daemon.client.fleet_client import FleetClient
 from autoexpose_daemon.status.panel import duration_text, plain
-from drivers.errors import AutoexposeError
+from imaging.errors import AutoexposeError
 
 _PATIENCE_S = 5.0
 _ROUND_S = 2.0

@@ -10,7 +10,7 @@ from pydantic import ValidationError
 from autoexpose_daemon.config.control import BracketConfig
 from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.config.mistakes import mistakes
-from drivers.errors import ConfigurationError
+from imaging.errors import ConfigurationError
 
 _RANGE = re.compile(r"1:(\d{1,9}(?:\.\d+)?)")
 

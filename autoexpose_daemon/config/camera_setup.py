@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 from autoexpose_daemon.config.document import Config
-from drivers.config.setup import CameraSetup, LinkShare, TriggerMode, TriggerSetup
-from drivers.errors import ConfigurationError
-from drivers.frames import Side
 from drivers.genicam.driven import refuse_driven
+from drivers.setup import CameraSetup, LinkShare, TriggerMode, TriggerSetup
+from imaging.errors import ConfigurationError
+from imaging.frames import Side
 
 
 def camera_setup(config: Config, side: Side) -> CameraSetup:

@@ -8,8 +8,8 @@ from typing import Annotated
 from pydantic import BeforeValidator, PlainSerializer, model_validator
 
 from autoexpose_daemon.config.section import ExposureCountUs, FileName, Name, Section
-from drivers.config.feature import FeatureSetting, as_list, parse_features
-from drivers.python310 import Self
+from drivers.setup import FeatureSetting, as_list, parse_features
+from imaging.python310 import Self
 
 
 def _refuse_number(serial: object) -> object:

@@ -9,8 +9,8 @@ from pydantic import field_validator, model_validator
 from autoexpose_daemon.config.section import FileName, Section
 from autoexpose_daemon.messages.keys import check_endpoints
 from autoexpose_daemon.messages.zenoh_file import check_zenoh_file
-from drivers.errors import ConfigurationError
-from drivers.python310 import Self
+from imaging.errors import ConfigurationError
+from imaging.python310 import Self
 
 
 class ConnectionConfig(Section):

@@ -26,8 +26,8 @@ from autoexpose_daemon.config.section import (
 )
 from autoexpose_daemon.control.parameters import BalanceId, Bracketing, ControlParameters, MotionId
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY, check_policy_id
-from drivers.exposure import ExposureLimits
-from drivers.python310 import Self
+from imaging.exposure import ExposureLimits
+from imaging.python310 import Self
 
 
 class ExposureConfig(Section):

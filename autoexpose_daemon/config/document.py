@@ -15,18 +15,17 @@ from autoexpose_daemon.config.said_of import said_of
 from autoexpose_daemon.config.section import Binning, LinkMbps, Name, PacketBytes, RateHz, Section
 from calibration.gain.file import GainFile
 from calibration.geometry.file import check_camera, check_pair, load_geometry
-from calibration.geometry.model import CameraGeometry
 from calibration.geometry.plausible import baseline_note
-from calibration.response import ResponseFunction
 from calibration.response.file import ResponseFile
 from calibration.vignetting.file import VignettingFile
 from drivers.camera import CameraDescription
-from drivers.exposure import ExposureSetting
-from drivers.exposure.gain_scale import GainScale
-from drivers.frames import Side
 from drivers.genicam.trigger import ACTION, SOFTWARE
-from drivers.pixels.formats import PixelFormat
-from drivers.python310 import Self
+from imaging.exposure import ExposureSetting, GainScale
+from imaging.frames import Side
+from imaging.geometry import CameraGeometry
+from imaging.pixels import PixelFormat
+from imaging.python310 import Self
+from imaging.response import ResponseFunction
 
 DEFAULT_START = ExposureSetting(2000.0, 0.0)
 """Right for an office, and six stops from either end of the range."""

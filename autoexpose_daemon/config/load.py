@@ -11,9 +11,9 @@ from autoexpose_daemon.config.camera_setup import refuse_driven_features
 from autoexpose_daemon.config.cameras import CameraConfig
 from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.config.mistakes import mistakes
-from drivers.config.readable import readable
-from drivers.config.strict_yaml import load_mapping
-from drivers.errors import ConfigurationError
+from documents.strict_yaml import load_mapping
+from documents.text import readable
+from imaging.errors import ConfigurationError
 
 _OPTIONAL = ("publish", "cameras.right", "control.bracket", "motion.imu")
 """Sections without which nothing is published, and so on."""

@@ -8,7 +8,7 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
-from drivers.config.readable import shortened
+from documents.text import shortened
 
 
 def mistakes(error: ValidationError, model: type[BaseModel]) -> list[str]:

@@ -11,9 +11,9 @@ from autoexpose_daemon.config.area import AreaConfig
 from autoexpose_daemon.config.mistakes import mistakes
 from autoexpose_daemon.config.section import EvStops, ExposureTimeUs, GainDb, Name, Section, present_name
 from autoexpose_daemon.control.policies.ids import check_policy_id
-from drivers.config.readable import readable
-from drivers.errors import ConfigurationError
-from drivers.python310 import Self
+from documents.text import readable
+from imaging.errors import ConfigurationError
+from imaging.python310 import Self
 
 LARGEST_REQUEST_BYTES: Final = 1 << 15
 """Enough for a region of 256 rectangles, with room to spare."""

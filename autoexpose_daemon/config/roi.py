@@ -12,11 +12,10 @@ from numpy.typing import NDArray
 from autoexpose_daemon.config.area import AreaConfig
 from autoexpose_daemon.config.section import FileName, Section
 from autoexpose_daemon.control.picture.region import Rectangle, Region
-from drivers.config.files import read_regular
-from drivers.config.png import is_whole_png
-from drivers.config.readable import quoted
-from drivers.errors import ConfigurationError
-from drivers.frames import Side
+from documents.files import is_whole_png, read_regular
+from documents.text import quoted
+from imaging.errors import ConfigurationError
+from imaging.frames import Side
 
 MOST_MASK_BYTES = 1 << 26
 """More than any sensor's mask needs as a PNG file: masks are mostly black and white."""

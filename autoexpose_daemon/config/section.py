@@ -16,9 +16,10 @@ from pydantic import (
     WrapValidator,
 )
 
+from autoexpose_daemon.control.parameters import BRACKET_RANGES, RANGES
 from autoexpose_daemon.control.policies.removed import REMOVED
-from drivers.config import bounds
-from drivers.config.readable import quoted
+from documents import bounds
+from documents.text import quoted
 
 log = logging.getLogger(__name__)
 
@@ -36,11 +37,11 @@ def _hertz_or_auto(value: object, parse: ValidatorFunctionWrapHandler) -> object
     if value == "auto":
         return value
     try:
-        return bounds.FLICKER_HZ.check(parse(value))
+        return RANGES["flicker_hz"].check(parse(value))
     except ValueError as error:
         number = isinstance(value, int | float) and not isinstance(value, bool)
         wrong = "is out of bounds" if number else "is not a frequency"
-        raise ValueError(f"{quoted(value)} {wrong}: give {bounds.FLICKER_HZ}, or auto") from error
+        raise ValueError(f"{quoted(value)} {wrong}: give {RANGES['flicker_hz']}, or auto") from error
 
 
 def check_name(name: str) -> str:
@@ -81,17 +82,17 @@ Extent = Annotated[Integer, AfterValidator(bounds.EXTENT.check)]
 Binning = Annotated[Integer, AfterValidator(bounds.BINNING.check)]
 LinkMbps = Annotated[Float, AfterValidator(bounds.LINK_MBPS.check)]
 PacketBytes = Annotated[Integer, AfterValidator(bounds.PACKET_BYTES.check)]
-MetricDelta = Annotated[Float, AfterValidator(bounds.METRIC_DELTA.check)]
-MetricLambda = Annotated[Float, AfterValidator(bounds.METRIC_LAMBDA.check)]
-BalanceWeight = Annotated[Float, AfterValidator(bounds.BALANCE_WEIGHT.check)]
-BalanceOffset = Annotated[Float, AfterValidator(bounds.BALANCE_OFFSET.check)]
-MeanTarget = Annotated[Float, AfterValidator(bounds.MEAN_TARGET.check)]
+MetricDelta = Annotated[Float, AfterValidator(RANGES["metric_delta"].check)]
+MetricLambda = Annotated[Float, AfterValidator(RANGES["metric_lambda"].check)]
+BalanceWeight = Annotated[Float, AfterValidator(RANGES["balance_weight"].check)]
+BalanceOffset = Annotated[Float, AfterValidator(RANGES["balance_offset"].check)]
+MeanTarget = Annotated[Float, AfterValidator(RANGES["mean_target"].check)]
 FlickerHz = Annotated[Float | Literal["auto"], WrapValidator(_hertz_or_auto)]
-FocalLengthPx = Annotated[Float, AfterValidator(bounds.FOCAL_LENGTH_PX.check)]
-FullWellE = Annotated[Float, AfterValidator(bounds.FULL_WELL_E.check)]
-ReadNoiseE = Annotated[Float, AfterValidator(bounds.READ_NOISE_E.check)]
-BracketExposures = Annotated[Integer, AfterValidator(bounds.BRACKET_EXPOSURES.check)]
-BracketStops = Annotated[Float, AfterValidator(bounds.BRACKET_STOPS.check)]
+FocalLengthPx = Annotated[Float, AfterValidator(RANGES["focal_length_px"].check)]
+FullWellE = Annotated[Float, AfterValidator(RANGES["full_well_e"].check)]
+ReadNoiseE = Annotated[Float, AfterValidator(RANGES["read_noise_e"].check)]
+BracketExposures = Annotated[Integer, AfterValidator(BRACKET_RANGES["exposures"].check)]
+BracketStops = Annotated[Float, AfterValidator(BRACKET_RANGES["range_stops"].check)]
 EvStops = Annotated[Float, AfterValidator(bounds.EV_STOPS.check)]
 SampleAgeS = Annotated[Float, AfterValidator(bounds.SAMPLE_AGE_S.check)]
 Name = Annotated[str, AfterValidator(check_name)]

@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass
 from typing import Protocol
 
-from drivers.exposure import ExposureLimits, linear_gain
-from drivers.python310 import exp2
+from imaging.exposure import ExposureLimits, linear_gain
+from imaging.python310 import exp2
 
 
 class Balance(Protocol):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from drivers.exposure import ExposureSetting
+from imaging.exposure import ExposureSetting
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from drivers.frames import Side
+from imaging.frames import Side
 
 
 @dataclass(frozen=True, slots=True)

@@ -24,11 +24,11 @@ from autoexpose_daemon.control.policies.table import build_policy
 from autoexpose_daemon.control.policy import Look, Objective, Observation, PastStep, PolicySetup, Target
 from autoexpose_daemon.control.snapshot import Plain, restore, take
 from autoexpose_daemon.control.view import View
-from calibration.response import ResponseFunction
-from calibration.vignetting.model import Vignetting
-from drivers.errors import ConfigurationError
-from drivers.exposure import ExposureLimits, ExposureSetting
-from drivers.frames import SIDES, Frame, Side, StereoPair
+from imaging.errors import ConfigurationError
+from imaging.exposure import ExposureLimits, ExposureSetting
+from imaging.frames import SIDES, Frame, Side, StereoPair
+from imaging.response import ResponseFunction
+from imaging.vignetting import Vignetting
 
 REFERENCE_RATE_HZ = 60.0
 """Image speeds are in pixels per 1/60 s, the unit of the paper's tuning."""

@@ -9,10 +9,9 @@ import numpy as np
 
 from autoexpose_daemon.control.metrics.gradient import ExtremeShares
 from autoexpose_daemon.control.policy import Look
-from calibration.response import ResponseFunction
-from calibration.response.prediction import prediction_table
-from drivers.exposure import DB_PER_STOP, ExposureLimits, ExposureSetting
-from drivers.frames import Side
+from imaging.exposure import DB_PER_STOP, ExposureLimits, ExposureSetting
+from imaging.frames import Side
+from imaging.response import ResponseFunction, prediction_table
 
 MOSTLY = 0.5
 """Share of saturated pixels above which they are taken to be saturated even without the compensation."""

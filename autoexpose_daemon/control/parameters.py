@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-from drivers.config import bounds
-from drivers.errors import ConfigurationError
+from documents.bounds import Range
+from imaging.errors import ConfigurationError
 
 BalanceId = Literal["policy", "blur_noise", "exposure_priority", "fixed_ratio", "flicker"]
 MotionId = Literal["policy", "farneback", "tiles"]
@@ -21,17 +21,19 @@ FASTEST_M_S = 50.0
 REMEMBERED_STEPS = 32
 """Half a second at 60 Hz: the slowest camera reported takes 0.4 s from write to effect."""
 
-_RANGES = {
-    "metric_delta": bounds.METRIC_DELTA,
-    "metric_lambda": bounds.METRIC_LAMBDA,
-    "balance_weight": bounds.BALANCE_WEIGHT,
-    "balance_offset": bounds.BALANCE_OFFSET,
-    "mean_target": bounds.MEAN_TARGET,
-    "flicker_hz": bounds.FLICKER_HZ,
-    "focal_length_px": bounds.FOCAL_LENGTH_PX,
-    "full_well_e": bounds.FULL_WELL_E,
-    "read_noise_e": bounds.READ_NOISE_E,
+RANGES = {
+    "metric_delta": Range(0.0, 0.99),
+    "metric_lambda": Range(0.001, 1_000_000.0),
+    "balance_weight": Range(0.000_001, 1000.0),
+    "balance_offset": Range(0.0, 1_000_000.0),
+    "mean_target": Range(0.001, 0.999),
+    "flicker_hz": Range(10.0, 1000.0, "Hz"),
+    "focal_length_px": Range(1.0, 100_000.0, "pixels"),
+    "full_well_e": Range(100.0, 10_000_000.0, "electrons"),
+    "read_noise_e": Range(0.1, 1000.0, "electrons"),
 }
+BRACKET_RANGES = {"exposures": Range(2, 12), "range_stops": Range(1.0, 16.0, "stops")}
+"""Beyond these bounds a value is a typo."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +60,7 @@ class Bracketing:
     keep: bool = False
 
     def __post_init__(self) -> None:
-        _check(self, {"exposures": bounds.BRACKET_EXPOSURES, "range_stops": bounds.BRACKET_STOPS})
+        _check(self, BRACKET_RANGES)
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,10 +115,10 @@ class ControlParameters:
     bracket: Bracketing | None = None
 
     def __post_init__(self) -> None:
-        _check(self, _RANGES)
+        _check(self, RANGES)
 
 
-def _check(parameters: object, ranges: Mapping[str, bounds.Range]) -> None:
+def _check(parameters: object, ranges: Mapping[str, Range]) -> None:
     """Raise a ConfigurationError for a number out of its range; None is within any."""
     for name, range_ in ranges.items():
         value: float | None = getattr(parameters, name)

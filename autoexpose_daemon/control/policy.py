@@ -16,9 +16,9 @@ from autoexpose_daemon.control.light_ahead import LightAhead
 from autoexpose_daemon.control.metrics.gradient import GradientMetric, mean_signal
 from autoexpose_daemon.control.parameters import ControlParameters
 from autoexpose_daemon.control.picture.steering import Steering
-from calibration.response import ResponseFunction
-from drivers.exposure import ExposureLimits, ExposureSetting
-from drivers.frames import Side
+from imaging.exposure import ExposureLimits, ExposureSetting
+from imaging.frames import Side
+from imaging.response import ResponseFunction
 
 MISSED_FRAMES = 12
 """Frames of a camera that may be lost in a row, a fifth of a second at 60 Hz, before the other decides without it."""

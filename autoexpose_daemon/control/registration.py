@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from autoexpose_daemon.control.metrics.extension import extension as _native
 from autoexpose_daemon.control.policy import Look
-from calibration.response import ResponseFunction
-from drivers.frames import Side
+from imaging.frames import Side
+from imaging.response import ResponseFunction
 
 STRIDE = 5
 """Every fifth pixel across and down: some 3900 of 360x270 determine a median to 0.01 stop."""

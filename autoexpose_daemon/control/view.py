@@ -10,10 +10,10 @@ from autoexpose_daemon.control.metrics.gradient import ExtremeShares
 from autoexpose_daemon.control.picture.image import ImagePreparation
 from autoexpose_daemon.control.picture.region import Region
 from autoexpose_daemon.control.policy import Look
-from calibration.response import ResponseFunction
-from calibration.vignetting.model import Vignetting
-from drivers.frames import Frame, Side
-from drivers.pixels.layout import MOSAIC_SHARE, is_mosaic
+from imaging.frames import Frame, Side
+from imaging.pixels import MOSAIC_SHARE, is_mosaic
+from imaging.response import ResponseFunction
+from imaging.vignetting import Vignetting
 
 
 class View:

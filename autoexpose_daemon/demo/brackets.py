@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from calibration.geometry.formats.ros import ros_yaml
-from calibration.geometry.model import CameraGeometry
-from drivers.frames import SIDES, Side
+from imaging.frames import SIDES, Side
+from imaging.geometry import CameraGeometry
 
 SENSOR = {"full_well_e": 22_000.0, "read_noise_e": 3.0}
 """As `autoexpose calibrate noise` finds them."""

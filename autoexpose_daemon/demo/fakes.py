@@ -18,10 +18,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from autoexpose_daemon.demo.usb_bus import without_fake_bus
-from drivers.errors import AutoexposeError, ConfigurationError
+from imaging.errors import AutoexposeError, ConfigurationError
 
 if TYPE_CHECKING:
-    from drivers.frames import Side
+    from imaging.frames import Side
 
 SERIALS: dict[Side, str] = {"left": "FAKE-LEFT", "right": "FAKE-RIGHT"}
 _ADDRESSES: dict[Side, str] = {"left": "127.0.0.2", "right": "127.0.0.3"}

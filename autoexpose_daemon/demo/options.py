@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from drivers.config.files import check_writable
-from drivers.errors import ConfigurationError
-from drivers.pixels.formats import PIXEL_FORMATS
+from documents.files import check_writable
+from imaging.errors import ConfigurationError
+from imaging.pixels import PIXEL_FORMATS
 
 SECONDS = (2.0, 3600.0)
 NAVIGATE_SECONDS = (60.0, 3600.0)

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from autoexpose_daemon.control.metrics.gradient import gradient_weights
 from autoexpose_daemon.control.policies.published.begin2022 import DELTA_LEVELS
-from calibration.response import ResponseFunction
-from calibration.response.prediction import prediction_tables
+from imaging.response import ResponseFunction, prediction_tables
 
 Grey = NDArray[np.uint8]
 

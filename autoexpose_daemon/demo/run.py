@@ -16,7 +16,7 @@ from autoexpose_daemon.demo.fakes import check_simulator, fake_cameras
 from autoexpose_daemon.demo.options import DemoOptions
 from autoexpose_daemon.demo.usb_bus import begin_again_on_fake_bus, cameras_on_bus, folder_of_bus, take_signals
 from autoexpose_daemon.recording import check_recording_extra
-from drivers.errors import ConfigurationError
+from imaging.errors import ConfigurationError
 
 if TYPE_CHECKING:
     from rich.console import Console

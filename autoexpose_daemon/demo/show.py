@@ -32,9 +32,9 @@ from autoexpose_daemon.service.outlets import add_outlets
 from autoexpose_daemon.service.service import Service
 from autoexpose_daemon.status.display import display
 from drivers.aravis import find_cameras
-from drivers.errors import AutoexposeError
-from drivers.frames import Side
-from drivers.pixels.formats import PIXEL_FORMATS
+from imaging.errors import AutoexposeError
+from imaging.frames import Side
+from imaging.pixels import PIXEL_FORMATS
 
 if TYPE_CHECKING:
     from autoexpose_daemon.recording.recorder import Recorder

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.picture.image import Shrinking
-from drivers.exposure import ExposureSetting
-from drivers.frames import StereoPair
+from imaging.exposure import ExposureSetting
+from imaging.frames import StereoPair
 
 _PICTURE_WIDTH = 180
 

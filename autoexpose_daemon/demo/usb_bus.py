@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from autoexpose_daemon.messages.keys import SIDES
 
 if TYPE_CHECKING:
-    from drivers.frames import Side
+    from imaging.frames import Side
 
 
 SOCKETS_VARIABLE = "FAKE_CAMERA_USB3"

@@ -12,16 +12,15 @@ import yaml
 
 from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.config.load import load_config
+from documents.text import readable
 from drivers.aravis import open_nodes
-from drivers.config.feature import FeatureSetting, as_list
-from drivers.config.readable import readable
-from drivers.config.setup import CameraSetup, TriggerSetup
-from drivers.errors import AutoexposeError, CameraLostError, ConfigurationError
-from drivers.frames import Side
 from drivers.genicam.dialect import gain_driven
 from drivers.genicam.driven import advice
 from drivers.genicam.inventory import changed_from_default, differing, read_inventory
 from drivers.genicam.nodes import NodeMap
+from drivers.setup import CameraSetup, FeatureSetting, TriggerSetup, as_list
+from imaging.errors import AutoexposeError, CameraLostError, ConfigurationError
+from imaging.frames import Side
 
 _STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _NO_CONFIGURATION = CameraSetup(TriggerSetup("external"))

@@ -17,10 +17,10 @@ import numpy as np
 from autoexpose_daemon.doctor.facts import Facts
 from autoexpose_daemon.doctor.need import Need
 from drivers.aravis import AravisCamera, FoundCamera, find_cameras, open_camera
-from drivers.config.setup import CameraSetup, TriggerSetup
-from drivers.errors import AutoexposeError, ConfigurationError
-from drivers.exposure import ExposureLimits, ExposureSetting
-from drivers.frames import Frame, SettingSource
+from drivers.setup import CameraSetup, TriggerSetup
+from imaging.errors import AutoexposeError, ConfigurationError
+from imaging.exposure import ExposureLimits, ExposureSetting
+from imaging.frames import Frame, SettingSource
 
 FORMAT = "autoexpose-camera-report/1"
 WATCHED_S: Final = 20.0

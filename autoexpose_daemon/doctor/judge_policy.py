@@ -6,8 +6,8 @@ from collections.abc import Iterator
 
 from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.doctor.finding import Finding
-from calibration.response import ResponseFunction
-from drivers.errors import ConfigurationError
+from imaging.errors import ConfigurationError
+from imaging.response import ResponseFunction
 
 
 def judge_policy(config: Config) -> Iterator[Finding]:

@@ -7,11 +7,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from autoexpose_daemon.config.document import Config, TriggerConfig
-from drivers.config.feature import FeatureSetting
-from drivers.frames import Side
 from drivers.genicam.link_share import needed_bytes_per_s
-from drivers.pixels.formats import PixelFormat
-from drivers.python310 import Self
+from drivers.setup import FeatureSetting
+from imaging.frames import Side
+from imaging.pixels import PixelFormat
+from imaging.python310 import Self
 
 ASSUMED_WIDTH, ASSUMED_HEIGHT = 720, 540
 """A sensor's size is known only once a camera is open; this is the size of those this project is made for."""

@@ -8,14 +8,14 @@ import time
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Literal
 
-from drivers.errors import ConfigurationError
 from drivers.log_throttle import LogThrottle
+from imaging.errors import ConfigurationError
 
 if TYPE_CHECKING:
-    from drivers.frames import Side
+    from imaging.frames import Side
 
 SIDES: tuple[Side, ...] = ("left", "right")
-"""As `drivers.frames.SIDES`, without loading numpy."""
+"""As `imaging.frames.SIDES`, without loading numpy."""
 
 LOOPBACK = "tcp/127.0.0.1:7448"
 """Where a daemon listens unless configured otherwise; next to 7447, the port of zenoh routers."""

@@ -11,11 +11,10 @@ import numpy as np
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.parameters import FASTEST_TURN_RAD_S
 from autoexpose_daemon.messages.types import CAMERA_INFO, ENCODINGS, EXPOSURE_INFO, IMAGE, IMU, TYPESTORE, to_full_scale
-from calibration.geometry.model import COEFFICIENTS, CameraGeometry
-from drivers.exposure import ExposureSetting
-from drivers.frames import Frame
-from drivers.pixels.formats import PixelFormat
-from drivers.pixels.layout import SAMPLES, Layout, Pixels
+from imaging.exposure import ExposureSetting
+from imaging.frames import Frame
+from imaging.geometry import COEFFICIENTS, CameraGeometry
+from imaging.pixels import SAMPLES, Layout, PixelFormat, Pixels
 
 _KNOWN = {(row.bit_depth, row.layout, row.dtype) for row in PixelFormat}
 

@@ -7,9 +7,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from calibration.response.function import ResponseFunction
-from calibration.vignetting.model import Vignetting
-from drivers.errors import ConfigurationError
+from imaging.errors import ConfigurationError
+from imaging.response import ResponseFunction
+from imaging.vignetting import Vignetting
 
 LARGEST_RESPONSE_BYTES: Final = 1 << 16
 """The 256 numbers of a response function take 6 KB, the largest grid of a vignetting up to 53 KB."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Literal
 
 if TYPE_CHECKING:
-    from drivers.frames import Frame
+    from imaging.frames import Frame
 
 Stamp = Literal["start", "middle", "end"]
 

@@ -10,7 +10,7 @@ from autoexpose_daemon.control.picture.tracked_cells import COLUMNS, ROWS, Track
 from autoexpose_daemon.messages.keys import CONSUMER_NAME
 from autoexpose_daemon.messages.read import DamagedMessageError, deserialise, stamp_ns
 from autoexpose_daemon.messages.types import TRACKED_CELLS, TYPESTORE, header, serialise
-from drivers.frames import SIDES
+from imaging.frames import SIDES
 
 LARGEST_TRACKING_BYTES: Final = 1024
 """A report takes some 300."""

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from drivers.pixels.formats import PixelFormat
-from drivers.pixels.layout import Layout
+from imaging.pixels import Layout, PixelFormat
 
 IMAGE = "sensor_msgs/msg/Image"
 CAMERA_INFO = "sensor_msgs/msg/CameraInfo"

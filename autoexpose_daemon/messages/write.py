@@ -13,9 +13,9 @@ import numpy as np
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.messages.stamp import Stamp, moment_ns
 from autoexpose_daemon.messages.types import CAMERA_INFO, EXPOSURE_INFO, IMAGE, TYPESTORE, encoding, to_full_scale
-from calibration.geometry.model import CameraGeometry
-from drivers.frames import SIDES, Frame, Side, StereoPair
-from drivers.pixels.layout import SAMPLES
+from imaging.frames import SIDES, Frame, Side, StereoPair
+from imaging.geometry import CameraGeometry
+from imaging.pixels import SAMPLES
 
 TOPICS = {"image": IMAGE, "camera_info": CAMERA_INFO, "exposure": EXPOSURE_INFO}
 """The messages for each frame: the last part of the key, and the message type."""

@@ -5,9 +5,9 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from drivers.config.files import read_regular
-from drivers.config.readable import readable
-from drivers.errors import ConfigurationError
+from documents.files import read_regular
+from documents.text import readable
+from imaging.errors import ConfigurationError
 
 _MOST_BYTES = 1 << 20
 _DEEPEST = 100  # zenoh's own has 6 levels; at some 50,000 its parser overflows the stack

@@ -15,7 +15,7 @@ from rich.table import Table
 
 from autoexpose_daemon.navigation.report.page import write_report
 from autoexpose_daemon.navigation.store import MapError, MapFile, Place
-from drivers.python310 import UTC
+from imaging.python310 import UTC
 
 map_app = typer.Typer(help="Inspect the map of a taught path.", no_args_is_help=True)
 

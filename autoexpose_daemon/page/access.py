@@ -15,8 +15,8 @@ from starlette.responses import PlainTextResponse, RedirectResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from autoexpose_daemon.page.body import read_body
-from drivers.config.files import read_regular
-from drivers.errors import ConfigurationError
+from documents.files import read_regular
+from imaging.errors import ConfigurationError
 
 COOKIE = "autoexpose_page"
 LEAST_TOKEN = 16

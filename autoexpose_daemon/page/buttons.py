@@ -12,7 +12,7 @@ from starlette.responses import PlainTextResponse, Response
 
 from autoexpose_daemon.client.control_client import ControlClient
 from autoexpose_daemon.page.body import read_body
-from drivers.errors import AutoexposeError
+from imaging.errors import AutoexposeError
 
 ASKED: Final = frozenset({"locked", "ev_stops", "policy", "reset"})
 """What there are buttons for, as in `config.request.Request`; the rest is for `autoexpose ctl`."""

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from autoexpose_daemon.control.decision import Decision
-from drivers.exposure import ExposureSetting
+from imaging.exposure import ExposureSetting
 
 BUCKET_S = 0.5
 """Finer than a pixel of the chart; each bucket keeps its least and greatest value, so no spike is lost."""

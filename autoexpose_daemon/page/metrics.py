@@ -16,8 +16,8 @@ from autoexpose_daemon.status.inputs.requests import RequestTally
 from autoexpose_daemon.status.inputs.tracking import TrackingRefusal, TrackingTally
 from autoexpose_daemon.status.publishing import DropReason
 from autoexpose_daemon.status.states import State
-from drivers.exposure import ExposureSetting
 from drivers.triggers.tally import LossReason
+from imaging.exposure import ExposureSetting
 
 CONTENT_TYPE = CONTENT_TYPE_PLAIN_0_0_4
 

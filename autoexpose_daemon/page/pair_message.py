@@ -12,7 +12,7 @@ from autoexpose_daemon.client import ReceivedPair
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.messages.registration import RegisteredView
 from autoexpose_daemon.page.picture import Picture
-from drivers.frames import Frame, Side
+from imaging.frames import Frame, Side
 
 
 def pair_message(

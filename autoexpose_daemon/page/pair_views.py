@@ -20,10 +20,10 @@ from autoexpose_daemon.control.grounds import Grounds
 from autoexpose_daemon.page.history import History
 from autoexpose_daemon.page.pair_message import pair_message
 from autoexpose_daemon.page.picture import DELTA_LEVELS, PictureMaker
-from calibration.response import ResponseFunction
-from drivers.errors import ConfigurationError
-from drivers.frames import Side
-from drivers.python310 import Self
+from imaging.errors import ConfigurationError
+from imaging.frames import Side
+from imaging.python310 import Self
+from imaging.response import ResponseFunction
 
 log = logging.getLogger(__name__)
 

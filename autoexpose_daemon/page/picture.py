@@ -11,10 +11,9 @@ from numpy.typing import NDArray
 
 from autoexpose_daemon.control.metrics.gradient import ExtremeShares, GradientMetric, PackedTables
 from autoexpose_daemon.control.picture.image import ImagePreparation, Shrinking, fit
-from calibration.response import ResponseFunction
-from calibration.response.prediction import prediction_tables
-from drivers.errors import ConfigurationError
-from drivers.frames import Frame
+from imaging.errors import ConfigurationError
+from imaging.frames import Frame
+from imaging.response import ResponseFunction, prediction_tables
 
 DISPLAY_SIZE = (720, 720)
 """Largest width and height of a picture sent to a browser."""

@@ -20,7 +20,7 @@ from autoexpose_daemon.page.access import Key, is_loopback, read_token
 from autoexpose_daemon.page.app import page_app
 from autoexpose_daemon.page.connection import Connection
 from autoexpose_daemon.service.logs import set_up_logging
-from drivers.errors import AutoexposeError, ConfigurationError
+from imaging.errors import AutoexposeError, ConfigurationError
 
 log = logging.getLogger(__name__)
 

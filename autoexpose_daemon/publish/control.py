@@ -14,9 +14,9 @@ from zenoh.handlers import Handler
 
 from autoexpose_daemon.config.request import Request, check_size, read_request
 from autoexpose_daemon.status.inputs.requests import Answer
-from drivers.config.readable import readable
-from drivers.errors import AutoexposeError, ConfigurationError
-from drivers.python310 import FutureTimeoutError
+from documents.text import readable
+from imaging.errors import AutoexposeError, ConfigurationError
+from imaging.python310 import FutureTimeoutError
 
 Ask = Callable[[Request], Future[Answer]]
 """Passes a request to control."""

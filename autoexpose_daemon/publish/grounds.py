@@ -12,7 +12,7 @@ from zenoh.handlers import Handler
 
 from autoexpose_daemon.control.grounds import Grounds
 from autoexpose_daemon.status.grounds import grounds_to_json
-from drivers.python310 import FutureTimeoutError
+from imaging.python310 import FutureTimeoutError
 
 Explain = Callable[[], Future[Grounds | None]]
 """Asks control, which answers between two pairs."""

@@ -12,7 +12,7 @@ from autoexpose_daemon.messages.read import read_angular_rate
 from autoexpose_daemon.publish.refusal import reading
 from autoexpose_daemon.publish.session import Endpoints, SessionHolder
 from autoexpose_daemon.runtime.inputs.angular_rate import AngularRate
-from drivers.python310 import Self
+from imaging.python310 import Self
 
 log = logging.getLogger(__name__)
 

@@ -38,9 +38,9 @@ from autoexpose_daemon.publish.session import Endpoints, SessionHolder
 from autoexpose_daemon.runtime.inputs.foretold_light import ForetoldLight
 from autoexpose_daemon.runtime.inputs.tracking import Tracking
 from autoexpose_daemon.status.publishing import DropReason, PublishTally
-from calibration.geometry.model import CameraGeometry
-from drivers.frames import Side, StereoPair
-from drivers.python310 import Self
+from imaging.frames import Side, StereoPair
+from imaging.geometry import CameraGeometry
+from imaging.python310 import Self
 
 log = logging.getLogger(__name__)
 

@@ -9,7 +9,7 @@ from typing import TypeVar
 
 from autoexpose_daemon.messages.read import DamagedMessageError
 from autoexpose_daemon.publish.session import Take
-from drivers.config.readable import readable
+from documents.text import readable
 from drivers.log_throttle import LogThrottle
 
 log = logging.getLogger(__name__)

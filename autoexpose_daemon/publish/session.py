@@ -15,7 +15,7 @@ import zenoh
 from zenoh.handlers import FifoChannel, Handler, RingChannel
 
 from autoexpose_daemon.messages.keys import check_endpoints
-from drivers.errors import AutoexposeError
+from imaging.errors import AutoexposeError
 
 LARGEST_MESSAGE_BYTES = 64 << 20
 """For an image with its header. Larger ones are dropped; zenoh's own limit, 1 GB, fills a small computer's memory."""

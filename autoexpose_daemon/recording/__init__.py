@@ -2,7 +2,7 @@
 
 from importlib.util import find_spec
 
-from drivers.errors import ConfigurationError
+from imaging.errors import ConfigurationError
 
 
 def check_recording_extra() -> None:

@@ -7,8 +7,8 @@ from pathlib import Path
 
 from autoexpose_daemon.recording.belief_plot import Moment, draw
 from autoexpose_daemon.recording.replay import Replay, Replayed
-from drivers.config.files import check_writable
-from drivers.errors import ConfigurationError
+from documents.files import check_writable
+from imaging.errors import ConfigurationError
 
 MOST_MOMENTS = 8
 """In one picture."""

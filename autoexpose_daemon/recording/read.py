@@ -30,10 +30,10 @@ from autoexpose_daemon.recording.file import FULL_SCALE, METADATA, STRING
 from autoexpose_daemon.recording.plain_json import from_json
 from autoexpose_daemon.recording.step import Item, RecordingError, Setup, State, Step
 from autoexpose_daemon.recording.upgrade import FORMER_FORMATS, upgraded_light, upgraded_setup, upgraded_state
-from calibration.geometry.model import CameraGeometry
-from drivers.config import bounds
-from drivers.config.files import open_regular
-from drivers.frames import SIDES, Frame, Side, StereoPair
+from documents import bounds
+from documents.files import open_regular
+from imaging.frames import SIDES, Frame, Side, StereoPair
+from imaging.geometry import CameraGeometry
 
 _COUNT_DIGITS = 18
 """More steps than that fit into no file; Python itself refuses numbers of more than 4300 digits."""

@@ -23,10 +23,10 @@ from autoexpose_daemon.control.snapshot import Plain
 from autoexpose_daemon.messages.stamp import Stamp
 from autoexpose_daemon.recording.file import RecordingFile
 from autoexpose_daemon.recording.step import RecordingError, Step
-from calibration.geometry.model import CameraGeometry
-from drivers.frames import Side, StereoPair
 from drivers.log_throttle import LogThrottle
-from drivers.python310 import Self
+from imaging.frames import Side, StereoPair
+from imaging.geometry import CameraGeometry
+from imaging.python310 import Self
 
 log = logging.getLogger(__name__)
 

@@ -12,7 +12,7 @@ from autoexpose_daemon.control.policies.removed import REMOVED
 from autoexpose_daemon.recording.file import software
 from autoexpose_daemon.recording.read import Recording
 from autoexpose_daemon.recording.replay import Replay, Replayed
-from drivers.config.readable import readable
+from documents.text import readable
 
 _SECOND_NS = 1_000_000_000
 

@@ -11,9 +11,9 @@ from autoexpose_daemon.control.loop import ControlSetup
 from autoexpose_daemon.control.override import NO_OVERRIDE, Override
 from autoexpose_daemon.control.picture.steering import Steering
 from autoexpose_daemon.control.snapshot import Plain
-from calibration.geometry.model import CameraGeometry
-from drivers.errors import AutoexposeError
-from drivers.frames import Side, StereoPair
+from imaging.errors import AutoexposeError
+from imaging.frames import Side, StereoPair
+from imaging.geometry import CameraGeometry
 
 
 class RecordingError(AutoexposeError):

@@ -8,7 +8,7 @@ import numpy as np
 
 from autoexpose_daemon.control.loop import ControlSetup
 from autoexpose_daemon.control.policies.removed import REMOVED
-from drivers.frames import SIDES
+from imaging.frames import SIDES
 
 FORMER_FORMATS = tuple(f"autoexpose-control/{number}" for number in range(2, 13))
 """In the eleventh, motion was measured by DIS flow unless a paper has Farneback's. In the tenth, only the latest delay

@@ -19,8 +19,8 @@ from autoexpose_daemon.ros2.domain import Domain
 from autoexpose_daemon.ros2.node import Node, Writer
 from autoexpose_daemon.ros2.requests import Requests
 from autoexpose_daemon.status.document import LARGEST_STATUS_BYTES, Status
-from drivers.errors import AutoexposeError
 from drivers.log_throttle import LogThrottle
+from imaging.errors import AutoexposeError
 
 log = logging.getLogger(__name__)
 

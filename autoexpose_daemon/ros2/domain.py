@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 from autoexpose_daemon.messages.keys import LAST_ROS2_DOMAIN
-from drivers.errors import ConfigurationError
+from imaging.errors import ConfigurationError
 
 log = logging.getLogger(__name__)
 

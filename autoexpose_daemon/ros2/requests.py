@@ -20,8 +20,8 @@ from autoexpose_daemon.client.control_client import ControlClient
 from autoexpose_daemon.client.ctl import rows_of
 from autoexpose_daemon.messages.types import BOOL, EMPTY, FLOAT64, STRING, TYPESTORE, serialise
 from autoexpose_daemon.ros2.node import NAME, Node
-from drivers.errors import AutoexposeError
 from drivers.log_throttle import LogThrottle
+from imaging.errors import AutoexposeError
 
 log = logging.getLogger(__name__)
 

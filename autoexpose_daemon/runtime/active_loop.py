@@ -11,9 +11,9 @@ from autoexpose_daemon.control.override import NO_OVERRIDE, Override
 from autoexpose_daemon.control.picture.steering import Steering
 from autoexpose_daemon.runtime.tuning import Tuning
 from drivers.camera import CameraDescription
-from drivers.exposure import ExposureLimits
-from drivers.frames import Side, StereoPair
 from drivers.rig.events import CameraReady
+from imaging.exposure import ExposureLimits
+from imaging.frames import Side, StereoPair
 
 log = logging.getLogger(__name__)
 

@@ -10,9 +10,9 @@ from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.runtime.tuning import Tuning
 from drivers.aravis import open_camera
 from drivers.camera import Camera
-from drivers.config.setup import CameraSetup
-from drivers.errors import AutoexposeError, ConfigurationError
-from drivers.frames import Side
+from drivers.setup import CameraSetup
+from imaging.errors import AutoexposeError, ConfigurationError
+from imaging.frames import Side
 
 
 def openers(config: Config) -> dict[Side, Callable[[], Camera]]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 
-from drivers.frames import Side
+from imaging.frames import Side
 
 log = logging.getLogger(__name__)
 

@@ -26,16 +26,16 @@ from autoexpose_daemon.runtime.outlet import Outlet
 from autoexpose_daemon.runtime.rig_control import RigControl
 from autoexpose_daemon.runtime.tuning import Tuning
 from autoexpose_daemon.status.inputs.requests import Answer
-from calibration.response import ResponseFunction
 from drivers.camera import Camera
-from drivers.errors import ConfigurationError
-from drivers.exposure import ExposureSetting
-from drivers.frames import Frame, Side, StereoPair
 from drivers.host.frame_memory import share_one_heap
 from drivers.host.priority import come_first
 from drivers.rig.events import RigEvent
 from drivers.rig.rig import Rig
 from drivers.triggers.tally import Tally
+from imaging.errors import ConfigurationError
+from imaging.exposure import ExposureSetting
+from imaging.frames import Frame, Side, StereoPair
+from imaging.response import ResponseFunction
 
 log = logging.getLogger(__name__)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from autoexpose_daemon.control.decision import Decision
-from drivers.frames import StereoPair
+from imaging.frames import StereoPair
 
 Outlet = Callable[[StereoPair, Decision | None], None]
 """Called with every pair and the decision on it (None: a newer pair arrived first), on the control thread, so it must

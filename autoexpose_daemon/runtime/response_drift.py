@@ -15,10 +15,10 @@ from autoexpose_daemon.config.document import Config
 from calibration.response.drift import Change, ResponseWatch, misfit_grey
 from calibration.response.file import ResponseFile
 from calibration.response.refinement import refine
-from drivers.errors import ConfigurationError
-from drivers.frames import Side, StereoPair
 from drivers.log_throttle import LogThrottle
-from drivers.python310 import UTC
+from imaging.errors import ConfigurationError
+from imaging.frames import Side, StereoPair
+from imaging.python310 import UTC
 
 log = logging.getLogger(__name__)
 

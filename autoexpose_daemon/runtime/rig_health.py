@@ -14,8 +14,6 @@ from autoexpose_daemon.runtime.tuning import Tuning
 from autoexpose_daemon.status.states import ADJUSTED, START_PATIENCE_NS
 from autoexpose_daemon.status.telemetry import GONE, Telemetry
 from drivers.camera import IncompleteFrame
-from drivers.errors import AutoexposeError
-from drivers.frames import Frame, Side, StereoPair
 from drivers.log_throttle import LogThrottle
 from drivers.rig.events import (
     CameraGone,
@@ -30,6 +28,8 @@ from drivers.rig.events import (
 )
 from drivers.triggers.host import HostTriggers
 from drivers.triggers.record import RigRecord
+from imaging.errors import AutoexposeError
+from imaging.frames import Frame, Side, StereoPair
 
 log = logging.getLogger(__name__)
 

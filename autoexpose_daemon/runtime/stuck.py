@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 
 from autoexpose_daemon.status.telemetry import GONE
-from drivers.frames import Side
+from imaging.frames import Side
 
 FIRST_PAUSE_NS = 3_000_000_000
 LONGEST_PAUSE_NS = 600_000_000_000

@@ -15,11 +15,11 @@ from autoexpose_daemon.config.roi import region_of
 from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.picture.region import Region
 from drivers.camera import CameraDescription
-from drivers.errors import ConfigurationError
-from drivers.exposure import ExposureLimits
-from drivers.frames import SIDES, Side
-from drivers.pixels.layout import plane_shape
-from drivers.python310 import Self
+from imaging.errors import ConfigurationError
+from imaging.exposure import ExposureLimits
+from imaging.frames import SIDES, Side
+from imaging.pixels import plane_shape
+from imaging.python310 import Self
 
 
 class Tuning:

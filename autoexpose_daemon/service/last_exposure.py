@@ -12,8 +12,8 @@ from typing import NamedTuple
 
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.status.telemetry import Telemetry
-from drivers.config.files import read_regular
-from drivers.exposure import ExposureLimits, ExposureSetting
+from documents.files import read_regular
+from imaging.exposure import ExposureLimits, ExposureSetting
 
 log = logging.getLogger(__name__)
 

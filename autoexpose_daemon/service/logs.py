@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.logging import RichHandler
 
 from autoexpose_daemon.status.fault_log import fault_log
-from drivers.config.readable import readable
+from documents.text import readable
 
 log = logging.getLogger(__name__)
 

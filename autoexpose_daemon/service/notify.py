@@ -7,8 +7,8 @@ import os
 import socket
 import time
 
-from drivers.config.readable import readable
-from drivers.python310 import Self
+from documents.text import readable
+from imaging.python310 import Self
 
 log = logging.getLogger(__name__)
 

@@ -20,7 +20,7 @@ from autoexpose_daemon.runtime.inputs.foretold_light import ForetoldLight
 from autoexpose_daemon.runtime.inputs.tracking import Tracking
 from autoexpose_daemon.status.describe import describe
 from autoexpose_daemon.status.publishing import PublishTally
-from drivers.frames import StereoPair
+from imaging.frames import StereoPair
 
 if TYPE_CHECKING:
     from autoexpose_daemon.recording.recorder import Recorder  # an extra

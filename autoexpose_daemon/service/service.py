@@ -23,9 +23,9 @@ from autoexpose_daemon.status.display import Show, display
 from autoexpose_daemon.status.document import Status
 from autoexpose_daemon.status.panel import line_of
 from autoexpose_daemon.status.states import State
-from drivers.errors import AutoexposeError, ConfigurationError
-from drivers.exposure import ExposureSetting
-from drivers.python310 import FutureTimeoutError
+from imaging.errors import AutoexposeError, ConfigurationError
+from imaging.exposure import ExposureSetting
+from imaging.python310 import FutureTimeoutError
 
 log = logging.getLogger(__name__)
 

@@ -21,7 +21,7 @@ from autoexpose_daemon.status.fault_log import fault_log
 from autoexpose_daemon.status.publishing import PublishTally
 from autoexpose_daemon.status.states import Expectation, Health, judge
 from autoexpose_daemon.status.telemetry import GONE, DurationSamples, Telemetry
-from drivers.frames import Side
+from imaging.frames import Side
 
 _STARTED_NS = time.monotonic_ns()  # start of the process, a second late: imports come first
 

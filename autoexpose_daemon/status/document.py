@@ -17,8 +17,8 @@ from autoexpose_daemon.status.inputs.requests import RequestTally
 from autoexpose_daemon.status.inputs.tracking import TrackingTally
 from autoexpose_daemon.status.states import Health, State
 from drivers.camera import PtpState
-from drivers.exposure import ExposureSetting
-from drivers.frames import Side
+from imaging.exposure import ExposureSetting
+from imaging.frames import Side
 
 VERSION = 1
 """Changes when a field changes its meaning, not when a field is added."""

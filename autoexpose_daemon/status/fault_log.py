@@ -6,7 +6,7 @@ import logging
 from collections import deque
 
 from autoexpose_daemon.status.document import Fault
-from drivers.config.readable import readable
+from documents.text import readable
 
 KEPT_FAULTS = 50
 LONGEST_TEXT = 500

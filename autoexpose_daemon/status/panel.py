@@ -14,7 +14,7 @@ from autoexpose_daemon.status.inputs.imu import ImuTally
 from autoexpose_daemon.status.inputs.light import LightTally
 from autoexpose_daemon.status.losses import lost_in_words
 from autoexpose_daemon.status.states import State
-from drivers.exposure import ExposureSetting
+from imaging.exposure import ExposureSetting
 
 COLOURS = {State.STARTING: "cyan", State.EXPOSING: "green", State.DEGRADED: "yellow", State.FAILED: "red"}
 _LEVELS = (4.0, 18.0)  # stops: 16 us without gain, 8 ms with 30 dB

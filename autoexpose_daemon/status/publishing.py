@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from autoexpose_daemon.messages.report import ConsumerTally
-from drivers.python310 import StrEnum
+from imaging.python310 import StrEnum
 
 GONE_NS = 5_000_000_000
 """A consumer that has been silent this long has left; consumers report once a second."""

@@ -6,8 +6,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from autoexpose_daemon.status.telemetry import GONE, Telemetry
-from drivers.frames import Side
-from drivers.python310 import StrEnum
+from imaging.frames import Side
+from imaging.python310 import StrEnum
 
 START_PATIENCE_NS = 10_000_000_000
 """A rig without a pair this long after its start is no longer starting. A GigE Vision camera stays with a killed

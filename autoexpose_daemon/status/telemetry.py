@@ -17,12 +17,12 @@ from autoexpose_daemon.status.inputs.requests import RequestTally
 from autoexpose_daemon.status.inputs.tracking import TrackingTally
 from autoexpose_daemon.status.publishing import PublishTally
 from drivers.camera import PtpState
-from drivers.exposure import ExposureLimits, ExposureSetting
-from drivers.frames import Side, StereoPair
 from drivers.rig.events import Written
 from drivers.triggers.history import Command
 from drivers.triggers.record import RigRecord
 from drivers.triggers.tally import LossReason
+from imaging.exposure import ExposureLimits, ExposureSetting
+from imaging.frames import Side, StereoPair
 
 _KEPT = 1 << 14  # four and a half minutes at 60 Hz
 _PAUSE_S = 1.0

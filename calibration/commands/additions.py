@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from calibration.response.file import ResponseFile
-from drivers.errors import ConfigurationError
+from imaging.errors import ConfigurationError
 
 
 def response_file_of(path: Path, serial: str) -> ResponseFile:

@@ -29,8 +29,8 @@ from calibration.response.file import ResponseFile
 from calibration.response.tum import tum_table
 from calibration.result import Result, Verdict, verdict
 from calibration.solver.comparison import compare
-from drivers.errors import ConfigurationError
-from drivers.frames import SIDES
+from imaging.errors import ConfigurationError
+from imaging.frames import SIDES
 
 calibrate_app = typer.Typer(
     help="Measure cameras: what they do to light, and the geometry of a pair.", no_args_is_help=True

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from calibration.commands.measure_geometry import Dictionary, MarkerMm, SquareMm, Squares, board_of
 from calibration.geometry.board import DEFAULT_DICTIONARY, Board
 from calibration.report import check_extra
-from drivers.errors import ConfigurationError
+from imaging.errors import ConfigurationError
 
 PIXELS_PER_MM = 10
 MARGIN_MM = 10

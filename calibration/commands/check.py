@@ -12,7 +12,6 @@ from calibration.commands.measure import check_gain, take
 from calibration.commands.rig import CameraMode
 from calibration.findings import Finding
 from calibration.judges.sweep import judge_sweep
-from calibration.response import ResponseFunction
 from calibration.response.file import ResponseFile
 from calibration.solver.agreement import Agreement, agreement
 from calibration.solver.tones import grey8, tones_by_exposure
@@ -20,7 +19,8 @@ from calibration.sources.session import Session
 from calibration.sources.sweep import Sweep
 from calibration.sources.sweep_plan import FIRST_TIME_US, StaticCamera, SweepPlan, time_bounds_us
 from drivers.aravis import open_camera
-from drivers.exposure import ExposureSetting
+from imaging.exposure import ExposureSetting
+from imaging.response import ResponseFunction
 
 GOOD_GREY = 1.5
 """Residual up to which a file is believed: one grey level of the curve, and what noise adds."""

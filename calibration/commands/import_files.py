@@ -17,12 +17,12 @@ from calibration.geometry.file import check_pair, load_geometry
 from calibration.geometry.formats.read import read_rigs
 from calibration.geometry.formats.rig import Rig, joined
 from calibration.geometry.formats.ros import ros_yaml
-from calibration.geometry.model import CameraGeometry
 from calibration.geometry.plausible import baseline_note
 from calibration.response.file import ResponseFile
-from drivers.config.files import replace_file
-from drivers.errors import ConfigurationError
-from drivers.frames import SIDES, Side
+from documents.files import replace_file
+from imaging.errors import ConfigurationError
+from imaging.frames import SIDES, Side
+from imaging.geometry import CameraGeometry
 
 UNITS_M: Final = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 

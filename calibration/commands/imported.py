@@ -13,10 +13,9 @@ from calibration.response.tum import is_tum_table, read_tum_table
 from calibration.sources.exposure_times import image_paths
 from calibration.vignetting.file import VignettingFile
 from calibration.vignetting.picture import read_vignette_picture
-from drivers.config.files import open_regular, read_text
-from drivers.config.png import SIGNATURE
-from drivers.errors import ConfigurationError
-from drivers.frames import Side
+from documents.files import SIGNATURE, open_regular, read_text
+from imaging.errors import ConfigurationError
+from imaging.frames import Side
 
 TIMES = "images.txt"
 _MOST_TIMES_BYTES = 1 << 24

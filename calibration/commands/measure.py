@@ -18,8 +18,8 @@ from calibration.sources.session import Session
 from calibration.sources.sweep import Shot, Sweep
 from calibration.sources.sweep_plan import SweepPlan, plan_sweep
 from drivers.aravis import open_camera
-from drivers.errors import AutoexposeError, ConfigurationError
-from drivers.python310 import UTC
+from imaging.errors import AutoexposeError, ConfigurationError
+from imaging.python310 import UTC
 
 
 def measure_camera(mode: CameraMode, gain_db: float, console: Console) -> Result:

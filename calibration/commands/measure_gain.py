@@ -20,10 +20,9 @@ from calibration.gain.solve import GainCurve, solve_gain
 from calibration.result import verdict
 from calibration.sources.session import Session
 from drivers.aravis import open_camera
-from drivers.errors import AutoexposeError, ConfigurationError
-from drivers.exposure import ExposureLimits
-from drivers.exposure.gain_scale import GainScale
-from drivers.python310 import UTC
+from imaging.errors import AutoexposeError, ConfigurationError
+from imaging.exposure import ExposureLimits, GainScale
+from imaging.python310 import UTC
 
 MOST_NUMBERS = 1e6
 """More than any gain has; a node without bounds has all that fit into its register."""

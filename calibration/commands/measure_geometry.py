@@ -28,10 +28,10 @@ from calibration.sources.exposure_times import image_paths
 from calibration.sources.images import read_grey8
 from calibration.sources.pair import RATE_HZ, SLOWEST_HZ, PairOfCameras, whole_grey8
 from calibration.sources.session import Session
+from documents.files import replace_file
 from drivers.aravis import open_camera
-from drivers.config.files import replace_file
-from drivers.errors import AutoexposeError, ConfigurationError
-from drivers.frames import SIDES, Side
+from imaging.errors import AutoexposeError, ConfigurationError
+from imaging.frames import SIDES, Side
 
 CAMCHAIN, REPORT = "camchain.yaml", "geometry.html"
 FILES: Mapping[Side, str] = {"left": "left.yaml", "right": "right.yaml"}

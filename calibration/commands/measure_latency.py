@@ -17,7 +17,7 @@ from calibration.latency.trials import TRIALS, capture_latency
 from calibration.latency.write_effect import WriteEffect
 from calibration.sources.session import Session, session_setup
 from drivers.aravis import open_camera
-from drivers.errors import AutoexposeError
+from imaging.errors import AutoexposeError
 
 
 def latency(

@@ -22,9 +22,8 @@ from calibration.noise.plan import default_gains_db, plan_noise
 from calibration.sources.session import Session, session_setup
 from calibration.sources.sweep import Sweep
 from drivers.aravis import AravisCamera, open_camera
-from drivers.errors import AutoexposeError, ConfigurationError
-from drivers.pixels.formats import PixelFormat
-from drivers.pixels.layout import SAMPLES, green_samples
+from imaging.errors import AutoexposeError, ConfigurationError
+from imaging.pixels import SAMPLES, PixelFormat, green_samples
 
 log = logging.getLogger(__name__)
 

@@ -16,7 +16,6 @@ from calibration.commands.rig import CameraMode, places_of, rig_of_config
 from calibration.document import CameraIdentity
 from calibration.report import check_extra
 from calibration.report.vignetting import vignetting_facts, write_vignetting_report
-from calibration.response import ResponseFunction
 from calibration.response.file import ResponseFile
 from calibration.sources.session import Session
 from calibration.vignetting.capture import LOOKS, capture_looks
@@ -25,9 +24,10 @@ from calibration.vignetting.file import VignettingFile
 from calibration.vignetting.look import Look
 from calibration.vignetting.result import VignettingResult, calibrate_vignetting
 from drivers.aravis import open_camera
-from drivers.errors import AutoexposeError, ConfigurationError
-from drivers.pixels.layout import green_samples
-from drivers.python310 import UTC
+from imaging.errors import AutoexposeError, ConfigurationError
+from imaging.pixels import green_samples
+from imaging.python310 import UTC
+from imaging.response import ResponseFunction
 
 
 def vignette(

@@ -24,19 +24,18 @@ from calibration.gain.white import (
     judge_surface,
     ratios_for,
 )
-from calibration.response import ResponseFunction
 from calibration.response.file import ResponseFile
 from calibration.result import verdict
 from calibration.sources.session import Session
 from calibration.vignetting.capture import FRAMES, bright_exposure_us
 from drivers.aravis import open_camera, open_nodes
-from drivers.config.feature import FeatureSetting, as_list
-from drivers.errors import ConfigurationError
-from drivers.exposure import ExposureSetting
-from drivers.frames import SIDES
 from drivers.genicam.image_format import present_format
-from drivers.pixels.formats import PixelFormat
-from drivers.pixels.layout import Layout, Pixels, is_mosaic, rgb_samples
+from drivers.setup import FeatureSetting, as_list
+from imaging.errors import ConfigurationError
+from imaging.exposure import ExposureSetting
+from imaging.frames import SIDES
+from imaging.pixels import Layout, PixelFormat, Pixels, is_mosaic, rgb_samples
+from imaging.response import ResponseFunction
 
 RATIO, SELECTOR = "BalanceRatio", "BalanceRatioSelector"
 LEAST_BOX_PX = 32

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar
 
-from drivers.errors import ConfigurationError
+from imaging.errors import ConfigurationError
 
 File = TypeVar("File")
 

@@ -9,17 +9,16 @@ from typing import Any, get_args
 
 from calibration.gain.file import GainFile
 from calibration.sources.session import session_setup
-from drivers.config import bounds
-from drivers.config.feature import FeatureSetting, parse_features
-from drivers.config.readable import quoted
-from drivers.config.setup import CameraSetup, LinkShare
-from drivers.config.strict_yaml import load_mapping
-from drivers.errors import ConfigurationError
-from drivers.exposure.gain_scale import GainScale
-from drivers.frames import SIDES, Side
+from documents import bounds
+from documents.strict_yaml import load_mapping
+from documents.text import quoted
 from drivers.genicam.dialect import GAINS
 from drivers.genicam.trigger import RATE_NODES
-from drivers.pixels.formats import PIXEL_FORMATS, PixelFormat
+from drivers.setup import CameraSetup, FeatureSetting, LinkShare, parse_features
+from imaging.errors import ConfigurationError
+from imaging.exposure import GainScale
+from imaging.frames import SIDES, Side
+from imaging.pixels import PIXEL_FORMATS, PixelFormat
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,9 +20,9 @@ from calibration.document import (
     write_document,
 )
 from calibration.findings import Finding
-from drivers.config.bounds import GAIN_DB, Range
-from drivers.exposure.gain_scale import GainScale
-from drivers.python310 import Self
+from documents.bounds import GAIN_DB, Range
+from imaging.exposure import GainScale
+from imaging.python310 import Self
 
 FORMAT = "autoexpose-gain/1"
 _ERROR_DB = Range(0.0, 100.0, "dB")

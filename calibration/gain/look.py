@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from calibration.noise.plan import half_exposure_us
 from calibration.sources.sweep import Shot
 from calibration.sources.sweep_plan import StaticCamera
-from drivers.exposure import DB_PER_STOP, ExposureSetting
+from imaging.exposure import DB_PER_STOP, ExposureSetting
 
 Array = NDArray[np.float64]
 

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.findings import Finding
-from calibration.response import ResponseFunction, greys_of_codes
 from calibration.sources.sweep import Shot, mean_of
+from imaging.response import ResponseFunction, greys_of_codes
 
 Array = NDArray[np.float64]
 Ratios = dict[str, float]

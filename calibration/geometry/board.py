@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.errors import ConfigurationError
+from imaging.errors import ConfigurationError
 
 DICTIONARIES: Final[tuple[str, ...]] = tuple(
     f"DICT_{bits}X{bits}_{count}" for bits in (4, 5, 6, 7) for count in (50, 100, 250, 1000)

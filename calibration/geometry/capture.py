@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from calibration.geometry.board import Board, BoardFinder, Corners
 from calibration.geometry.views import TILTS, View, covered, guessed_lens, pose, tilts
-from drivers.frames import SIDES, Side
+from imaging.frames import SIDES, Side
 
 ENOUGH_VIEWS, MOST_VIEWS = 40, 100
 ENOUGH_COVERED = 0.85

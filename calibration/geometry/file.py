@@ -7,10 +7,10 @@ from pathlib import Path
 
 from calibration.geometry.formats.read import read_rig
 from calibration.geometry.formats.rig import side_of
-from calibration.geometry.model import CameraGeometry
-from drivers.config.readable import quoted
-from drivers.errors import ConfigurationError
-from drivers.frames import SIDES, Side
+from documents.text import quoted
+from imaging.errors import ConfigurationError
+from imaging.frames import SIDES, Side
+from imaging.geometry import CameraGeometry
 
 _SAME_PX = 0.01
 """By how much the projections of a pair may differ: files may be written with few digits."""

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.geometry.board import Board, Corners
-from calibration.geometry.model import CameraGeometry
 from calibration.geometry.rectify import alone
 from calibration.geometry.views import View, pose
-from drivers.frames import SIDES, Side
+from imaging.frames import SIDES, Side
+from imaging.geometry import CameraGeometry
 
 FLAGS = cv2.CALIB_FIX_K3
 """The third radial coefficient hardly shows in views that do not fill the corners, and Kalibr does not know it."""

@@ -8,7 +8,7 @@ from calibration.findings import Finding
 from calibration.geometry.fit import Fit
 from calibration.geometry.score import Score, overall
 from calibration.geometry.views import TILTED_DEG, TILTS, View, covered, tilts
-from drivers.frames import SIDES, Side
+from imaging.frames import SIDES, Side
 
 LEAST_VIEWS = 15
 LEAST_COVERED = 0.5

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.geometry.model import COEFFICIENTS, CameraGeometry
 from calibration.geometry.numbers import is_rotation
-from drivers.errors import ConfigurationError
+from imaging.errors import ConfigurationError
+from imaging.geometry import COEFFICIENTS, CameraGeometry
 
 FOCAL_WIDTHS = (0.1, 50.0)
 """Focal lengths of real lenses, in widths of the picture: from fisheyes to telescopes."""

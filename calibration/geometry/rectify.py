@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.geometry.model import CameraGeometry
-from drivers.errors import ConfigurationError
+from imaging.errors import ConfigurationError
+from imaging.geometry import CameraGeometry
 
 LEAST_FOCAL, MOST_FOCAL = 0.5, 2.0
 """Focal lengths of rectified pictures in those of the lens. At half, the middle of a wide lens's picture keeps enough

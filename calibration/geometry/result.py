@@ -11,14 +11,14 @@ from calibration.findings import Finding
 from calibration.geometry.board import Board
 from calibration.geometry.fit import Fit, fit_pair
 from calibration.geometry.judge import judge_fit, judge_scores, judge_views
-from calibration.geometry.model import CameraGeometry
 from calibration.geometry.plausible import check_plausible
 from calibration.geometry.rectify import rectified
 from calibration.geometry.score import Score, score
 from calibration.geometry.views import View
 from calibration.result import Verdict, verdict
-from drivers.errors import ConfigurationError
-from drivers.frames import SIDES, Side
+from imaging.errors import ConfigurationError
+from imaging.frames import SIDES, Side
+from imaging.geometry import CameraGeometry
 
 HELD_OUT = 5
 """One view in this many is kept out of the fit, and shows whether it holds."""

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from calibration.geometry.board import Board, Corners
 from calibration.geometry.fit import common, lens_matrices
-from calibration.geometry.model import CameraGeometry
 from calibration.geometry.views import View, pose
-from drivers.frames import SIDES, Side
+from imaging.frames import SIDES, Side
+from imaging.geometry import CameraGeometry
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.geometry.board import Board, Corners
-from drivers.frames import Side
+from imaging.frames import Side
 
 CELLS: Final = (6, 8)
 """Rows and columns of parts of the picture in which corners must have been seen."""

@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.response import GREY_LEVELS, ResponseFunction
-from calibration.response.prediction import prediction_table
 from calibration.solver.tones import exposure_index, grey8
 from calibration.sources.sweep import Sweep
+from imaging.response import GREY_LEVELS, ResponseFunction, prediction_table
 
 BLOCK_PX = 16
 

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from calibration.findings import Finding
 from calibration.noise.variance_curve import grey_step, pairs_of
-from calibration.response import GREY_LEVELS, ResponseFunction
 from calibration.sources.sweep import Shot, Sweep
+from imaging.response import GREY_LEVELS, ResponseFunction
 
 MOST_CORRELATION = 0.03
 """Between neighbouring pixels: photons arrive at each by itself; smoothing and compression spread their noise."""

@@ -7,11 +7,11 @@ from numpy.typing import NDArray
 
 from calibration.findings import Finding
 from calibration.judges.motion import moved_share_between_exposures
-from calibration.response import GREY_LEVELS, ResponseFunction
 from calibration.response.solution import ResponseSolution
 from calibration.solver.inverse_curve import Ends, usable
 from calibration.solver.tones import Curve, Tones, tones_by_exposure
 from calibration.sources.sweep import Sweep
+from imaging.response import GREY_LEVELS, ResponseFunction
 
 UNSEEN_GREY = 32
 """Grey levels missing in a row, at an end or in between, from which a warning is given."""

@@ -8,10 +8,10 @@ import numpy as np
 
 from calibration.findings import Finding
 from calibration.judges.noise_witness import NoiseWitness
-from calibration.response import ResponseFunction
 from calibration.response.facts import SIGMAS
 from calibration.response.solution import ResponseSolution
 from calibration.solver.tones import Curve
+from imaging.response import ResponseFunction
 
 ACCURACIES_STOPS = (0.0025, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
 ACCURATE_SHARE = 0.75

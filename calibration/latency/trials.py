@@ -14,10 +14,10 @@ import numpy as np
 from calibration.findings import Finding
 from calibration.latency.write_effect import SeenFrame, Trial, WriteEffect, WrittenQuantity, is_clear, write_effect
 from calibration.sources.session import Session
-from drivers.exposure import DB_PER_STOP, ExposureLimits, ExposureSetting
-from drivers.frames import Frame
 from drivers.genicam.write_latency import FRAMES_AFTER
-from drivers.pixels.layout import Pixels, light_samples
+from imaging.exposure import DB_PER_STOP, ExposureLimits, ExposureSetting
+from imaging.frames import Frame
+from imaging.pixels import Pixels, light_samples
 
 TRIALS = 100
 """Writes of each quantity: enough to distinguish 95 % from less, in a dozen seconds at 60 Hz."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from calibration.sources.sweep_plan import FIRST_TIME_US, StaticCamera, SweepPlan, time_bounds_us
-from drivers.exposure import ExposureLimits, ExposureSetting
+from imaging.exposure import ExposureLimits, ExposureSetting
 
 DARKEST_STOPS, BRIGHTEST_STOPS = -9.0, 2.0
 """From where the scene's median is half of full scale: to a few electrons a pixel, and until most pixels saturate."""

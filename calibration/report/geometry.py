@@ -8,7 +8,7 @@ from pathlib import Path
 from calibration.geometry.result import GeometryResult
 from calibration.geometry.score import overall
 from calibration.response.facts import Fact
-from drivers.frames import SIDES
+from imaging.frames import SIDES
 
 
 def write_geometry_report(path: Path, result: GeometryResult) -> Path:

@@ -11,7 +11,7 @@ from calibration.geometry.judge import GOOD_ERROR_PX
 from calibration.geometry.result import GeometryResult
 from calibration.geometry.views import CELLS
 from calibration.report.plots import INK, Picture
-from drivers.frames import SIDES, Side
+from imaging.frames import SIDES, Side
 
 COLOURS: dict[Side, str] = {"left": "#0072b2", "right": "#d55e00"}
 MARKERS: dict[Side, str] = {"left": "o", "right": "x"}

@@ -15,7 +15,7 @@ from calibration.response.facts import Fact, curve_facts, origin_facts
 from calibration.response.file import ResponseFile
 from calibration.result import Result
 from calibration.solver.comparison import Comparison
-from drivers.errors import ConfigurationError
+from imaging.errors import ConfigurationError
 
 EXTRA = {"matplotlib": "matplotlib", "jinja2": "jinja2", "PIL": "pillow"}
 """What the extra installs, by the name that is imported."""

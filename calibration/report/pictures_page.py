@@ -9,7 +9,7 @@ from pathlib import Path
 import jinja2
 
 from calibration.report.plots import Picture, one_png
-from drivers.errors import ConfigurationError
+from imaging.errors import ConfigurationError
 
 
 def write_page(path: Path, template: str, pictures: Sequence[Picture], **content: object) -> Path:

@@ -12,10 +12,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from calibration.response import GREY_LEVELS, ResponseFunction
-from calibration.response.prediction import prediction_table
 from calibration.response.solution import ResponseSolution
 from calibration.result import Result
+from imaging.response import GREY_LEVELS, ResponseFunction, prediction_table
 
 DASHES: Sequence[tuple[float, str, str, str]] = (
     (-2.0, "#0072b2", ":", "v"),

@@ -9,9 +9,9 @@ from matplotlib.axes import Axes
 
 from calibration.report.plots import INK, Picture
 from calibration.vignetting.field import Array
-from calibration.vignetting.model import middles, radius_squared
 from calibration.vignetting.result import VignettingResult
 from calibration.vignetting.solve import residuals
+from imaging.vignetting import middles, radius_squared
 
 _LEVELS = np.arange(0.05, 1.0, 0.05)
 _LEAST_REACH = 0.005

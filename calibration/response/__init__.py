@@ -1,5 +1,1 @@
-"""The photometric response function of a camera: what it is, its file, what follows from it, whether it still holds."""
-
-from calibration.response.function import GREY_LEVELS, ResponseFunction, greys_of_codes
-
-__all__ = ["GREY_LEVELS", "ResponseFunction", "greys_of_codes"]
+"""The file of a response function, what it rests on, and whether it still holds."""

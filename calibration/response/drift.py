@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.response import GREY_LEVELS, ResponseFunction
+from imaging.response import GREY_LEVELS, ResponseFunction
 
 Greys = NDArray[np.float64]
 

@@ -23,11 +23,11 @@ from calibration.document import (
     write_document,
 )
 from calibration.findings import Finding
-from calibration.response import GREY_LEVELS, ResponseFunction
 from calibration.response.solution import ResponseModel, ResponseSolution
-from drivers.config.bounds import BINNING, GAIN_DB, Range
-from drivers.errors import ConfigurationError
-from drivers.pixels.formats import PixelFormat
+from documents.bounds import BINNING, GAIN_DB, Range
+from imaging.errors import ConfigurationError
+from imaging.pixels import PixelFormat
+from imaging.response import GREY_LEVELS, ResponseFunction
 
 FORMAT = "autoexpose-response/1"
 _DECIMALS = 6

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.response import GREY_LEVELS, ResponseFunction
 from calibration.response.drift import Change, misfit_grey
+from imaging.response import GREY_LEVELS, ResponseFunction
 
 LEAST_CHANGES = 48
 LEAST_GAIN = 0.3

@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.response import ResponseFunction
+from imaging.response import ResponseFunction
 
 ResponseModel = Literal["linear", "gamma", "emor", "free"]
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from calibration.response.function import GREY_LEVELS, ResponseFunction
-from drivers.config.readable import quoted
-from drivers.errors import ConfigurationError
+from documents.text import quoted
+from imaging.errors import ConfigurationError
+from imaging.response import GREY_LEVELS, ResponseFunction
 
 TOP = 255.0
 LEAST_STEP = 3e-5

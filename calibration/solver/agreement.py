@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.response import ResponseFunction
 from calibration.solver.tones import Tones
+from imaging.response import ResponseFunction
 
 MAX_DELTA_STOPS = 2.1
 """Two stops, however cameras round exposure times: the daemon predicts no further."""

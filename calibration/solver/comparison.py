@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.response.prediction import prediction_tables
 from calibration.response.solution import ResponseSolution
 from calibration.solver.agreement import CLIPPED_GREY
+from imaging.response import prediction_tables
 
 DELTA_LEVELS = (-2.0, -1.0, -0.5, 0.5, 1.0, 2.0)
 SAME_GREY = 1.0

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.response import GREY_LEVELS
 from calibration.solver.tones import Curve, Tones
+from imaging.response import GREY_LEVELS
 
 CLEAR_OF_ENDS_GREY = 0.8
 """A median this near to black or saturation may stand for anything beyond."""

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.response import GREY_LEVELS, ResponseFunction
 from calibration.response.solution import ResponseSolution
 from calibration.solver.exposure_offset import is_uniform
 from calibration.solver.families import FamilyFit, families, fit_family
@@ -24,7 +23,8 @@ from calibration.solver.inverse_curve import (
 from calibration.solver.sweep_fit import SweepFit
 from calibration.solver.tones import Tones, tones_by_exposure
 from calibration.sources.sweep import Sweep
-from drivers.errors import ConfigurationError
+from imaging.errors import ConfigurationError
+from imaging.response import GREY_LEVELS, ResponseFunction
 
 LINEAR_WITHIN_GREY = 0.4
 """Sensors are linear to about a percent: what a straight line explains this well (rms) counts as linear."""

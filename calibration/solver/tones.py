@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.response import GREY_LEVELS
 from calibration.sources.sweep import Shot, Sweep
+from imaging.response import GREY_LEVELS
 
 MAX_GROUPS = 400
 MIN_PIXELS = 12

@@ -21,9 +21,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
-from drivers.config.files import read_regular
-from drivers.config.readable import quoted
-from drivers.errors import ConfigurationError
+from documents.files import read_regular
+from documents.text import quoted
+from imaging.errors import ConfigurationError
 
 _MOST_BYTES = 1 << 20
 _SECONDS_PER_UNIT = {"": 1.0, "ns": 1e-9, "us": 1e-6, "ms": 1e-3, "s": 1.0}

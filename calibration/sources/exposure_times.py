@@ -14,8 +14,8 @@ from pathlib import Path
 from PIL import Image
 
 from calibration.sources.exposure_lists import read_list
-from drivers.config.files import open_regular
-from drivers.errors import ConfigurationError
+from documents.files import open_regular
+from imaging.errors import ConfigurationError
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".pgm", ".ppm")
 

@@ -12,11 +12,10 @@ from numpy.typing import NDArray
 
 from calibration.sources.exposure_times import TimedFile, image_paths, timed_files
 from calibration.sources.sweep import Shot, Sweep
-from drivers.config.files import read_regular
-from drivers.config.png import SIGNATURE, is_whole_png
-from drivers.errors import ConfigurationError
-from drivers.exposure import ExposureSetting
-from drivers.pixels.layout import Pixels
+from documents.files import SIGNATURE, is_whole_png, read_regular
+from imaging.errors import ConfigurationError
+from imaging.exposure import ExposureSetting
+from imaging.pixels import Pixels
 
 GREEN = 1
 """Its place among OpenCV's blue, green, red."""

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.sources.session import Session
-from drivers.errors import CameraError
-from drivers.exposure import ExposureLimits, ExposureSetting
-from drivers.frames import SIDES, Frame, Side
+from imaging.errors import CameraError
+from imaging.exposure import ExposureLimits, ExposureSetting
+from imaging.frames import SIDES, Frame, Side
 
 RATE_HZ, SLOWEST_HZ = 20.0, 2.0
 LONGEST_US = 5000.0

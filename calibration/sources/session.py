@@ -8,13 +8,12 @@ from types import TracebackType
 
 from calibration.sources.sweep import Shot
 from drivers.camera import Camera, CameraDescription
-from drivers.config.setup import CameraSetup, TriggerSetup
-from drivers.errors import CameraError
-from drivers.exposure import ExposureLimits, ExposureSetting
-from drivers.frames import Frame, SettingSource
 from drivers.genicam.write_latency import FRAMES_AFTER
-from drivers.pixels.formats import PixelFormat
-from drivers.pixels.layout import Layout, Pixels, light_samples
+from drivers.setup import CameraSetup, TriggerSetup
+from imaging.errors import CameraError
+from imaging.exposure import ExposureLimits, ExposureSetting
+from imaging.frames import Frame, SettingSource
+from imaging.pixels import Layout, PixelFormat, Pixels, light_samples
 
 PATIENCE_S = 3.0
 """How late a frame may be, beyond its own exposure and that of the previous setting."""

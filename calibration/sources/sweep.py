@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.exposure import ExposureSetting
-from drivers.pixels.layout import Pixels
+from imaging.exposure import ExposureSetting
+from imaging.pixels import Pixels
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -10,7 +10,7 @@ from typing import Protocol
 import numpy as np
 
 from calibration.sources.sweep import Shot
-from drivers.exposure import DB_PER_STOP, ExposureLimits, ExposureSetting
+from imaging.exposure import DB_PER_STOP, ExposureLimits, ExposureSetting
 
 FIRST_TIME_US = 2000.0
 LONGEST_TIME_US = 500_000.0

@@ -7,11 +7,11 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from calibration.response import ResponseFunction
 from calibration.sources.sweep_plan import FIRST_TIME_US, StaticCamera, time_bounds_us
 from calibration.vignetting.field import Field, field_of
 from calibration.vignetting.look import Look
-from drivers.exposure import ExposureSetting
+from imaging.exposure import ExposureSetting
+from imaging.response import ResponseFunction
 
 LOOKS = 8
 FRAMES = 8

@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.response import ResponseFunction, greys_of_codes
 from calibration.sources.sweep import Shot, mean_of
+from imaging.response import ResponseFunction, greys_of_codes
 
 Array = NDArray[np.float64]
 

@@ -19,10 +19,10 @@ from calibration.document import (
     write_document,
 )
 from calibration.findings import Finding
-from calibration.vignetting.model import MOST_COEFFICIENTS, Vignetting
-from drivers.config.bounds import Range
-from drivers.errors import ConfigurationError
-from drivers.python310 import Self
+from documents.bounds import Range
+from imaging.errors import ConfigurationError
+from imaging.python310 import Self
+from imaging.vignetting import MOST_COEFFICIENTS, Vignetting
 
 FORMAT = "autoexpose-vignetting/1"
 _Pixels = Annotated[int, Strict()]

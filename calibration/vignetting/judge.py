@@ -9,7 +9,7 @@ import numpy as np
 from calibration.findings import Finding
 from calibration.vignetting.field import Array
 from calibration.vignetting.look import Look
-from calibration.vignetting.model import LEAST_LIGHT
+from imaging.vignetting import LEAST_LIGHT
 
 LEAST_LOOKS = 4
 MOST_CLIPPED = 1e-3

@@ -10,7 +10,7 @@ import numpy as np
 from calibration.sources.images import read_grey
 from calibration.vignetting.file import VignettingFile
 from calibration.vignetting.solve import fit_grid, residuals
-from drivers.errors import ConfigurationError
+from imaging.errors import ConfigurationError
 
 NODES = 32
 """Of the grid along the longer side: with straight lines between them, cos^4 down to 0.3 is missed by 0.1 %."""

@@ -14,7 +14,7 @@ from calibration.vignetting.field import Array
 from calibration.vignetting.judge import judge_flatness, judge_looks, judge_result
 from calibration.vignetting.look import Look
 from calibration.vignetting.solve import Solution, fit_grid, off, solve
-from drivers.errors import ConfigurationError
+from imaging.errors import ConfigurationError
 
 LEAST_ERROR = 0.001
 

@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 
 from calibration.vignetting.field import Array
-from calibration.vignetting.model import LEAST_LIGHT, Vignetting, hats, middles, radius_squared
+from imaging.vignetting import LEAST_LIGHT, Vignetting, hats, middles, radius_squared
 
 Kind = Literal["polynomial", "polynomial about a fitted centre", "grid"]
 

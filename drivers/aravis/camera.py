@@ -14,17 +14,6 @@ from drivers.aravis.introspection import Aravis, GLib, genicam_xml
 from drivers.aravis.nodes import AravisNodes
 from drivers.aravis.stream import DroppedFrames, create_stream, row_padding_bytes
 from drivers.camera import CameraDescription, ClockReading, IncompleteFrame, RefusedPackets
-from drivers.config.setup import ACTION_KEYS, CameraSetup
-from drivers.errors import (
-    CameraBusyError,
-    CameraError,
-    CameraLostError,
-    ConfigurationError,
-    NodeError,
-    UnsupportedCameraError,
-)
-from drivers.exposure import ExposureLimits, ExposureSetting
-from drivers.frames import Frame, SettingSource
 from drivers.genicam.clock import find_clock
 from drivers.genicam.dialect import find_dialect, switch_auto_off
 from drivers.genicam.features import apply_features
@@ -43,8 +32,19 @@ from drivers.genicam.timeline import FrameTimeline
 from drivers.genicam.timing import timing_limitations
 from drivers.genicam.trigger import SOFTWARE_TRIGGER, action_queue, arm_trigger
 from drivers.host.action_commands import ActionSender
-from drivers.pixels.layout import Pixels, light_samples
 from drivers.ptp.nodes import PtpNodes
+from drivers.setup import ACTION_KEYS, CameraSetup
+from imaging.errors import (
+    CameraBusyError,
+    CameraError,
+    CameraLostError,
+    ConfigurationError,
+    NodeError,
+    UnsupportedCameraError,
+)
+from imaging.exposure import ExposureLimits, ExposureSetting
+from imaging.frames import Frame, SettingSource
+from imaging.pixels import Pixels, light_samples
 
 SPARSE = 8
 """One row and column in this many is enough to see the brightness change."""

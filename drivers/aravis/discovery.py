@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from drivers.aravis.introspection import Aravis
-from drivers.errors import CameraNotFoundError
+from imaging.errors import CameraNotFoundError
 
 FRESH_S = 2.0
 """A search takes a second: the second camera of a rig is found by the search for the first."""

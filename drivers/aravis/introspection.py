@@ -7,7 +7,7 @@ from typing import Any
 
 import gi
 
-from drivers.errors import AutoexposeError
+from imaging.errors import AutoexposeError
 
 try:
     gi.require_version("Aravis", "0.8")

@@ -6,11 +6,11 @@ import logging
 from typing import Any
 
 from drivers.aravis.nodes import AravisNodes
-from drivers.config.setup import LinkShare
-from drivers.errors import ConfigurationError
 from drivers.genicam.hold import hold, offered
 from drivers.genicam.link_share import bytes_per_s, needed_bytes_per_s, packet_delay_ns
 from drivers.host.network import interface_with
+from drivers.setup import LinkShare
+from imaging.errors import ConfigurationError
 
 log = logging.getLogger(__name__)
 

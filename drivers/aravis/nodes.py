@@ -8,8 +8,8 @@ from collections.abc import Callable, Iterator
 from typing import Any, TypeVar
 
 from drivers.aravis.introspection import Aravis, GLib
-from drivers.errors import CameraBusyError, CameraError, CameraLostError, NodeError
 from drivers.genicam.nodes import Kind
+from imaging.errors import CameraBusyError, CameraError, CameraLostError, NodeError
 
 T = TypeVar("T")
 N = TypeVar("N", int, float)

@@ -10,8 +10,8 @@ from drivers.aravis.camera import AravisCamera
 from drivers.aravis.discovery import OPENING, FoundCamera, find_camera
 from drivers.aravis.introspection import Aravis, GLib
 from drivers.aravis.nodes import AravisNodes, is_silence
-from drivers.config.setup import CameraSetup
-from drivers.errors import (
+from drivers.setup import CameraSetup
+from imaging.errors import (
     AutoexposeError,
     CameraBusyError,
     CameraLostError,

@@ -8,11 +8,11 @@ from typing import Any
 from drivers.aravis.introspection import Aravis
 from drivers.aravis.link import keep_to_share
 from drivers.aravis.nodes import AravisNodes
-from drivers.config.setup import CameraSetup
-from drivers.errors import CameraLostError, NodeError, UnsupportedCameraError
 from drivers.host.gvcp import addresses_of
 from drivers.host.network import SOCKET_BUFFER_BYTES, interface_with
 from drivers.host.stream_filter import StreamFilter, largest_packet_id
+from drivers.setup import CameraSetup
+from imaging.errors import CameraLostError, NodeError, UnsupportedCameraError
 
 log = logging.getLogger(__name__)
 

@@ -5,12 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from drivers.errors import ConfigurationError, NodeError, UnsupportedCameraError
-from drivers.exposure import ExposureLimits, ExposureSetting
-from drivers.exposure.gain_scale import GainScale
 from drivers.genicam.hold import hold, offered, switch
 from drivers.genicam.nodes import NodeMap
 from drivers.genicam.quantity import DECIBELS, EXACT, Quantity, is_number, us_per_unit
+from imaging.errors import ConfigurationError, NodeError, UnsupportedCameraError
+from imaging.exposure import ExposureLimits, ExposureSetting, GainScale
 
 TIME_NODES = ("ExposureTime", "ExposureTimeAbs")
 """SFNC 2 and SFNC 1 names."""

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from drivers.config.feature import FeatureSetting
-from drivers.config.setup import CameraSetup
-from drivers.errors import ConfigurationError
 from drivers.genicam.dialect import GAINS, RAW_TIME, TIME_NODES
 from drivers.genicam.gamma import SWITCHES
 from drivers.genicam.trigger import ACTION_NODES, PTP_SWITCHES, RATE_NODES, RATE_SWITCHES, SOFTWARE_TRIGGER
+from drivers.setup import CameraSetup, FeatureSetting
+from imaging.errors import ConfigurationError
 
 _DRIVEN = "the daemon drives it: "
 _TIME = f"{_DRIVEN}set exposure.min_time_us and exposure.max_time_us instead"

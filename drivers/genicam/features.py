@@ -8,13 +8,12 @@ import logging
 import math
 from collections.abc import Iterator, Sequence
 
-from drivers.config.feature import EXECUTE, FeatureSetting, FeatureValue
-from drivers.config.setup import CameraSetup
-from drivers.errors import AutoexposeError, ConfigurationError, NodeError
 from drivers.genicam.dialect import GAINS, gain_driven
 from drivers.genicam.driven import refuse_driven
 from drivers.genicam.hold import SWITCHED, hold, read_feature, write_feature
 from drivers.genicam.nodes import NodeMap
+from drivers.setup import EXECUTE, CameraSetup, FeatureSetting, FeatureValue
+from imaging.errors import AutoexposeError, ConfigurationError, NodeError
 
 ROUNDING = 0.01
 """Cameras round numbers without declaring an increment; more than a hundredth of one is not rounding."""

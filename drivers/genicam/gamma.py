@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from drivers.errors import NodeError
 from drivers.genicam.hold import hold, switch
 from drivers.genicam.nodes import NodeMap
+from imaging.errors import NodeError
 
 SWITCHES = ("GammaEnable", "GammaEnabled")
 """Names of the switch by vendor: Basler and FLIR's newer cameras, FLIR's older ones."""

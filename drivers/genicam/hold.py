@@ -8,9 +8,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import suppress
 
-from drivers.config.feature import FeatureValue
-from drivers.errors import NodeError
 from drivers.genicam.nodes import NodeMap
+from drivers.setup import FeatureValue
+from imaging.errors import NodeError
 
 SWITCHED = {False: ("Off", "No", "False"), True: ("On", "Yes", "True")}
 """Entries of an enumeration that is a switch."""

@@ -6,11 +6,10 @@ import logging
 
 import numpy as np
 
-from drivers.errors import ConfigurationError, NodeError, UnsupportedCameraError
 from drivers.genicam.hold import hold, offered, switch
 from drivers.genicam.nodes import NodeMap
-from drivers.pixels.formats import PIXEL_FORMATS, PixelFormat
-from drivers.pixels.layout import Pixels
+from imaging.errors import ConfigurationError, NodeError, UnsupportedCameraError
+from imaging.pixels import PIXEL_FORMATS, PixelFormat, Pixels
 
 MOST_PADDING_BYTES = 1 << 16
 """Some cameras fill the payload up to whole packets or transfers; anything longer is not filling."""

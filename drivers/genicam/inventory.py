@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from drivers.config.feature import FeatureSetting, FeatureValue, misfit
-from drivers.errors import ConfigurationError, NodeError, UnsupportedCameraError
 from drivers.genicam.features import same, selecting, set_features
 from drivers.genicam.hold import offered, read_feature
 from drivers.genicam.nodes import NodeMap
+from drivers.setup import FeatureSetting, FeatureValue, misfit
+from imaging.errors import ConfigurationError, NodeError, UnsupportedCameraError
 
 USER_SET, LOAD, DEFAULT = "UserSetSelector", "UserSetLoad", "Default"
 PACKET_DELAY = "GevSCPD"

@@ -6,12 +6,12 @@ import threading
 from collections import deque
 from dataclasses import dataclass
 
-from drivers.errors import NodeError
-from drivers.exposure import ExposureSetting
 from drivers.genicam.hold import hold, offered, switch
 from drivers.genicam.nodes import NodeMap
 from drivers.genicam.quantity import us_per_unit
 from drivers.genicam.write_latency import WriteLatency
+from imaging.errors import NodeError
+from imaging.exposure import ExposureSetting
 
 LEDGER_LENGTH = 64
 """Writes remembered: at one per frame, a second at 60 Hz, longer than any frame takes to arrive."""

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from operator import sub
 
-from drivers.errors import NodeError
-from drivers.exposure.gain_scale import GainScale
 from drivers.genicam.nodes import NodeMap
+from imaging.errors import NodeError
+from imaging.exposure import GainScale
 
 _MICROSECONDS = {"": 1.0, "us": 1.0, "µs": 1.0, "μs": 1.0, "usec": 1.0, "s": 1e6, "ms": 1e3, "ns": 1e-3}
 """No unit means microseconds, as the SFNC prescribes."""

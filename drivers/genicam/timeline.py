@@ -10,7 +10,7 @@ from collections import deque
 from dataclasses import dataclass
 
 from drivers.camera import IncompleteFrame
-from drivers.frames import Doubt, DoubtKind
+from imaging.frames import Doubt, DoubtKind
 
 LATCH_ERROR_NS = 1_000_000
 """A latch that had to wait for the processor may be off by this much: not a jump."""

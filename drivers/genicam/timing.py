@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from drivers.config.setup import TriggerSetup
 from drivers.genicam.nodes import NodeMap
+from drivers.setup import TriggerSetup
 
 _READOUT_NODES = ("SensorReadoutTime", "ReadoutTimeAbs")
 """Readout time in us (Basler's names; other makers have no such node)."""

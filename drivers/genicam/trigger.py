@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 import re
 
-from drivers.config.setup import ACTION_KEYS, TriggerSetup
-from drivers.errors import ConfigurationError, NodeError, UnsupportedCameraError
 from drivers.genicam.hold import hold, offered, switch
 from drivers.genicam.nodes import NodeMap
 from drivers.genicam.quantity import find_quantity
+from drivers.setup import ACTION_KEYS, TriggerSetup
+from imaging.errors import ConfigurationError, NodeError, UnsupportedCameraError
 
 RATE_NODES = ("AcquisitionFrameRate", "AcquisitionFrameRateAbs")
 RATE_SWITCHES = ("AcquisitionFrameRateEnable", "AcquisitionFrameRateEnabled")

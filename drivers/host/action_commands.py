@@ -5,8 +5,8 @@ from __future__ import annotations
 import socket
 import struct
 
-from drivers.config.setup import ActionKeys
 from drivers.host.gvcp import PORT
+from drivers.setup import ActionKeys
 
 _COMMAND = struct.Struct(">BBHHHIIIQ")
 _ACK = struct.Struct(">HHHH")

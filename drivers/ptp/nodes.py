@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from drivers.camera import PtpState
-from drivers.errors import UnsupportedCameraError
 from drivers.genicam.hold import switch
 from drivers.genicam.nodes import NodeMap
 from drivers.genicam.trigger import PTP_SWITCHES
+from imaging.errors import UnsupportedCameraError
 
 _LATCH_NODES = ("PtpDataSetLatch", "GevIEEE1588DataSetLatch")
 _STATUS_NODES = ("PtpStatus", "GevIEEE1588StatusLatched", "GevIEEE1588Status")

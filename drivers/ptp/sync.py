@@ -11,8 +11,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from drivers.camera import ClockReading
-from drivers.frames import SIDES, Frame, Side
 from drivers.rig.pace import Slots
+from imaging.frames import SIDES, Frame, Side
 
 SYNCHRONISED_NS = 100_000
 """A clock this close to its master's is synchronised,"""

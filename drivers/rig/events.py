@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from drivers.camera import CameraDescription, ClockReading, IncompleteFrame, RefusedPackets
-from drivers.errors import AutoexposeError, CameraError
-from drivers.exposure import ExposureLimits, ExposureSetting
-from drivers.frames import Frame, Side
+from imaging.errors import AutoexposeError, CameraError
+from imaging.exposure import ExposureLimits, ExposureSetting
+from imaging.frames import Frame, Side
 
 
 @dataclass(frozen=True, slots=True)

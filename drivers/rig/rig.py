@@ -12,11 +12,11 @@ import time
 from collections.abc import Callable, Mapping
 
 from drivers.camera import Camera
-from drivers.exposure import ExposureSetting
-from drivers.frames import Side
 from drivers.rig.events import RigEvent
 from drivers.rig.pace import Slots
 from drivers.rig.supervision import Supervisor
+from imaging.exposure import ExposureSetting
+from imaging.frames import Side
 
 
 class Rig:

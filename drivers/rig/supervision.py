@@ -16,9 +16,6 @@ from dataclasses import replace
 import numpy as np
 
 from drivers.camera import Camera
-from drivers.errors import AutoexposeError, CameraError, CameraLostError, stays
-from drivers.exposure import ExposureSetting
-from drivers.frames import Frame, Side
 from drivers.log_throttle import LogThrottle
 from drivers.rig.events import (
     CameraGone,
@@ -33,6 +30,9 @@ from drivers.rig.events import (
     Written,
 )
 from drivers.rig.pace import Pacer, Slots
+from imaging.errors import AutoexposeError, CameraError, CameraLostError, stays
+from imaging.exposure import ExposureSetting
+from imaging.frames import Frame, Side
 
 log = logging.getLogger(__name__)
 

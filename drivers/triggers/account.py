@@ -12,10 +12,10 @@ from dataclasses import dataclass
 from typing import Literal
 
 from drivers.camera import IncompleteFrame
-from drivers.frames import Frame, Side, StereoPair
 from drivers.triggers.grid import TriggerGrid
 from drivers.triggers.outcomes import Fate, Outcome, Outcomes
 from drivers.triggers.tally import Tally, loss_reason, stopped
+from imaging.frames import Frame, Side, StereoPair
 
 _SILENCE_PERIODS = 30
 """A pause of this many periods on every camera, with no frame missing, means that the trigger had stopped."""

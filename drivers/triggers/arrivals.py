@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import replace
 
-from drivers.frames import Frame, Side
 from drivers.rig.events import CameraGone, FrameArrived, RigEvent
+from imaging.frames import Frame, Side
 
 COMPARED_FRAMES = 60
 """The quickest of so many took as long as readout and transfer do."""

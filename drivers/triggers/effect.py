@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from drivers.frames import Frame
 from drivers.triggers.history import WriteHistory
+from imaging.frames import Frame
 
 PATIENCE_NS = 500_000_000
 """The slowest camera reported takes 0.4 s from write to effect."""

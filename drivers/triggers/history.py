@@ -7,9 +7,9 @@ from collections import deque
 from dataclasses import dataclass
 from itertools import islice
 
-from drivers.exposure import DB_PER_STOP, ExposureSetting
-from drivers.frames import Frame
 from drivers.rig.events import Written
+from imaging.exposure import DB_PER_STOP, ExposureSetting
+from imaging.frames import Frame
 
 REMEMBERED = 128
 """Writes: more than half a second at 200 Hz, and no reported camera takes longer from write to effect."""

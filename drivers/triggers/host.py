@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from drivers.frames import Frame, Side, StereoPair
 from drivers.ptp.sync import Synchronisation
 from drivers.rig.events import CameraGone, CameraReady, ClockRead, FrameArrived, RigEvent
 from drivers.rig.pace import Slots
+from imaging.frames import Frame, Side, StereoPair
 
 
 class HostTriggers:

@@ -6,8 +6,8 @@ from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from drivers.frames import Frame, Side
-from drivers.python310 import StrEnum
+from imaging.frames import Frame, Side
+from imaging.python310 import StrEnum
 
 
 class Fate(StrEnum):

@@ -7,7 +7,7 @@ import statistics
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 
-from drivers.frames import Frame, Side
+from imaging.frames import Frame, Side
 
 JUDGED_FRAMES = 30
 """Per window: its mean is within 0.2 % where triggers lie on a grid of milliseconds (17, 17, 16 ms are 60 Hz)."""

@@ -6,9 +6,6 @@ from collections.abc import Mapping, Sequence
 from typing import Literal
 
 from drivers.camera import IncompleteFrame
-from drivers.config.setup import TriggerMode
-from drivers.exposure import ExposureSetting
-from drivers.frames import Frame, Side, StereoPair
 from drivers.rig.events import (
     CameraGone,
     CameraReady,
@@ -19,12 +16,15 @@ from drivers.rig.events import (
     WriteFailed,
     Written,
 )
+from drivers.setup import TriggerMode
 from drivers.triggers.account import TriggerAccount
 from drivers.triggers.history import Command, WriteHistory
 from drivers.triggers.start import StartCheck
 from drivers.triggers.tally import Tally
 from drivers.triggers.window import WriteWindow
 from drivers.triggers.writes import RigWrites
+from imaging.exposure import ExposureSetting
+from imaging.frames import Frame, Side, StereoPair
 
 
 class RigRecord:

@@ -8,8 +8,8 @@ from collections import deque
 from collections.abc import Iterable, Iterator, Mapping
 from itertools import pairwise
 
-from drivers.frames import Side
 from drivers.triggers.rate import mean_period_ns, wrong_rate
+from imaging.frames import Side
 
 PATIENCE_NS = 3_000_000_000
 PATIENCE_PERIODS = 3

@@ -7,9 +7,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Final
 
-from drivers.frames import Side
-from drivers.python310 import StrEnum
 from drivers.triggers.outcomes import Fate, Outcome
+from imaging.frames import Side
+from imaging.python310 import StrEnum
 
 
 class LossReason(StrEnum):

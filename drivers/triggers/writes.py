@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from drivers.exposure import ExposureSetting
-from drivers.frames import Side, StereoPair
 from drivers.rig.events import Written
 from drivers.triggers.grid import TriggerGrid
 from drivers.triggers.history import Command, WriteHistory
+from imaging.exposure import ExposureSetting
+from imaging.frames import Side, StereoPair
 
 CLOCK_NS = 250_000
 """How much earlier or later than the grid says an exposure may start; writes keep further away from it than that."""

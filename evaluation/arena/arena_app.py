@@ -16,7 +16,6 @@ from rich.console import Console
 from rich.table import Table
 
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY, POLICY_IDS, check_policy_id
-from drivers.errors import AutoexposeError, ConfigurationError
 from evaluation.arena.ablation.ablation import ablate as ablate_policy
 from evaluation.arena.ablation.ablation import ablation_courses, policy_constants
 from evaluation.arena.ablation.ablation_report import ablation_document, print_ablation, write_ablation
@@ -30,6 +29,7 @@ from evaluation.effort import check_chosen, make_writable
 from evaluation.progress import LongProgress
 from evaluation.scenes.scenarios import SCENARIOS
 from fake_camera.world.scene.panorama import load_radiance
+from imaging.errors import AutoexposeError, ConfigurationError
 
 _FRAME_S = 0.005  # of one core per frame and policy, measured on full arenas of 14 policies
 

@@ -16,15 +16,15 @@ from rich.table import Table
 from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.policies.ids import PLACES
 from autoexpose_daemon.control.snapshot import Plain
-from drivers.errors import ConfigurationError
-from drivers.frames import SIDES
 from evaluation.arena.race import course_of
 from evaluation.stage.delayed_loop import Entrant
 from evaluation.stage.oracle import Oracle, best_start
+from imaging.errors import ConfigurationError
+from imaging.frames import SIDES
 
 RULE = """\
 Counted: the control loop, the policy's module, and what these import, directly or not, from autoexpose_daemon.control,
-calibration.response and drivers.exposure, except under TYPE_CHECKING; of C every file with a function that one of them
+imaging.response and imaging.exposure, except under TYPE_CHECKING; of C every file with a function that one of them
 names, the headers that it includes, and the C file beside each header.
 Numbers: every numeric literal but 0, 1, 2 and -1; in C none of #if and #include. Branches: if, elif (#if is none),
 while, case (a default or `case _` is none) and conditional expressions; in Python also the if of a comprehension.
@@ -32,7 +32,7 @@ Snapshot: names of the values in the loop's state after some frames; cameras and
 
 ROOT = Path(__file__).resolve().parents[2]
 LOOP = "autoexpose_daemon.control.loop"
-SCOPE = ("autoexpose_daemon.control", "calibration.response", "drivers.exposure")
+SCOPE = ("autoexpose_daemon.control", "imaging.exposure", "imaging.response")
 NATIVE = "autoexpose_daemon/control/native"
 
 FRAMES = 12

@@ -19,7 +19,6 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.exposure import ExposureSetting
 from evaluation.arena.scores import Score, score
 from evaluation.arena.successive import SuccessiveFrames
 from evaluation.scenes.scenarios import SCENARIOS
@@ -28,6 +27,7 @@ from evaluation.stage.delayed_loop import DelayedLoop, Entrant
 from evaluation.stage.oracle import Best, Oracle, best_start
 from evaluation.stage.rendering import Stage
 from fake_camera.world.simulation import Side
+from imaging.exposure import ExposureSetting
 
 LIGHT_JUMP_STOPS = 0.2
 """Where the light or the lamp changes by more between two frames, the oracle is asked about both."""

@@ -15,12 +15,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.exposure import ExposureSetting, linear_gain
-from drivers.python310 import exp2
 from evaluation.stage.camera import LIMITS, Radiance
 from evaluation.stage.oracle import LEVELS, LONGEST_TIMES_US
 from evaluation.stage.rendering import Stage
 from fake_camera.world.sensor import SensorModel
+from imaging.exposure import ExposureSetting, linear_gain
+from imaging.python310 import exp2
 
 CELLS = 8
 LOG2_RADIANCES = np.arange(-14.0, 18.0, 0.25)

@@ -16,7 +16,7 @@ from evaluation.arena.count import c_files
 from evaluation.experiments.experiment import Job, Plain
 from evaluation.kept import KeptResults
 
-_OURS = ("autoexpose_daemon", "calibration", "drivers", "evaluation", "fake_camera")
+_OURS = ("autoexpose_daemon", "calibration", "documents", "drivers", "evaluation", "fake_camera", "imaging")
 _LIBRARIES = ("numpy", "opencv-python-headless", "numba", "evo")
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from drivers.python310 import StrEnum
+from imaging.python310 import StrEnum
 
 Plain: TypeAlias = "bool | int | float | str | list[Any] | dict[str, Any] | None"
 """What JSON can hold, NaN included."""

@@ -16,7 +16,6 @@ from rich.console import Console
 from rich.markup import escape
 from rich.padding import Padding
 
-from drivers.errors import AutoexposeError, ConfigurationError
 from evaluation.effort import check_chosen, make_writable
 from evaluation.experiments.cache import ResultCache
 from evaluation.experiments.experiment import Experiment, Job, Plain
@@ -24,6 +23,7 @@ from evaluation.experiments.experiments_report import Chapter, count_of_verdicts
 from evaluation.experiments.jobs import run_jobs
 from evaluation.experiments.registry import EXPERIMENTS
 from evaluation.progress import LongProgress
+from imaging.errors import AutoexposeError, ConfigurationError
 
 experiments_app = typer.Typer(add_completion=False, no_args_is_help=True)
 

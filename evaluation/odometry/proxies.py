@@ -8,9 +8,9 @@ from autoexpose_daemon.control.metrics.gradient import GradientMetric
 from autoexpose_daemon.control.metrics.gradient_statistics import median_gradient
 from autoexpose_daemon.control.metrics.quality import CombinedQuality
 from autoexpose_daemon.control.picture.image import ImagePreparation
-from drivers.frames import StereoPair
 from evaluation.odometry.stereo import images
 from evaluation.odometry.stereo_matching import StereoMatcher
+from imaging.frames import StereoPair
 
 PROXIES: dict[str, float | None] = {
     "gradient information": -0.73,

@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.frames import StereoPair
 from fake_camera.world.render.renderer import Pinhole
 from fake_camera.world.scene.path import BASELINE_M
+from imaging.frames import StereoPair
 
 GAMMA = 0.3
 """Brightens the dark parts before features are detected (Begin & Hunter 2022, section 3.1)."""

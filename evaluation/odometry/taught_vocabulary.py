@@ -11,10 +11,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.exposure import ExposureSetting
 from evaluation.odometry.lap import odometry_stage
 from evaluation.odometry.stereo import images
 from evaluation.odometry.vocabulary import write_vocabulary
+from imaging.exposure import ExposureSetting
 
 TAUGHT_ROOM = 1
 """Not one of the rooms in the report."""

@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.exposure import ExposureSetting
-from drivers.frames import StereoPair
 from evaluation.odometry.errors import relative_errors_mm
 from evaluation.odometry.stereo import StereoOdometry, images
 from evaluation.stage.delayed_loop import DelayedLoop, Entrant
 from evaluation.stage.oracle import Oracle, best_start
 from evaluation.stage.rendering import Stage
 from fake_camera.world.simulation import RoomView
+from imaging.exposure import ExposureSetting
+from imaging.frames import StereoPair
 
 EVERY = 2
 """Odometry gets every second pair, 30 a second: 20 mm then take at least 7 pairs."""

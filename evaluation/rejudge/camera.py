@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from drivers.exposure import ExposureSetting
-from drivers.frames import Side, StereoPair
 from evaluation.rejudge.exposing import Exposer, Light
 from evaluation.rejudge.timeline import Timeline
+from imaging.exposure import ExposureSetting
+from imaging.frames import Side, StereoPair
 
 FAR_STOPS = 1.0
 """A shot farther from the wanted level than this does not show what the wanted exposure would."""

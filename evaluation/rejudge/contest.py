@@ -13,9 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
-from drivers.errors import AutoexposeError
-from drivers.exposure import ExposureLimits, ExposureSetting
-from drivers.frames import Side
 from evaluation.rejudge.camera import RecordedCameras
 from evaluation.rejudge.drive import Drive
 from evaluation.rejudge.exposing import Exposer
@@ -23,6 +20,9 @@ from evaluation.rejudge.following import Following
 from evaluation.rejudge.rectify import Rectifier
 from evaluation.rejudge.run import Figures, Judge, PolicyRun
 from evaluation.rejudge.trajectory import Reference, Trajectory
+from imaging.errors import AutoexposeError
+from imaging.exposure import ExposureLimits, ExposureSetting
+from imaging.frames import Side
 
 SURE = 2.0
 """An error is greater than the least one if they differ by so many standard errors, by the parts of the drive; those

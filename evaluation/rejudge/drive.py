@@ -8,12 +8,12 @@ from dataclasses import dataclass
 
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.loop import ControlSetup
-from calibration.geometry.model import CameraGeometry
-from drivers.errors import AutoexposeError
-from drivers.frames import Side, StereoPair
-from drivers.pixels.layout import plane_shape
 from evaluation.rejudge.glimpse import Watcher, delay_frames
 from evaluation.rejudge.timeline import REACH, Timeline
+from imaging.errors import AutoexposeError
+from imaging.frames import Side, StereoPair
+from imaging.geometry import CameraGeometry
+from imaging.pixels import plane_shape
 
 FEWEST_CYCLES = 3
 

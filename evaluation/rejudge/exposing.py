@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
-from calibration.response import ResponseFunction, greys_of_codes
-from drivers.exposure import ExposureSetting, linear_gain
-from drivers.frames import Frame
-from drivers.pixels.layout import Pixels
-from drivers.python310 import exp2
+from imaging.exposure import ExposureSetting, linear_gain
+from imaging.frames import Frame
+from imaging.pixels import Pixels
+from imaging.python310 import exp2
+from imaging.response import ResponseFunction, greys_of_codes
 
 Plane = NDArray[np.float32]
 

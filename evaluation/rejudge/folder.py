@@ -25,15 +25,15 @@ from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.loop import ControlLoop, ControlSetup
 from autoexpose_daemon.control.parameters import Bracketing, ControlParameters
 from calibration.geometry.file import check_pair, load_geometry
-from calibration.geometry.model import CameraGeometry
-from calibration.response import ResponseFunction
 from calibration.response.file import ResponseFile
-from drivers.config.files import read_text
-from drivers.errors import AutoexposeError, ConfigurationError
-from drivers.exposure import ExposureLimits, ExposureSetting
-from drivers.frames import SIDES, Frame, Side, StereoPair
-from drivers.pixels.layout import Pixels
+from documents.files import read_text
 from evaluation.rejudge.drive import Drive, watched
+from imaging.errors import AutoexposeError, ConfigurationError
+from imaging.exposure import ExposureLimits, ExposureSetting
+from imaging.frames import SIDES, Frame, Side, StereoPair
+from imaging.geometry import CameraGeometry
+from imaging.pixels import Pixels
+from imaging.response import ResponseFunction
 
 LIST = "frames.csv"
 COLUMNS = ("file", "side", "time_s", "exposure_time_us", "gain_db")

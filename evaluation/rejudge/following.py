@@ -14,12 +14,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.errors import AutoexposeError, ConfigurationError
 from evaluation.odometry.orb import OrbOdometry
 from evaluation.odometry.orb_slam3 import PACKAGE, OrbSlam3, installed
 from evaluation.odometry.stereo import StereoCamera, StereoOdometry, prepared
 from evaluation.odometry.taught_vocabulary import silent, write_taught_vocabulary
 from evaluation.rejudge.trajectory import TooFewPosesError, Trajectory, read_tum
+from imaging.errors import AutoexposeError, ConfigurationError
 
 IN_HOUSE, ORB_SLAM3 = "in-house", "orbslam3"
 

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autoexpose_daemon.control.decision import Decision
-from calibration.response import GREY_LEVELS, ResponseFunction
-from drivers.exposure import ExposureSetting
-from drivers.frames import Side, StereoPair
+from imaging.exposure import ExposureSetting
+from imaging.frames import Side, StereoPair
+from imaging.response import GREY_LEVELS, ResponseFunction
 
 SMALL = (90, 68)
 """Stillness is looked for at this size: noise averages out, and what moves by a pixel of it is far from still."""

@@ -11,9 +11,9 @@ from autoexpose_daemon.control.loop import ControlSetup
 from autoexpose_daemon.control.parameters import Bracketing
 from autoexpose_daemon.recording.read import Recording
 from autoexpose_daemon.recording.step import RecordingError, Setup, State, Step
-from calibration.geometry.model import CameraGeometry
-from drivers.frames import Side, StereoPair
 from evaluation.rejudge.drive import Drive, watched
+from imaging.frames import Side, StereoPair
+from imaging.geometry import CameraGeometry
 
 
 def read_recording(path: Path) -> Drive:

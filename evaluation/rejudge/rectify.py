@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.geometry.model import CameraGeometry
-from drivers.frames import Side, StereoPair
 from evaluation.odometry.stereo import StereoCamera
+from imaging.frames import Side, StereoPair
+from imaging.geometry import CameraGeometry
 
 Image = NDArray[np.uint8]
 

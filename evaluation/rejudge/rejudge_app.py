@@ -17,8 +17,7 @@ from rich.console import Console
 from rich.table import Table
 
 from autoexpose_daemon.control.policies.ids import POLICY_IDS, check_policy_id
-from drivers.config.files import check_writable
-from drivers.errors import AutoexposeError, ConfigurationError
+from documents.files import check_writable
 from evaluation.pool import over_processes
 from evaluation.progress import LongProgress
 from evaluation.rejudge.contest import Outcome, Round, document, first_setting, follow_best_shots, play
@@ -29,6 +28,7 @@ from evaluation.rejudge.recorded import read_recording
 from evaluation.rejudge.report import write_report
 from evaluation.rejudge.run import Figures
 from evaluation.rejudge.trajectory import Reference, Trajectory, read_tum
+from imaging.errors import AutoexposeError, ConfigurationError
 
 SIDE_BY_SIDE = 3
 """Policies in one round: reading is shared, and progress still shows."""

@@ -11,10 +11,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.config.readable import readable
-from drivers.errors import AutoexposeError
+from documents.text import readable
 from evaluation.rejudge.contest import Outcome
 from evaluation.rejudge.drive import Drive
+from imaging.errors import AutoexposeError
 
 WIDTH = 240
 """Of a picture, pixels."""

@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.loop import REFERENCE_RATE_HZ, ControlLoop, ControlSetup
-from drivers.exposure import ExposureSetting
-from drivers.frames import StereoPair
 from evaluation.odometry.stereo_matching import StereoMatcher
 from evaluation.rejudge.camera import FAR_STOPS, Made
 from evaluation.rejudge.following import Followed, Follower
 from evaluation.rejudge.rectify import Rectifier
 from evaluation.rejudge.trajectory import Reference
+from imaging.exposure import ExposureSetting
+from imaging.frames import StereoPair
 
 FOCAL_LENGTH_PX = 1000.0
 """Control is told the speed of the image as an angular rate and a focal length; any will do."""

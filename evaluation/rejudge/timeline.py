@@ -9,8 +9,8 @@ from itertools import accumulate, pairwise
 import numpy as np
 
 from autoexpose_daemon.control.loop import REFERENCE_RATE_HZ
-from drivers.python310 import exp2
 from evaluation.rejudge.glimpse import BRIGHT, FAINT, Glimpse
+from imaging.python310 import exp2
 
 REACH = 2
 """Cycles before and after an instant from which a shot may stand for it: the ladder needs one to follow a jump of the

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
-from drivers.config.files import read_text
-from drivers.errors import ConfigurationError
+from documents.files import read_text
 from evaluation.odometry.errors import SUB_TRAJECTORY_M, relative_errors_mm
+from imaging.errors import ConfigurationError
 
 LONGEST_GAP_S = 1.0
 """Poses farther apart than this say nothing about the time between them."""

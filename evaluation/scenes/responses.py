@@ -7,8 +7,8 @@ from functools import cache
 
 import numpy as np
 
-from calibration.response import ResponseFunction
 from fake_camera.world.response import CURVES
+from imaging.response import ResponseFunction
 
 
 @dataclass(frozen=True, slots=True)

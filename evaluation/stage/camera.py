@@ -7,12 +7,12 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.exposure import ExposureLimits, ExposureSetting
-from drivers.frames import Frame, StereoPair
-from drivers.python310 import exp2
 from fake_camera.imaging import ImageSettings
 from fake_camera.world.sensor import DEFAULT_F_NUMBER, Sensor, SensorModel
 from fake_camera.world.simulation import Side
+from imaging.exposure import ExposureLimits, ExposureSetting
+from imaging.frames import Frame, StereoPair
+from imaging.python310 import exp2
 
 LIMITS = ExposureLimits(min_time_us=20.0, max_time_us=7500.0, min_gain_db=0.0, max_gain_db=30.0)
 

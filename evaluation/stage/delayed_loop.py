@@ -8,10 +8,10 @@ from functools import partial
 
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.loop import ControlLoop
-from calibration.response import ResponseFunction
-from drivers.exposure import ExposureLimits, ExposureSetting
-from drivers.frames import StereoPair
 from evaluation.stage.camera import LIMITS
+from imaging.exposure import ExposureLimits, ExposureSetting
+from imaging.frames import StereoPair
+from imaging.response import ResponseFunction
 
 
 class DelayedLoop:

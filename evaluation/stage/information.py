@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from autoexpose_daemon.control.metrics.contrast import Contrast, GreyBins
 from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise, response_slopes
 from autoexpose_daemon.control.parameters import ControlParameters
-from calibration.response import GREY_LEVELS, ResponseFunction
+from imaging.response import GREY_LEVELS, ResponseFunction
 
 FRONT_END_DN = 6.0
 """Grey levels of contrast that feature detectors and matchers lose besides noise, as the default policy has it."""

@@ -13,13 +13,13 @@ from autoexpose_daemon.control.metrics.contrast import contrast
 from autoexpose_daemon.control.metrics.gradient import GradientMetric
 from autoexpose_daemon.control.picture.image import ImagePreparation
 from autoexpose_daemon.control.policy import Objective
-from calibration.response import ResponseFunction
-from drivers.exposure import ExposureSetting, linear_gain
-from drivers.python310 import exp2
 from evaluation.stage.camera import LIMITS, Image, time_first
 from evaluation.stage.information import Information
 from evaluation.stage.rendering import Stage
 from fake_camera.world.simulation import Side
+from imaging.exposure import ExposureSetting, linear_gain
+from imaging.python310 import exp2
+from imaging.response import ResponseFunction
 
 GRID_STOPS = 0.125
 LEVELS = np.arange(LIMITS.darkest.level, LIMITS.brightest.level + GRID_STOPS / 2, GRID_STOPS)

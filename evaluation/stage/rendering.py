@@ -9,14 +9,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.exposure import ExposureSetting
-from drivers.frames import StereoPair
 from evaluation.scenes.scenarios import RATE_HZ, Course
 from evaluation.scenes.views import Scene
 from evaluation.stage.camera import LIMITS, Image, Radiance, SimulatedCamera, pair_of
 from fake_camera.world.lighting import LightScript
 from fake_camera.world.sensor import DEFAULT_F_NUMBER
 from fake_camera.world.simulation import Side
+from imaging.exposure import ExposureSetting
+from imaging.frames import StereoPair
 
 BOTH: tuple[Side, Side] = ("left", "right")
 

@@ -8,7 +8,7 @@ from typing import Literal
 import cv2
 import numpy as np
 
-from drivers.pixels.layout import Pixels
+from imaging.pixels import Pixels
 
 Processing = Literal["raw", "jpeg 75", "jpeg 85", "jpeg 95", "median", "bilateral", "nlm", "colour"]
 PROCESSINGS: tuple[Processing, ...] = ("jpeg 75", "jpeg 85", "jpeg 95", "median", "bilateral", "nlm", "colour")

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.response import ResponseFunction
 from calibration.response.facts import SIGMAS
 from calibration.response.file import Origin
 from calibration.response.solution import ResponseSolution
 from calibration.result import Verdict, calibrate
 from evaluation.sweeps.simulated import SimulatedSweep
+from imaging.response import ResponseFunction
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,13 +9,13 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.response import ResponseFunction
 from calibration.sources.sweep import Shot, Sweep
 from calibration.sources.sweep_plan import SweepPlan
-from drivers.exposure import ExposureLimits, ExposureSetting, linear_gain
-from drivers.pixels.layout import Pixels
 from evaluation.sweeps.processing import GREEN, Processing, process_of
 from fake_camera.world.lighting import Change, Flicker, LightScript
+from imaging.exposure import ExposureLimits, ExposureSetting, linear_gain
+from imaging.pixels import Pixels
+from imaging.response import ResponseFunction
 
 HEIGHT, WIDTH = 150, 200
 STEPS = 1 << 20

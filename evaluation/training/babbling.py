@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from autoexpose_daemon.control.policies.learned.learned_policy import LearnedPolicy, Sight
-from drivers.exposure import ExposureSetting
 from evaluation.training.episode import Episode
+from imaging.exposure import ExposureSetting
 
 FAR_STOPS = 7.0
 """Furthest from the right level."""

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autoexpose_daemon.control.policy import Look
-from calibration.response import ResponseFunction
-from drivers.exposure import ExposureLimits, ExposureSetting, linear_gain
-from drivers.python310 import exp2
 from evaluation.training.light import random_light, random_path
 from evaluation.training.pictures import Picture
+from imaging.exposure import ExposureLimits, ExposureSetting, linear_gain
+from imaging.python310 import exp2
+from imaging.response import ResponseFunction
 
 ROWS, COLUMNS = 64, 88
 """Pixels of a view: sampled from those that control sees, so that they differ as much from each other."""

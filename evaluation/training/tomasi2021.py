@@ -9,13 +9,13 @@ import numpy as np
 
 from autoexpose_daemon.control.policies.learned.learned_policy import Sight
 from autoexpose_daemon.control.policies.learned.tomasi2021 import Tomasi2021
-from drivers.exposure import ExposureSetting
 from evaluation.training.babbling import FAR_STOPS
 from evaluation.training.backprop import Batch, TrainedNet
 from evaluation.training.episode import Episode
 from evaluation.training.matches import best_level
 from evaluation.training.pictures import Picture, tuning_pictures
 from evaluation.training.weights_file import Arrays, net_arrays
+from imaging.exposure import ExposureSetting
 
 INPUTS, UNITS = 130, 64
 

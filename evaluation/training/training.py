@@ -12,9 +12,9 @@ from zipfile import BadZipFile
 
 import numpy as np
 
-from drivers.config.files import replace_file
-from drivers.errors import AutoexposeError
+from documents.files import replace_file
 from evaluation.training.weights_file import Arrays, weights_bytes
+from imaging.errors import AutoexposeError
 
 
 class Training(Protocol):

@@ -12,8 +12,8 @@ import typer
 from rich.console import Console
 
 from autoexpose_daemon.control.policies.ids import LEARNED, check_policy_id
-from drivers.errors import AutoexposeError, ConfigurationError
 from evaluation.progress import LongProgress
+from imaging.errors import AutoexposeError, ConfigurationError
 
 if TYPE_CHECKING:
     from evaluation.training.training import Training

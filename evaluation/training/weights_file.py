@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from autoexpose_daemon.control.policies.learned.learnt_range import AXES, MARGIN, LearntRange
 from autoexpose_daemon.control.policies.learned.net import WEIGHTS_FORMAT
-from drivers.errors import AutoexposeError
+from imaging.errors import AutoexposeError
 
 Arrays = dict[str, NDArray[Any]]
 

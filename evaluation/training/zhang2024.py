@@ -12,12 +12,12 @@ import numpy as np
 from autoexpose_daemon.control.policies.learned.learned_policy import Sight
 from autoexpose_daemon.control.policies.learned.zhang2024 import LARGEST_STEP_STOPS, MEAN_TARGET, Zhang2024
 from autoexpose_daemon.control.policy import Look
-from drivers.exposure import ExposureSetting
 from evaluation.training.actor_critic import LAST_RATE, RATE, ActorCritic, Transitions
 from evaluation.training.backprop import Batch
 from evaluation.training.episode import Episode
 from evaluation.training.pictures import Picture, tuning_pictures
 from evaluation.training.weights_file import Arrays, net_arrays
+from imaging.exposure import ExposureSetting
 
 INPUTS = 130
 

@@ -8,12 +8,12 @@ from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.demo.analysis import LightStep, light_steps
 from autoexpose_daemon.demo.fakes import Pulse
 from autoexpose_daemon.demo.step_log import StepRecord
-from calibration.response import ResponseFunction
-from drivers.exposure import ExposureLimits, ExposureSetting
-from drivers.frames import Frame, StereoPair
 from fake_camera.imaging import ImageSettings, ImageSource
 from fake_camera.world.lighting import LightScript
 from fake_camera.world.simulation import build_image_source
+from imaging.exposure import ExposureLimits, ExposureSetting
+from imaging.frames import Frame, StereoPair
+from imaging.response import ResponseFunction
 
 LIMITS = ExposureLimits(20.0, 7500.0, 0.0, 30.0, time_step_us=1.0)
 START = ExposureSetting(2000.0, 0.0)

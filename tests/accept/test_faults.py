@@ -24,10 +24,10 @@ from autoexpose_daemon.demo.fakes import read_pulses
 from autoexpose_daemon.runtime.tuning import Tuning
 from autoexpose_daemon.status.counters import anomalies
 from autoexpose_daemon.status.states import Expectation, judge
-from calibration.response import ResponseFunction
 from calibration.response.file import ResponseFile
-from drivers.errors import ConfigurationError
 from fake_camera.device.faults import Fault
+from imaging.errors import ConfigurationError
+from imaging.response import ResponseFunction
 from tests.autoexpose_daemon.stereo import JOIN_WARNING, ON_USB, START_CAMERA, Run, running_daemon, stereo_cameras
 from tests.fakes import FakeCamera
 

@@ -14,7 +14,7 @@ from autoexpose_daemon.doctor.facts import gather
 from autoexpose_daemon.doctor.judge_gige import judge_gige
 from autoexpose_daemon.doctor.need import Need
 from drivers.aravis import open_camera
-from drivers.config.setup import CameraSetup, TriggerSetup
+from drivers.setup import CameraSetup, TriggerSetup
 from fake_camera.device.faults import Fault
 from tests.fakes import fake_camera
 

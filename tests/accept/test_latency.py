@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from calibration.document import CameraIdentity
-from calibration.response import ResponseFunction
 from calibration.response.file import Origin, ResponseFile
-from drivers.pixels.formats import PixelFormat
+from imaging.pixels import PixelFormat
+from imaging.response import ResponseFunction
 from tests.calibration.test_commands import calibrate
 from tests.fakes import fake_camera
 

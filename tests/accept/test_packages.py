@@ -32,7 +32,7 @@ with StereoClient("rig", connect=[sys.argv[1]]) as client:
     for pair in client:
         print(pair.left.pixels.shape, pair.left.setting.exposure_time_us)
         break
-heavy = {"cv2", "pydantic", "usb", "yaml", "autoexpose_daemon", "drivers", "calibration"}
+heavy = {"cv2", "pydantic", "usb", "yaml", "autoexpose_daemon", "drivers", "calibration", "imaging"}
 print(sorted(heavy & {*sys.modules}))
 """
 
@@ -86,7 +86,7 @@ def test_the_demo_runs(wheels: Path, tmp_path: Path) -> None:
     assert json.loads((tmp_path / "out.json").read_text())["pairs"] > 0
     print(said)
     (packages,) = venv.glob("lib/python3*/site-packages")
-    rooms = {"drivers", "calibration", "fake_camera", "evaluation"}
+    rooms = {"calibration", "documents", "drivers", "evaluation", "fake_camera", "imaging"}
     assert not rooms & {path.name for path in packages.iterdir()}
     for command in (["arena", "--help"], ["calibrate", "--help"], ["fake-camera", "--help"]):
         run(venv / "bin/autoexpose", *command, folder=tmp_path)

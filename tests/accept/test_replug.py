@@ -13,8 +13,8 @@ from pathlib import Path
 
 import pytest
 
-from drivers.python310 import Self
 from fake_camera.device.faults import Fault
+from imaging.python310 import Self
 from tests.autoexpose_daemon.stereo import JOIN_WARNING, Run, running_daemon, stereo_cameras
 
 CYCLES = int(os.environ.get("REPLUG_CYCLES", "5"))

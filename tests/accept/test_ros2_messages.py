@@ -30,7 +30,7 @@ from autoexpose_daemon.messages.types import (
     serialise,
 )
 from autoexpose_daemon.messages.write import MessageWriter
-from drivers.frames import Side
+from imaging.frames import Side
 from tests import REPOSITORY
 from tests.autoexpose_daemon.publish.steps import DECISION, endpoint, pair, publishing
 from tests.autoexpose_daemon.service.service_process import AUTOEXPOSE

@@ -14,10 +14,10 @@ import pytest
 import yaml
 
 from calibration.document import CameraIdentity
-from calibration.response import ResponseFunction
 from calibration.response.file import Origin, ResponseFile
-from drivers.pixels.formats import PixelFormat
 from fake_camera.device.faults import Fault
+from imaging.pixels import PixelFormat
+from imaging.response import ResponseFunction
 from tests.autoexpose_daemon.service.service_process import PATIENCE_S, ServiceProcess, running_service
 from tests.autoexpose_daemon.stereo import stereo_cameras
 from tests.fakes import FakeCamera

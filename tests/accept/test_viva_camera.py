@@ -17,10 +17,10 @@ import pytest
 
 from drivers.aravis import AravisCamera, open_camera
 from drivers.camera import IncompleteFrame
-from drivers.config.setup import CameraSetup, TriggerSetup
-from drivers.errors import CameraLostError, ConfigurationError, NodeError, UnsupportedCameraError
-from drivers.exposure import ExposureSetting
-from drivers.frames import Frame
+from drivers.setup import CameraSetup, TriggerSetup
+from imaging.errors import CameraLostError, ConfigurationError, NodeError, UnsupportedCameraError
+from imaging.exposure import ExposureSetting
+from imaging.frames import Frame
 from tests.fake_camera.gige.foreign_clients import viva_module
 from tests.fakes import first_address
 

@@ -17,10 +17,10 @@ from autoexpose_daemon.recording.recorder import Recorder
 from autoexpose_daemon.runtime.daemon import Daemon
 from autoexpose_daemon.service.outlets import add_outlets
 from drivers.camera import Camera
-from drivers.errors import CameraLostError
-from drivers.exposure import ExposureSetting
-from drivers.frames import Frame, Side, StereoPair
-from drivers.pixels.formats import PixelFormat
+from imaging.errors import CameraLostError
+from imaging.exposure import ExposureSetting
+from imaging.frames import Frame, Side, StereoPair
+from imaging.pixels import PixelFormat
 from tests.autoexpose_daemon.control.scene import expose, radiance
 from tests.drivers.rig.test_rig import ScriptedCamera
 from tests.meanwhile import meanwhile

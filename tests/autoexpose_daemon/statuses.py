@@ -19,7 +19,7 @@ from autoexpose_daemon.status.inputs.requests import Bounds, RequestTally
 from autoexpose_daemon.status.inputs.tracking import TrackingTally
 from autoexpose_daemon.status.states import State
 from drivers.camera import PtpState
-from drivers.exposure import ExposureSetting
+from imaging.exposure import ExposureSetting
 
 SETTING = ExposureSetting(1000.0, 6.0)
 DURATIONS = DurationStatus(100, 250.0, 2.0, 8.0)

@@ -23,8 +23,8 @@ from autoexpose_daemon.runtime.daemon import Daemon
 from autoexpose_daemon.service.outlets import add_outlets
 from autoexpose_daemon.status.describe import describe
 from autoexpose_daemon.status.panel import line_of
-from drivers.frames import SIDES, StereoPair
 from fake_camera.usb3.run import CAMERAS_VARIABLE
+from imaging.frames import SIDES, StereoPair
 from tests.fakes import FakeCamera, camera_on_this_bus, fake_camera, unique
 from tests.meanwhile import meanwhile
 

@@ -22,11 +22,11 @@ from autoexpose_daemon.cli.daemon import _explaining
 from autoexpose_daemon.cli.signals import stop_on_signals
 from autoexpose_daemon.service.notify import Notifier
 from calibration.document import CameraIdentity
-from calibration.response import ResponseFunction
 from calibration.response.file import Origin, ResponseFile
-from drivers.errors import AutoexposeError, ConfigurationError, NodeError, UnsupportedCameraError
-from drivers.frames import SIDES
-from drivers.pixels.formats import PixelFormat
+from imaging.errors import AutoexposeError, ConfigurationError, NodeError, UnsupportedCameraError
+from imaging.frames import SIDES
+from imaging.pixels import PixelFormat
+from imaging.response import ResponseFunction
 from tests.autoexpose_daemon.stereo import stereo_cameras
 from tests.calibration.geometry.pairs import small_ros
 from tests.fake_camera.gige.gige_client import CCP, GvcpClient

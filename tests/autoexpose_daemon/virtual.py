@@ -14,9 +14,9 @@ from autoexpose_daemon.runtime.tuning import Tuning
 from autoexpose_daemon.status.counters import counters
 from autoexpose_daemon.status.states import Health
 from autoexpose_daemon.status.telemetry import Telemetry
-from drivers.exposure import ExposureLimits, ExposureSetting
-from drivers.frames import Side, StereoPair
 from drivers.triggers.tally import LossReason
+from imaging.exposure import ExposureLimits, ExposureSetting
+from imaging.frames import Side, StereoPair
 from tests.soak.camera import Device, VirtualFrame
 from tests.soak.clock import MS, SECOND, Clock
 from tests.soak.rig import CONFIG, PERIOD_NS, VirtualRig

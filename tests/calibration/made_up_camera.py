@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from calibration.sources.sweep import Shot, Sweep
 from calibration.sources.sweep_plan import SweepPlan
-from drivers.exposure import ExposureLimits, ExposureSetting
+from imaging.exposure import ExposureLimits, ExposureSetting
 
 SHAPE = (60, 80)
 LIMITS = ExposureLimits(10.0, 1e6, 0.0, 30.0)

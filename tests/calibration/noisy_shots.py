@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.sources.sweep import Shot, Sweep
-from drivers.exposure import ExposureSetting, linear_gain
-from drivers.pixels.formats import PIXEL_FORMATS
 from fake_camera.imaging import ImageSettings
 from fake_camera.world.sensor import Sensor, SensorModel
+from imaging.exposure import ExposureSetting, linear_gain
+from imaging.pixels import PIXEL_FORMATS
 
 MODEL = SensorModel(width=480, height=360)
 Scene = Literal["flat", "textured"]

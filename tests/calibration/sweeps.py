@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.sources.sweep import Shot, Sweep
-from drivers.exposure import ExposureSetting
-from drivers.pixels.formats import PIXEL_FORMATS
 from fake_camera.imaging import ImageSettings
 from fake_camera.world.lighting import LightScript
 from fake_camera.world.sensor import Sensor, SensorModel
+from imaging.exposure import ExposureSetting
+from imaging.pixels import PIXEL_FORMATS
 
 WIDTH, HEIGHT = 240, 176
 TIMES_US = tuple(float(time) for time in np.geomspace(20, 200_000, 20))

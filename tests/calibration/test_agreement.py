@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from calibration.commands.check import judge_agreement, plan_check
-from calibration.response import ResponseFunction
 from calibration.response.solution import ResponseSolution
 from calibration.solver.agreement import agreement
 from calibration.solver.comparison import compare
 from calibration.solver.tones import tones_by_exposure
-from drivers.exposure import ExposureLimits, ExposureSetting
+from imaging.exposure import ExposureLimits, ExposureSetting
+from imaging.response import ResponseFunction
 from tests.calibration.made_up_camera import MadeUpCamera, gamma, linear, sweep
 
 GAMMA = ResponseFunction(2.2 * np.log2(np.maximum(np.arange(256), 0.5) / 255), 0, 255)

@@ -15,15 +15,14 @@ from typer.testing import CliRunner
 from calibration.commands.app import calibrate_app
 from calibration.commands.rig import CameraMode
 from calibration.document import CameraIdentity
-from calibration.response import ResponseFunction
 from calibration.response.file import Origin, ResponseFile
-from calibration.response.prediction import prediction_tables
 from calibration.result import Result
 from calibration.result import calibrate as solved
 from calibration.sources.sweep_plan import SweepPlan
-from drivers.errors import AutoexposeError, CameraError
-from drivers.exposure import ExposureSetting
-from drivers.pixels.formats import PixelFormat
+from imaging.errors import AutoexposeError, CameraError
+from imaging.exposure import ExposureSetting
+from imaging.pixels import PixelFormat
+from imaging.response import ResponseFunction, prediction_tables
 from tests.calibration.made_up_camera import MadeUpCamera, sweep
 from tests.calibration.true_response import true_response
 from tests.fakes import FakeCamera, fake_camera

@@ -22,15 +22,15 @@ from calibration.latency.write_effect import WriteEffect
 from calibration.noise.model import Estimate, NoiseModel
 from calibration.noise.photon_transfer import PhotonTransfer
 from calibration.noise.plan import default_gains_db, plan_noise
-from calibration.response import ResponseFunction
 from calibration.response.file import Origin, ResponseFile
 from calibration.sources.session import session_setup
 from drivers.aravis import open_camera
-from drivers.config.setup import CameraSetup
-from drivers.errors import CameraError, ConfigurationError
-from drivers.exposure import ExposureLimits
-from drivers.pixels.formats import PixelFormat
+from drivers.setup import CameraSetup
 from fake_camera.world.sensor import SensorModel
+from imaging.errors import CameraError, ConfigurationError
+from imaging.exposure import ExposureLimits
+from imaging.pixels import PixelFormat
+from imaging.response import ResponseFunction
 from tests.calibration.made_up_camera import LIMITS, MadeUpCamera, linear
 from tests.calibration.test_commands import calibrate
 from tests.fakes import FakeCamera, fake_camera

@@ -7,14 +7,13 @@ from functools import cache
 import numpy as np
 import pytest
 
-from calibration.response import ResponseFunction
 from calibration.response.drift import ENOUGH, ResponseWatch, followed_greys
-from calibration.response.prediction import prediction_table
 from calibration.response.refinement import LEAST_CHANGES, refine
-from drivers.pixels.layout import sparse
 from fake_camera.imaging import ImageSettings
 from fake_camera.world.lighting import Change, LightScript
 from fake_camera.world.simulation import build_image_source
+from imaging.pixels import sparse
+from imaging.response import ResponseFunction, prediction_table
 from tests.calibration.true_response import true_response
 
 NAMES = ("linear", "gamma", "s_shaped")

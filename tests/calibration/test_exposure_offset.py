@@ -8,13 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration.response import ResponseFunction
 from calibration.response.file import Origin
 from calibration.result import Result, calibrate
 from calibration.solver.solve import solve_response
 from calibration.sources.sweep import Shot, Sweep
-from drivers.exposure import ExposureSetting
 from evaluation.sweeps.score import errors_stops
+from imaging.exposure import ExposureSetting
+from imaging.response import ResponseFunction
 from tests.calibration.noisy_shots import noisy_sweep
 
 

@@ -12,7 +12,7 @@ import pytest
 from calibration.gain.capture import FIRST_LOOKS, MOST_LOOKS, capture_gain
 from calibration.gain.solve import GainCurve, solve_gain
 from calibration.sources.sweep import Shot
-from drivers.exposure import ExposureLimits, ExposureSetting, linear_gain
+from imaging.exposure import ExposureLimits, ExposureSetting, linear_gain
 
 SHAPE = (96, 128)
 Law = Callable[[float], float]

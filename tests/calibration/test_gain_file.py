@@ -7,8 +7,8 @@ import pytest
 from calibration.document import CameraIdentity
 from calibration.findings import Finding
 from calibration.gain.file import GainFile
-from drivers.errors import ConfigurationError
-from drivers.exposure.gain_scale import GainScale
+from imaging.errors import ConfigurationError
+from imaging.exposure import GainScale
 from tests.calibration.test_commands import calibrate
 
 SCALE = GainScale("GainRaw", (0.0, 10.0, 20.0), (0.0, 1.5, 6.0))

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from calibration.gain.file import GainFile
-from drivers.exposure.gain_scale import GainScale
 from fake_camera.genapi.raw_gain import RawGain
+from imaging.exposure import GainScale
 from tests.autoexpose_daemon.stereo import running_daemon
 from tests.calibration.test_commands import calibrate
 from tests.fakes import FakeCamera, fake_camera, unique

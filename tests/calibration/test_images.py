@@ -13,7 +13,7 @@ from PIL.TiffImagePlugin import IFDRational
 from calibration.solver.solve import solve_response
 from calibration.sources.exposure_times import image_paths
 from calibration.sources.images import read_images
-from drivers.errors import ConfigurationError
+from imaging.errors import ConfigurationError
 from tests.calibration.sweeps import TIMES_US, Bench
 
 GREY = np.arange(64, dtype=np.uint8).reshape(8, 8)

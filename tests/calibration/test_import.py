@@ -10,13 +10,13 @@ import pytest
 import yaml
 
 from calibration.geometry.file import check_pair, load_geometry
-from calibration.response import ResponseFunction
 from calibration.response.file import ResponseFile
 from calibration.response.tum import read_tum_table, tum_table
 from calibration.sources.exposure_times import timed_files
 from calibration.vignetting.file import VignettingFile
-from drivers.errors import ConfigurationError
-from drivers.frames import SIDES
+from imaging.errors import ConfigurationError
+from imaging.frames import SIDES
+from imaging.response import ResponseFunction
 from tests.calibration.geometry.pairs import ros
 from tests.calibration.geometry.written import MadeRig, kalibr, made_rig, storage, vins
 from tests.calibration.test_commands import calibrate

@@ -14,8 +14,8 @@ from calibration.judges.solution import judge_solution
 from calibration.judges.sweep import judge_sweep
 from calibration.solver.solve import solve_response
 from calibration.sources.sweep import Shot, Sweep
-from drivers.exposure import DB_PER_STOP, ExposureSetting
 from fake_camera.world.lighting import Change, Flicker, LightScript
+from imaging.exposure import DB_PER_STOP, ExposureSetting
 from tests.calibration.sweeps import TIMES_US, UP_DOWN_UP, WIDTH, Bench, Radiance, duration_s, scene
 
 DURATION_S = duration_s()

@@ -16,8 +16,8 @@ from calibration.latency.write_effect import WriteEffect
 from calibration.sources import session as session_module
 from calibration.sources.session import Session
 from drivers.camera import CameraDescription
-from drivers.exposure import ExposureLimits, ExposureSetting
-from drivers.frames import Frame, SettingSource
+from imaging.exposure import ExposureLimits, ExposureSetting
+from imaging.frames import Frame, SettingSource
 
 RATE_HZ = 50.0
 PERIOD_NS = round(1e9 / RATE_HZ)

@@ -13,13 +13,13 @@ from calibration.judges.noise_witness import NoiseWitness, hear_noise
 from calibration.judges.stated_error import with_doubts
 from calibration.noise.photon_transfer import photon_transfer
 from calibration.report import facts
-from calibration.response import ResponseFunction
 from calibration.response.file import Origin
 from calibration.response.solution import ResponseSolution
 from calibration.result import Result, calibrate
 from calibration.solver.solve import solve_response, solve_tones
 from calibration.sources.sweep import Sweep
 from evaluation.sweeps.processing import Processing, process_of
+from imaging.response import ResponseFunction
 from tests.calibration.noisy_shots import Scene, noisy_sweep
 
 

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from calibration.noise.photon_transfer import PhotonTransfer, _weighted_line, photon_transfer
 from calibration.noise.variance_curve import VarianceCurve, quantised, variance_curve, without_quantisation
 from calibration.sources.sweep import Shot, Sweep
-from drivers.exposure import ExposureSetting
 from fake_camera.imaging import PIXEL_FORMATS
+from imaging.exposure import ExposureSetting
 from tests.calibration.noisy_shots import MODEL, Scene, noisy_sweep
 from tests.data import data
 

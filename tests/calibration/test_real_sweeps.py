@@ -14,16 +14,16 @@ from numpy.typing import NDArray
 
 from calibration.judges.solution import judge_solution
 from calibration.judges.sweep import judge_sweep
-from calibration.response import ResponseFunction
 from calibration.response.file import Origin, ResponseFile
 from calibration.result import calibrate
 from calibration.solver.solve import solve_response
 from calibration.sources.images import read_images
 from calibration.sources.sweep import Shot, Sweep
-from drivers.exposure import ExposureSetting
 from evaluation.sweeps.processing import PROCESSINGS, Processing
 from evaluation.sweeps.score import errors_stops, scored
 from evaluation.sweeps.simulated import HEIGHT, WIDTH, simulated
+from imaging.exposure import ExposureSetting
+from imaging.response import ResponseFunction
 from tests.calibration.test_commands import calibrate as run_calibrate
 from tests.data import data
 

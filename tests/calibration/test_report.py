@@ -18,8 +18,8 @@ from calibration.report.plots import DASHES
 from calibration.response.file import Origin
 from calibration.result import Result, calibrate
 from calibration.solver.comparison import compare
-from drivers.pixels.formats import PixelFormat
-from drivers.python310 import UTC
+from imaging.pixels import PixelFormat
+from imaging.python310 import UTC
 from tests.calibration.made_up_camera import MadeUpCamera, gamma, linear, sweep
 
 ORIGIN = Origin(

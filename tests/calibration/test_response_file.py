@@ -12,12 +12,12 @@ import yaml
 
 from calibration.document import CameraIdentity
 from calibration.findings import Finding
-from calibration.response import ResponseFunction
 from calibration.response.file import Origin, ResponseFile
 from calibration.response.solution import ResponseSolution
-from drivers.errors import ConfigurationError
-from drivers.pixels.formats import PixelFormat
-from drivers.python310 import UTC
+from imaging.errors import ConfigurationError
+from imaging.pixels import PixelFormat
+from imaging.python310 import UTC
+from imaging.response import ResponseFunction
 
 SOLUTION = ResponseSolution(
     ResponseFunction.linear(4), "gamma", {"gamma": 0.4545}, np.full(256, 0.0125), (6, 250), 0.312, accurate=(20, 240)

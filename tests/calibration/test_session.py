@@ -16,14 +16,13 @@ from calibration.sources import session as session_module
 from calibration.sources.session import FRAMES_TO_OBEY, Session, session_setup
 from drivers.aravis import open_camera
 from drivers.camera import CameraDescription, IncompleteFrame
-from drivers.config.feature import FeatureSetting
-from drivers.config.setup import LinkShare
-from drivers.errors import CameraError, ConfigurationError
-from drivers.exposure import ExposureLimits, ExposureSetting
-from drivers.frames import Frame, SettingSource
 from drivers.genicam.driven import refuse_driven
 from drivers.genicam.write_latency import FRAMES_AFTER
-from drivers.pixels.formats import PixelFormat
+from drivers.setup import FeatureSetting, LinkShare
+from imaging.errors import CameraError, ConfigurationError
+from imaging.exposure import ExposureLimits, ExposureSetting
+from imaging.frames import Frame, SettingSource
+from imaging.pixels import PixelFormat
 from tests.fakes import fake_camera
 
 BEFORE = ExposureSetting(1000.0, 0.0)

@@ -13,13 +13,12 @@ from numpy.typing import NDArray
 
 from calibration.judges.solution import judge_solution
 from calibration.judges.sweep import judge_sweep
-from calibration.response import ResponseFunction
-from calibration.response.prediction import prediction_tables
 from calibration.response.solution import ResponseSolution
 from calibration.solver.solve import solve_response
 from calibration.sources.sweep import Shot, Sweep
-from drivers.errors import ConfigurationError
-from drivers.exposure import ExposureSetting
+from imaging.errors import ConfigurationError
+from imaging.exposure import ExposureSetting
+from imaging.response import ResponseFunction, prediction_tables
 from tests.calibration.sweeps import TIMES_US, Bench
 from tests.calibration.true_response import true_response
 

@@ -5,7 +5,7 @@ import pytest
 
 from calibration.sources.sweep import Shot
 from calibration.sources.sweep_plan import KEPT_PIXELS, LONGEST_TIME_US, SweepPlan, exposure_span_us, plan_sweep
-from drivers.exposure import ExposureLimits, ExposureSetting
+from imaging.exposure import ExposureLimits, ExposureSetting
 from tests.calibration.made_up_camera import LIMITS, Curve, MadeUpCamera, gamma, linear
 
 

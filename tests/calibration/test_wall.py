@@ -12,8 +12,8 @@ from calibration.response.file import Origin
 from calibration.result import Result, calibrate
 from calibration.solver.solve import solve_response
 from calibration.sources.sweep import Shot, Sweep
-from drivers.exposure import DB_PER_STOP
 from evaluation.sweeps.score import errors_stops
+from imaging.exposure import DB_PER_STOP
 from tests.calibration.noisy_shots import Scene, noisy_sweep
 
 STOPS = (-7.0, 2.0)

@@ -21,15 +21,14 @@ from calibration.gain.white import (
     judge_surface,
     ratios_for,
 )
-from calibration.response import ResponseFunction
-from calibration.response.prediction import prediction_table
 from calibration.sources.sweep import Shot
-from drivers.exposure import ExposureSetting
-from drivers.frames import Frame
-from drivers.pixels.layout import rgb_samples
 from fake_camera.imaging import ImageSettings
 from fake_camera.world.colour import WHITE, Tints, balanced
 from fake_camera.world.sensor import Sensor, SensorModel
+from imaging.exposure import ExposureSetting
+from imaging.frames import Frame
+from imaging.pixels import rgb_samples
+from imaging.response import ResponseFunction, prediction_table
 from tests.calibration.test_commands import calibrate
 from tests.fakes import fake_camera, unique
 

@@ -6,8 +6,8 @@ from functools import cache
 
 import numpy as np
 
-from calibration.response import ResponseFunction
 from fake_camera.world.response import CURVES
+from imaging.response import ResponseFunction
 
 
 @cache

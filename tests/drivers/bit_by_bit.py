@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from drivers.pixels.formats import PixelFormat
+from imaging.pixels import PixelFormat
 
 
 def wire_bytes(samples: Sequence[int], pixel_format: PixelFormat) -> bytes:

@@ -9,9 +9,9 @@ from typing import Protocol
 import pytest
 
 from drivers.camera import Camera
-from drivers.errors import CameraLostError
-from drivers.exposure import ExposureSetting
-from drivers.frames import Frame
+from imaging.errors import CameraLostError
+from imaging.exposure import ExposureSetting
+from imaging.frames import Frame
 
 OLD, NEW = ExposureSetting(2000.0, 0.0), ExposureSetting(5000.0, 6.0)
 MOST_PULSES = 600

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from autoexpose_daemon.control.loop import ControlLoop
-from calibration.response import ResponseFunction
 from calibration.solver.solve import solve_response
-from drivers.exposure import ExposureLimits, ExposureSetting
 from evaluation.arena.race import course_of, race
 from evaluation.scenes.scenarios import SCENARIOS
 from evaluation.stage.delayed_loop import Entrant
 from evaluation.stage.oracle import Oracle
+from imaging.exposure import ExposureLimits, ExposureSetting
+from imaging.response import ResponseFunction
 from tests.calibration.sweeps import Bench
 from tests.calibration.true_response import true_response
 

@@ -14,7 +14,6 @@ import pytest
 from rich.console import Console
 
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
-from drivers.errors import AutoexposeError, ConfigurationError
 from evaluation.arena.ablation import ablation as ablation_module
 from evaluation.arena.ablation.ablation import ALL, ablate, ablation_courses, policy_constants
 from evaluation.arena.ablation.ablation_report import ablation_document, print_ablation, write_ablation
@@ -23,6 +22,7 @@ from evaluation.arena.ablation.constants import constants_in_c, constants_of
 from evaluation.arena.ablation.course import Course, Decisions, judge, roll_out, start_of
 from evaluation.arena.scores import Score
 from evaluation.scenes.scenarios import SCENARIOS, WARM_UP_FRAMES
+from imaging.errors import AutoexposeError, ConfigurationError
 
 SOURCE = '''\
 """Größe: bytes and characters differ."""

@@ -11,7 +11,6 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from drivers.errors import AutoexposeError, ConfigurationError
 from evaluation.arena import arena_app, plan, runs
 from evaluation.arena.arena_app import arena_app as app
 from evaluation.arena.arena_report import mean_ratios
@@ -22,6 +21,7 @@ from evaluation.arena.scores import Score
 from evaluation.arena.targets import outcomes
 from evaluation.experiments.worth.matches.courses import courses
 from evaluation.scenes.scenarios import SCENARIOS, WARM_UP_FRAMES
+from imaging.errors import AutoexposeError, ConfigurationError
 
 FIGURES = {
     "settle_frames": (int, float, type(None)),

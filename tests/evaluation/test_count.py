@@ -10,10 +10,10 @@ import pytest
 from typer.testing import CliRunner
 
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
-from drivers.errors import ConfigurationError
 from evaluation.arena import count
 from evaluation.arena.arena_app import arena_app as app
 from evaluation.arena.count import Count, c_files, count_c, count_python, python_files, snapshot_fields
+from imaging.errors import ConfigurationError
 
 
 @pytest.mark.parametrize(
@@ -56,12 +56,12 @@ def test_follows_imports_within_its_scope_and_the_calls_into_c(tmp_path: Path) -
     sources = {
         f"{control}/loop.py": "from autoexpose_daemon.control.policies import table",
         f"{control}/policies/__init__.py": "",
-        f"{control}/policies/table.py": "from drivers.errors import Error",
+        f"{control}/policies/table.py": "from imaging.errors import Error",
         f"{control}/policies/belief/policy.py": """
 from typing import TYPE_CHECKING
 from autoexpose_daemon.control import _native
-from calibration.response import Response
-import drivers.exposure
+from imaging.response import Response
+import imaging.exposure
 if TYPE_CHECKING:
     from autoexpose_daemon.control.unreached import Type
 def decide():
@@ -71,13 +71,10 @@ def decide():
         f"{control}/late.py": "",
         f"{control}/unreached.py": "X = 3",
         f"{control}/policies/published/fixed.py": "X = 3",
-        "calibration/response/__init__.py": (
-            "from calibration.response.function import Response\nfrom calibration.response.other import Other"
-        ),
-        "calibration/response/function.py": "",
-        "calibration/response/other.py": "",
-        "drivers/exposure/__init__.py": "",
-        "drivers/errors.py": "X = 3",
+        "imaging/__init__.py": "",
+        "imaging/response.py": "",
+        "imaging/exposure.py": "",
+        "imaging/errors.py": "X = 3",
         f"{control}/native/bindings.c": '#include <math.h>\n#include "sums.h"\nX = { "sum_of", f, 0 };',
         f"{control}/native/sums.h": '#include "image.h"',
         f"{control}/native/sums.c": '#include "sums.h"',
@@ -94,8 +91,8 @@ def decide():
         "autoexpose_daemon.control.policies.table",
         "autoexpose_daemon.control.policies.belief.policy",
         "autoexpose_daemon.control.late",
-        "calibration.response.function",
-        "drivers.exposure",
+        "imaging.response",
+        "imaging.exposure",
     }
     assert [path.name for path in c_files(list(python.values()), tmp_path)] == [
         *("bindings.c", "image.h", "sums.c", "sums.h"),
@@ -129,7 +126,7 @@ def test_command_counts_the_default_policy(tmp_path: Path, monkeypatch: pytest.M
     counts = json.loads((tmp_path / "count.json").read_text())
     assert (counts["policy"], counts["snapshot_fields"]) == (DEFAULT_POLICY, 2)
     files = {each["file"]: each for each in counts["files"]}
-    assert {"autoexpose_daemon/control/loop.py", "drivers/exposure/setting.py"} < set(files)
+    assert {"autoexpose_daemon/control/loop.py", "imaging/exposure.py"} < set(files)
     assert any(name.endswith(".c") for name in files) and not any("published" in name for name in files)
     for what in ("numbers", "branches"):
         assert counts[what] == sum(each[what] for each in counts["files"])

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from drivers.errors import AutoexposeError
 from evaluation.experiments import cache, experiments_app
 from evaluation.experiments.cache import ResultCache
 from evaluation.experiments.drives.policy_drives import measure as measure_policies
@@ -21,6 +20,7 @@ from evaluation.experiments.experiments_app import experiments_app as app
 from evaluation.experiments.experiments_report import count_of_verdicts, write_experiments_report
 from evaluation.experiments.jobs import run_jobs
 from evaluation.experiments.statistics import clustered, mean_interval, pearson
+from imaging.errors import AutoexposeError
 
 CALLS: list[int] = []
 

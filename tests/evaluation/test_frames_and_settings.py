@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.loop import ControlLoop
-from drivers.exposure import ExposureSetting
-from drivers.frames import StereoPair
 from evaluation.arena.race import run_course
 from evaluation.odometry.lap import odometry_stage
 from evaluation.odometry.stereo import Tracked, prepared
@@ -21,6 +19,8 @@ from evaluation.stage.delayed_loop import Entrant
 from evaluation.stage.rendering import Stage
 from fake_camera.world.sensor import DEFAULT_F_NUMBER
 from fake_camera.world.simulation import RoomView
+from imaging.exposure import ExposureSetting
+from imaging.frames import StereoPair
 
 START = ExposureSetting(500.0, 20.0)
 FIRST_S = 3.0

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from autoexpose_daemon.control.metrics.contrast import Contrast, GreyBins, contrast
 from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
-from calibration.response import ResponseFunction
 from evaluation.stage.information import FRONT_END_DN, QUANTISATION, Information
+from imaging.response import ResponseFunction
 
 LINEAR = ResponseFunction.linear()
 NOISE = SensorNoise(10_500.0, 3.0)

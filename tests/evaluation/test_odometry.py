@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from drivers.exposure import ExposureSetting
 from evaluation.odometry.errors import relative_errors_mm
 from evaluation.odometry.lap import lap, odometry_stage
 from evaluation.odometry.orb import OrbOdometry
@@ -19,6 +18,7 @@ from evaluation.odometry.stereo import StereoCamera, images
 from evaluation.odometry.tracking import FAILED_PAIRS, lost_for_good
 from evaluation.stage.rendering import Stage
 from fake_camera.world.simulation import RoomView
+from imaging.exposure import ExposureSetting
 
 CAMERA = StereoCamera.simulated()
 

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from autoexpose_daemon.control.balance import Balance, BlurNoiseBalance, ExposurePriority, FixedGain, FixedRatio
-from drivers.exposure import ExposureSetting
 from evaluation.arena.race import course_of, race
 from evaluation.scenes.scenarios import SCENARIOS
 from evaluation.stage.camera import LIMITS
@@ -16,6 +15,7 @@ from evaluation.stage.delayed_loop import Entrant
 from evaluation.stage.oracle import LEVELS, Oracle, rounded_motion
 from evaluation.stage.rendering import Stage
 from fake_camera.world.simulation import Side
+from imaging.exposure import ExposureSetting
 
 
 @cache

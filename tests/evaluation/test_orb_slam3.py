@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.exposure import ExposureSetting
 from evaluation.experiments.drives import fig13_orb_slam3
 from evaluation.odometry.errors import relative_errors_mm
 from evaluation.odometry.lap import odometry_stage
@@ -17,6 +16,7 @@ from evaluation.odometry.stereo import StereoCamera, images
 from evaluation.odometry.taught_vocabulary import TAUGHT_ROOM
 from evaluation.odometry.vocabulary import BRANCHES, LEVELS, write_vocabulary
 from fake_camera.world.simulation import RoomView
+from imaging.exposure import ExposureSetting
 
 
 def test_a_vocabulary_is_a_tree_whose_words_are_near_its_descriptors(tmp_path: Path) -> None:

@@ -12,8 +12,6 @@ import pytest
 from PIL import Image
 
 from autoexpose_daemon.control.policy import ExposurePolicy
-from drivers.exposure import ExposureSetting
-from drivers.frames import Frame, StereoPair
 from evaluation.experiments.cache import ResultCache
 from evaluation.experiments.experiment import Experiment, Figure, Results, Section, Verdict
 from evaluation.experiments.jobs import run_jobs
@@ -32,6 +30,8 @@ from evaluation.experiments.prediction.still_life import StillLife, plateau_cent
 from evaluation.scenes.responses import FAKE_CAMERAS, CameraResponse
 from evaluation.scenes.views import build_views
 from evaluation.stage.camera import LIMITS, time_first
+from imaging.exposure import ExposureSetting
+from imaging.frames import Frame, StereoPair
 from tests.evaluation.sections import check_no_prose
 
 Quick = tuple[list[tuple[dict[str, Any], Any]], Section]

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from drivers.exposure import ExposureSetting, linear_gain
 from evaluation.arena.race import course_of, run_course
 from evaluation.arena.successive import LOG2_RADIANCES, SuccessiveFrames, energy_by_radiance, information, variances
 from evaluation.scenes.scenarios import WARM_UP_FRAMES
@@ -13,6 +12,7 @@ from evaluation.stage.camera import LIMITS
 from evaluation.stage.delayed_loop import Entrant
 from fake_camera.imaging import ImageSettings
 from fake_camera.world.sensor import Sensor, SensorModel
+from imaging.exposure import ExposureSetting, linear_gain
 
 
 def of(setting: ExposureSetting) -> np.ndarray:

@@ -14,7 +14,6 @@ import pytest
 from numpy.typing import NDArray
 
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY, POLICY_IDS
-from drivers.exposure import ExposureSetting
 from evaluation.committed import PAINTINGS
 from evaluation.experiments.experiment import Figure, Table
 from evaluation.experiments.statistics import Comparison, over_places
@@ -32,6 +31,7 @@ from evaluation.experiments.worth.names import BOUNDS
 from evaluation.experiments.worth.odometry.drives import LUX, PERIODS_S, Drive, drives
 from evaluation.experiments.worth.tables import MARGINS, Verdicts, claims_tables
 from evaluation.stage.camera import LIMITS
+from imaging.exposure import ExposureSetting
 from tests.evaluation.sections import check_no_prose
 
 COURSE = Course("leaves:1", 50.0, "steady", 3.0)

@@ -10,7 +10,6 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
-from drivers.exposure import ExposureSetting
 from evaluation.committed import ROOMS
 from evaluation.experiments.worth.contender import HAND_TUNED
 from evaluation.experiments.worth.contenders import CONTENDERS
@@ -33,6 +32,7 @@ from evaluation.scenes.natural_rooms import WINDOW_AWAY_M
 from evaluation.scenes.views import CAMERA
 from evaluation.stage.camera import Image
 from evaluation.stage.rendering import Stage
+from imaging.exposure import ExposureSetting
 
 DRIVE = Drive(("shelves:1",), 8, "plain", 20.0, "fast", 1.0)
 GOOD, BLACK = ExposureSetting(4000.0, 18.0), ExposureSetting(20.0, 0.0)

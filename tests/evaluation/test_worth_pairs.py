@@ -11,7 +11,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from drivers.exposure import ExposureSetting
 from evaluation.experiments.worth import pictures
 from evaluation.experiments.worth.matches.motions import Rotation, Similarity, found_motion
 from evaluation.experiments.worth.matches.pairs import (
@@ -28,6 +27,7 @@ from evaluation.experiments.worth.matches.rig import Eyes, Film, Rig
 from evaluation.experiments.worth.matches.scenes import CANVAS, HEIGHT, WIDTH, PanoramaView, StillView
 from evaluation.scenes.stills import leaves
 from fake_camera.world.sensor import SensorModel
+from imaging.exposure import ExposureSetting
 
 STILL = leaves(np.random.default_rng(5), 1000, 640)
 PANORAMA = leaves(np.random.default_rng(6), 1024, 512)

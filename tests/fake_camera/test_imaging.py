@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.pixels.formats import PixelFormat
 from fake_camera.imaging import PIXEL_FORMATS
+from imaging.pixels import PixelFormat
 from tests.drivers.bit_by_bit import wire_bytes
 
 

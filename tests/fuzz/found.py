@@ -10,9 +10,9 @@ from dataclasses import replace
 import numpy as np
 
 from autoexpose_daemon.messages.write import MessageWriter
-from drivers.exposure import ExposureSetting
-from drivers.frames import Frame, StereoPair
 from fake_camera.usb3.usb.descriptors import CONTROL_IN, CONTROL_OUT
+from imaging.exposure import ExposureSetting
+from imaging.frames import Frame, StereoPair
 from tests.autoexpose_daemon.imu import imu_message
 from tests.autoexpose_daemon.publish.steps import DECISION
 from tests.autoexpose_daemon.statuses import EXPOSING

@@ -55,21 +55,20 @@ from calibration.findings import Finding
 from calibration.gain.file import GainFile
 from calibration.geometry.file import load_geometry
 from calibration.geometry.formats.ros import ros_yaml
-from calibration.response import ResponseFunction
 from calibration.response.file import Origin, ResponseFile
 from calibration.sources.exposure_times import timed_files
 from calibration.sources.images import read_images
 from calibration.vignetting.file import VignettingFile
-from calibration.vignetting.model import Vignetting
-from drivers.exposure import ExposureSetting
-from drivers.exposure.gain_scale import GainScale
-from drivers.frames import Frame
 from drivers.genicam.image_format import decode_pixels
 from drivers.host import action_commands, gvcp
 from drivers.host.network import NetworkInterface, largest_socket_buffer_bytes
-from drivers.pixels.formats import PixelFormat
 from fake_camera.device.line0 import Line0
 from fake_camera.device.truth import TruthFile
+from imaging.exposure import ExposureSetting, GainScale
+from imaging.frames import Frame
+from imaging.pixels import PixelFormat
+from imaging.response import ResponseFunction
+from imaging.vignetting import Vignetting
 from tests.autoexpose_daemon.grounds import GROUNDS
 from tests.autoexpose_daemon.imu import imu_message
 from tests.autoexpose_daemon.publish.test_pairs import messages

@@ -17,7 +17,7 @@ from autoexpose_daemon.navigation.maps.adaptation import adapt
 from autoexpose_daemon.navigation.store import MapFile, MapInfo, TaughtPlace
 from autoexpose_daemon.navigation.views.features import Features
 from autoexpose_daemon.navigation.views.registration import register
-from drivers.exposure import ExposureSetting
+from imaging.exposure import ExposureSetting
 from tests.autoexpose_daemon.messages.registered_view import registered_view
 from tests.fuzz.target import in_file
 

@@ -9,9 +9,9 @@ from autoexpose_daemon.messages.robot import read_odometry, read_velocity
 from autoexpose_daemon.messages.tracked_cells import read_tracked_cells
 from autoexpose_daemon.navigation.store import MapError
 from autoexpose_daemon.recording.step import RecordingError
-from drivers.errors import AutoexposeError, ConfigurationError
 from fake_camera.device.faults import FaultError
 from fake_camera.device.line0 import WireError
+from imaging.errors import AutoexposeError, ConfigurationError
 from tests.fuzz import of_fake_camera as fake
 from tests.fuzz import of_host as host
 from tests.fuzz import of_robot as robot

@@ -16,11 +16,11 @@ import numpy as np
 import pytest
 
 from drivers.aravis import AravisCamera, find_cameras, open_camera
-from drivers.config.setup import CameraSetup, TriggerSetup
-from drivers.errors import CameraLostError
-from drivers.exposure import ExposureSetting
-from drivers.frames import Frame
+from drivers.setup import CameraSetup, TriggerSetup
 from fake_camera.device.faults import Fault
+from imaging.errors import CameraLostError
+from imaging.exposure import ExposureSetting
+from imaging.frames import Frame
 from tests.fakes import FakeCamera
 from tests.kernel.usbip import PATIENCE_S, Cable, camera_with_cable, output, wait_until
 

@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from drivers.aravis import open_camera
-from drivers.config.setup import CameraSetup, TriggerSetup
+from drivers.setup import CameraSetup, TriggerSetup
 from tests.fakes import FakeCamera
 from tests.kernel.usbip import camera_with_cable, output
 

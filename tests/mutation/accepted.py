@@ -13,7 +13,7 @@ SAME = {
         "other powers that span the same drifts: least squares explain as much",
     "calibration/noise/photon_transfer.py: model = _model(shots[0], line, lines, saturation_dn): 0 -> 1":
         "all shots of a sweep have one gain and one bit depth, which is all that is taken from it",
-    "drivers/exposure/setting.py: for n in (math.floor(steps + 1e-6), math.ceil(steps - 1e-6)): "
+    "imaging/exposure.py: for n in (math.floor(steps + 1e-6), math.ceil(steps - 1e-6)): "
     "steps - 1e-06 -> (steps + 1e-06)":
         "a time on the grid gets its upper neighbour as a second choice, which is never nearer",
 }  # fmt: skip
@@ -22,7 +22,7 @@ SAME = {
 SLACK = {
     "calibration/solver/free_curve.py: LEAST_STEP_STOPS = 1e-6: 1e-06 -> 5e-07":
         "anything above rounding keeps the curve from falling",
-    "drivers/exposure/setting.py: return origin + math.ceil((value - origin) / step - 1e-9) * step if step > 0 else "
+    "imaging/exposure.py: return origin + math.ceil((value - origin) / step - 1e-9) * step if step > 0 else "
     "value: 1e-09 -> 5e-10":
         "room for rounding, six digits above it",
 }  # fmt: skip

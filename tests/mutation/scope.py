@@ -14,13 +14,14 @@ from tests.mutation.operators import Change, changes
 FOLDERS = {
     "control": "autoexpose_daemon/control",
     "drivers": "drivers",
+    "imaging": "imaging",
     "calibration": "calibration",
     "evaluation": "evaluation",
 }
 """By package. Of `evaluation` only what is listed by name."""
 
-SAMPLED = ("control", "drivers", "calibration")
-"""Each gives a third of the sample."""
+SAMPLED = ("control", "drivers", "calibration", "imaging")
+"""Each gives as much of the sample."""
 
 LEFT_OUT = {
     "calibration/report/": "the looks of a page and its plots are for eyes to judge",

@@ -11,12 +11,12 @@ from typing import NamedTuple
 import numpy as np
 
 from drivers.camera import CameraDescription, ClockReading, IncompleteFrame, PtpState
-from drivers.errors import CameraLostError, CameraNotFoundError, NodeError
-from drivers.exposure import ExposureLimits, ExposureSetting
-from drivers.frames import Frame, Side
 from drivers.genicam.clock import LatchedClock
 from drivers.genicam.timeline import FrameTimeline
 from drivers.rig.pace import Slots
+from imaging.errors import CameraLostError, CameraNotFoundError, NodeError
+from imaging.exposure import ExposureLimits, ExposureSetting
+from imaging.frames import Frame, Side
 from tests.soak.clock import MS, Clock
 
 LIMITS = ExposureLimits(20.0, 7500.0, 0.0, 30.0, 1.0, 0.1)

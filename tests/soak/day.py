@@ -11,8 +11,8 @@ from dataclasses import dataclass, field
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.status.counters import counters
 from autoexpose_daemon.status.states import Health, State
-from drivers.frames import StereoPair
 from drivers.triggers.tally import LossReason
+from imaging.frames import StereoPair
 from tests.soak.camera import VirtualFrame
 from tests.soak.clock import SECOND
 from tests.soak.faults import FAULTS, Expected, Script

@@ -8,7 +8,7 @@ from collections import deque
 from dataclasses import dataclass
 from pathlib import Path
 
-from drivers.python310 import Self
+from imaging.python310 import Self
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,7 @@ from bisect import bisect_right
 from collections.abc import Callable
 
 from drivers.camera import PtpState
-from drivers.frames import Side
+from imaging.frames import Side
 from tests.soak.camera import Device
 from tests.soak.clock import SECOND, Actor, Clock
 

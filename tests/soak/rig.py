@@ -15,11 +15,11 @@ from autoexpose_daemon.runtime.outlet import Outlet
 from autoexpose_daemon.runtime.rig_control import RigControl
 from autoexpose_daemon.runtime.tuning import Tuning
 from autoexpose_daemon.status.states import Expectation, Health, State, judge
-from drivers.exposure import ExposureLimits, ExposureSetting
-from drivers.frames import Side, StereoPair
 from drivers.rig.events import RigEvent
 from drivers.rig.pace import Slots
 from drivers.rig.supervision import Supervisor
+from imaging.exposure import ExposureLimits, ExposureSetting
+from imaging.frames import Side, StereoPair
 from tests.soak.camera import LIMITS, Device
 from tests.soak.clock import MS, SECOND, Actor, Clock, run
 

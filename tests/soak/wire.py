@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter, defaultdict
 
-from drivers.frames import Side
+from imaging.frames import Side
 from tests.soak.clock import Actor
 from tests.soak.rig import PERIOD_NS, VirtualRig
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from autoexpose_daemon.control.metrics.extension import extension as _native
 from autoexpose_daemon.control.metrics.gradient import saturated_from
-from calibration.response import GREY_LEVELS, ResponseFunction
+from imaging.response import GREY_LEVELS, ResponseFunction
 
 CELLS = 8
 """Cells across, and down."""

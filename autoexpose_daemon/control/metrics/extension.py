@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from drivers.errors import ConfigurationError
+from imaging.errors import ConfigurationError
 
 try:
     from autoexpose_daemon.control import _native as extension

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autoexpose_daemon.control.metrics.extension import extension as _native
-from calibration.response import GREY_LEVELS, ResponseFunction
+from imaging.response import GREY_LEVELS, ResponseFunction
 
 _TABLES_PER_WORD = 8
 """One look-up fetches a pixel under so many predictions at once, as one word of 64 bits."""

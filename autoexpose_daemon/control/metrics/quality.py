@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from autoexpose_daemon.control.metrics.entropy import entropy
 from autoexpose_daemon.control.metrics.gradient import gradient_weights
 from autoexpose_daemon.control.metrics.gradient_statistics import gradient_magnitude
-from calibration.response import GREY_LEVELS
+from imaging.response import GREY_LEVELS
 
 HOMOGENEOUS_SHARE = 0.10
 DARKEST_GREY, BRIGHTEST_GREY = 15, 235

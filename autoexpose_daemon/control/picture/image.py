@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.errors import ConfigurationError
+from imaging.errors import ConfigurationError
 
 CONTROL_SIZE = (360, 270)
 """Width and height at which the paper measures its metric."""

@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 
 from autoexpose_daemon.control.metrics.extension import extension as _native
 from autoexpose_daemon.control.picture.image import FLOW_SIZE, fit
-from calibration.response import ResponseFunction
-from calibration.response.prediction import prediction_table
-from drivers.errors import ConfigurationError
+from imaging.errors import ConfigurationError
+from imaging.response import ResponseFunction, prediction_table
 
 REFERENCE_INTERVAL_NS = 1e9 / 60
 """Speeds are per 1/60 s: the paper's tuning (k_offset, w) belongs to displacements per frame of its 60 Hz camera."""

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autoexpose_daemon.control.picture.image import CONTROL_SIZE, Shrinking, fit
-from drivers.errors import ConfigurationError
+from imaging.errors import ConfigurationError
 
 _REACH = np.ones((5, 5), np.uint8)
 """What a measure of one prepared pixel sees: the median filter one pixel around it, the gradient another one."""

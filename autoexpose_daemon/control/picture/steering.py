@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autoexpose_daemon.control.picture.tracked_cells import CELLS, COLUMNS, ROWS
-from drivers.frames import Side
+from imaging.frames import Side
 
 STEERING_SHARE: Final = 0.2
 """How much steering may cost, as a share of what the whole picture is worth at best."""

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.frames import SIDES, Side
+from imaging.frames import SIDES, Side
 
 ROWS: Final = 6
 COLUMNS: Final = 8

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from autoexpose_daemon.control.metrics.gradient import ExtremeShares
 from autoexpose_daemon.control.picture.steering import Steering
 from autoexpose_daemon.control.picture.tracked_cells import COLUMNS, ROWS, TrackedCells
-from calibration.response import ResponseFunction
-from drivers.frames import SIDES, Side
+from imaging.frames import SIDES, Side
+from imaging.response import ResponseFunction
 
 FRESH_S: Final = 1.5
 FORGOTTEN_S: Final = 3.0

@@ -17,8 +17,8 @@ import numpy as np
 from autoexpose_daemon.control.balance import ExposurePriority
 from autoexpose_daemon.control.parameters import Bracketing
 from autoexpose_daemon.control.policy import ExposurePolicy, Observation, PastStep, PolicySetup, Target
-from drivers.exposure import ExposureLimits
-from drivers.python310 import exp2
+from imaging.exposure import ExposureLimits
+from imaging.python310 import exp2
 
 MIDDLE_MEAN = 0.2
 """Mean signal at the middle of the ladder: policies want from two stops less to two more."""

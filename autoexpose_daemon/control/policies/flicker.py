@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from autoexpose_daemon.control.policy import Look
 from autoexpose_daemon.control.registration import Registration
-from calibration.response import ResponseFunction
-from drivers.exposure import ExposureSetting
-from drivers.frames import Side
+from imaging.exposure import ExposureSetting
+from imaging.frames import Side
+from imaging.response import ResponseFunction
 
 MAINS_FLICKER_HZ = (100.0, 120.0)
 """Lamps flash twice in each period of the mains, 50 or 60 Hz. No other frequency is looked for."""

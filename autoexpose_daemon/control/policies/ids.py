@@ -5,8 +5,8 @@ from __future__ import annotations
 import difflib
 
 from autoexpose_daemon.control.policies.removed import REMOVED
-from drivers.config.readable import quoted
-from drivers.errors import ConfigurationError
+from documents.text import quoted
+from imaging.errors import ConfigurationError
 
 DEFAULT_POLICY = "belief"
 

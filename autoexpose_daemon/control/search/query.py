@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from autoexpose_daemon.control.policy import MISSED_FRAMES, Observation, Target
-from drivers.frames import Side
+from imaging.frames import Side
 
 BLIND_SHARE = 0.95
 """A frame with a larger share of black or of saturated pixels shows a search only the direction."""

@@ -10,8 +10,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from drivers.errors import AutoexposeError
-from drivers.python310 import Self
+from imaging.errors import AutoexposeError
+from imaging.python310 import Self
 
 _LAST_ANSWERS_S = 2.0
 

@@ -16,7 +16,7 @@ from autoexpose_daemon.messages.keys import registration_key
 from autoexpose_daemon.messages.registration import RegisteredView, read_registration
 from autoexpose_daemon.messages.robot import Velocity, odometry, read_velocity, twist
 from autoexpose_daemon.publish.session import Endpoints, SessionHolder, open_session
-from drivers.python310 import Self
+from imaging.python310 import Self
 
 ODOMETRY, JOYSTICK, COMMAND = "odom", "joystick", "cmd_vel"
 """zenoh keys."""

@@ -32,7 +32,7 @@ from autoexpose_daemon.runtime.cameras import openers
 from autoexpose_daemon.runtime.daemon import Daemon
 from autoexpose_daemon.service.outlets import add_outlets
 from autoexpose_daemon.service.service import Service
-from drivers.errors import AutoexposeError
+from imaging.errors import AutoexposeError
 
 OTHER_POLICY = "fixed"
 

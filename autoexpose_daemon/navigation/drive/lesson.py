@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from autoexpose_daemon.navigation.drive.motion import Velocity
 from autoexpose_daemon.navigation.store import TaughtPlace
 from autoexpose_daemon.navigation.views.detectors import AdaptiveFinder
-from drivers.exposure import ExposureSetting
+from imaging.exposure import ExposureSetting
 
 EVERY_M = 0.2
 """From one local map to the next, as in the authors' README."""

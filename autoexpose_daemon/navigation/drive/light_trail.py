@@ -8,8 +8,8 @@ from autoexpose_daemon.control.light_ahead import MOST_STOPS
 from autoexpose_daemon.control.registration import Registration
 from autoexpose_daemon.control.view import View
 from autoexpose_daemon.navigation.maps.light import EVERY_M, LightRow
-from calibration.response import ResponseFunction
-from drivers.frames import Frame, Side
+from imaging.frames import Frame, Side
+from imaging.response import ResponseFunction
 
 SIDE: Final[Side] = "left"
 

@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.live import Live
 from rich.text import Text
 
-from drivers.python310 import Self
+from imaging.python310 import Self
 
 _TURN_S = 0.1
 

@@ -26,7 +26,7 @@ from autoexpose_daemon.navigation.drive.odometer import SPEED_NS, Odometer
 from autoexpose_daemon.publish.refusal import reading
 from autoexpose_daemon.publish.ros2_keys import Attachments, Ros2Node, key_of_topic
 from autoexpose_daemon.publish.session import Endpoints, SessionHolder
-from drivers.python310 import Self
+from imaging.python310 import Self
 
 log = logging.getLogger(__name__)
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autoexpose_daemon.navigation.drive.motion import Velocity
-from drivers.python310 import StrEnum
+from imaging.python310 import StrEnum
 
 CORRECTION_PER_S = 1.5
 """How fast a heading error is corrected: the share of it per second. The authors turn by 0.001 rad/s per pixel, which

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.python310 import Self
+from imaging.python310 import Self
 
 DAY_S = 86_400.0
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from autoexpose_daemon.navigation.store import MapError, MapFile
 from calibration.report.page import EXTRA
-from drivers.config.readable import readable
+from documents.text import readable
 
 
 def write_report(file: MapFile, facts: Mapping[str, str], page: Path) -> None:

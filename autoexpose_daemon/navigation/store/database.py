@@ -11,9 +11,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO, Final
 
-from drivers.config.files import open_regular
-from drivers.config.readable import readable
-from drivers.errors import AutoexposeError
+from documents.files import open_regular
+from documents.text import readable
+from imaging.errors import AutoexposeError
 
 FORMAT: Final = 3
 """`PRAGMA user_version`: counted up when files can no longer be read as before."""

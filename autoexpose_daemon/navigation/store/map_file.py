@@ -31,9 +31,9 @@ from autoexpose_daemon.navigation.store.rows import (
     states_of_blob,
     taught_path,
 )
-from drivers.config.readable import readable
-from drivers.exposure import ExposureSetting
-from drivers.python310 import Self
+from documents.text import readable
+from imaging.exposure import ExposureSetting
+from imaging.python310 import Self
 
 SpeedRow = tuple[float, float, float]
 """Distance (m), forward (m/s) and turn (rad/s, positive to the left)."""

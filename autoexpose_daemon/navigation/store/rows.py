@@ -14,7 +14,7 @@ from autoexpose_daemon.control.parameters import FASTEST_M_S, FASTEST_TURN_RAD_S
 from autoexpose_daemon.navigation.maps.adaptation import LocalMap
 from autoexpose_daemon.navigation.maps.path import TaughtPath
 from autoexpose_daemon.navigation.views.features import Features
-from drivers.exposure import ExposureSetting
+from imaging.exposure import ExposureSetting
 
 RunKind = Literal["teach", "repeat"]
 

@@ -13,8 +13,8 @@ from autoexpose_daemon.control.picture.steering import Steering
 from autoexpose_daemon.control.picture.tracked_cells import TrackedCells
 from autoexpose_daemon.control.picture.tracking_memory import CellExposure, TrackingMemory
 from autoexpose_daemon.status.inputs.tracking import TrackingRefusal, TrackingTally
-from drivers.frames import Side
 from drivers.log_throttle import LogThrottle
+from imaging.frames import Side
 
 log = logging.getLogger(__name__)
 

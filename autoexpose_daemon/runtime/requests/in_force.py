@@ -13,11 +13,11 @@ from autoexpose_daemon.control.override import Override
 from autoexpose_daemon.runtime.active_loop import ActiveLoop
 from autoexpose_daemon.runtime.requests.shot import LONGEST_PATIENCE_NS, PATIENCE_NS, PATIENCE_PERIODS, PendingShot
 from autoexpose_daemon.status.inputs.requests import Answer, Bounds, RequestTally, Shot
-from drivers.errors import AutoexposeError, ConfigurationError
-from drivers.exposure import ExposureLimits, ExposureSetting
-from drivers.frames import SIDES, Side, StereoPair
 from drivers.log_throttle import LogThrottle
 from drivers.rig.events import RigEvent
+from imaging.errors import AutoexposeError, ConfigurationError
+from imaging.exposure import ExposureLimits, ExposureSetting
+from imaging.frames import SIDES, Side, StereoPair
 
 log = logging.getLogger(__name__)
 

@@ -6,9 +6,9 @@ from collections.abc import Iterable
 from concurrent.futures import Future
 
 from autoexpose_daemon.status.inputs.requests import Answer, Shot
-from drivers.exposure import ExposureSetting
-from drivers.frames import SIDES, Frame, Side, StereoPair
 from drivers.rig.events import CameraGone, RigEvent, WriteFailed, Written
+from imaging.exposure import ExposureSetting
+from imaging.frames import SIDES, Frame, Side, StereoPair
 
 PATIENCE_NS = 1_000_000_000
 PATIENCE_PERIODS = 8

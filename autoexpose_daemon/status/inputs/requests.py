@@ -10,8 +10,8 @@ from pydantic import Field, TypeAdapter, ValidationError
 
 from autoexpose_daemon.messages.report import LAST_COUNT
 from autoexpose_daemon.status.counters import Count
-from drivers.exposure import ExposureLimits, ExposureSetting
-from drivers.frames import Side
+from imaging.exposure import ExposureLimits, ExposureSetting
+from imaging.frames import Side
 
 LARGEST_ANSWER_BYTES = 1 << 16
 

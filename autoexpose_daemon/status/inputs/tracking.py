@@ -8,7 +8,7 @@ from typing import Annotated
 from pydantic import Field
 
 from autoexpose_daemon.status.counters import Count
-from drivers.python310 import StrEnum
+from imaging.python310 import StrEnum
 
 
 class TrackingRefusal(StrEnum):

@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any, Final
 from xml.etree import ElementTree as ET
 
-from drivers.config.readable import shortened
-from drivers.config.strict_yaml import parse_mapping
-from drivers.errors import ConfigurationError
+from documents.strict_yaml import parse_mapping
+from documents.text import shortened
+from imaging.errors import ConfigurationError
 
 _SECTION = re.compile(r"\[([^\[\]]*[A-Za-z][^\[\]]*)\]")
 _WORDS = re.compile(r"[A-Za-z][A-Za-z _]*")

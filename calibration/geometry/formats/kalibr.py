@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from calibration.geometry.formats.lens import lens_of, model_of
 from calibration.geometry.formats.rig import Rig
 from calibration.geometry.formats.wide import EXTRA_NUMBERS
-from calibration.geometry.model import CameraGeometry
 from calibration.geometry.numbers import inverse_of, mapping, numbers, pose_of, required, size_of
-from drivers.config.readable import quoted
-from drivers.errors import ConfigurationError
+from documents.text import quoted
+from imaging.errors import ConfigurationError
+from imaging.geometry import CameraGeometry
 
 _CAMERA = re.compile(r"cam(\d+)")
 _FROM_BODY, _TO_BODY = ("T_cam_imu", "T_CB", "T_CS"), ("T_imu_cam", "T_BS", "T_SC", "T_BC")

@@ -6,11 +6,11 @@ import re
 from typing import Final
 
 from calibration.geometry.formats.wide import EXTRA_NUMBERS, as_equidistant
-from calibration.geometry.model import CameraGeometry, DistortionModel
 from calibration.geometry.plausible import check_plausible
 from calibration.geometry.rectify import alone
-from drivers.config.readable import quoted
-from drivers.errors import ConfigurationError
+from documents.text import quoted
+from imaging.errors import ConfigurationError
+from imaging.geometry import CameraGeometry, DistortionModel
 
 Size = tuple[int, int]
 

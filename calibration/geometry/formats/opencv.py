@@ -13,11 +13,11 @@ import numpy as np
 from calibration.geometry.formats.lens import MAY_BE_FISHEYE, lens_of, model_of
 from calibration.geometry.formats.rig import Rig
 from calibration.geometry.formats.ros import camera_matrix, projection_matrix
-from calibration.geometry.model import CameraGeometry
 from calibration.geometry.numbers import is_rotation, numbers, pixels, size_of
 from calibration.geometry.plausible import check_plausible
-from drivers.errors import ConfigurationError
-from drivers.frames import SIDES, Side
+from imaging.errors import ConfigurationError
+from imaging.frames import SIDES, Side
+from imaging.geometry import CameraGeometry
 
 _THINGS: Final[dict[str, str]] = {
     "k": r"k|m|cm|mtx|cameramatrix|cameramat|cammat|intrinsics?|intrinsicmatrix",

@@ -10,10 +10,10 @@ from typing import Any, Final
 from calibration.geometry.formats import kalibr, opencv, ros, slam, tum
 from calibration.geometry.formats.documents import INI, parsed
 from calibration.geometry.formats.rig import Rig
-from drivers.config.files import read_text
-from drivers.config.readable import quoted
-from drivers.config.strict_yaml import MOST_BYTES
-from drivers.errors import ConfigurationError
+from documents.files import read_text
+from documents.strict_yaml import MOST_BYTES
+from documents.text import quoted
+from imaging.errors import ConfigurationError
 
 Size = tuple[int, int]
 

@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.geometry.model import CameraGeometry
 from calibration.geometry.numbers import inverse_of
 from calibration.geometry.plausible import check_plausible
 from calibration.geometry.rectify import rectified
-from drivers.errors import ConfigurationError
-from drivers.frames import SIDES, Side
+from imaging.errors import ConfigurationError
+from imaging.frames import SIDES, Side
+from imaging.geometry import CameraGeometry
 
 
 @dataclass(frozen=True, slots=True, eq=False)

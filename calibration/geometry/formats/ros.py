@@ -11,12 +11,12 @@ import yaml
 
 from calibration.geometry.formats.lens import MAY_BE_FISHEYE, lens_of, model_of
 from calibration.geometry.formats.rig import Rig
-from calibration.geometry.model import CameraGeometry
 from calibration.geometry.numbers import numbers, pixels, required, size_of
 from calibration.geometry.plausible import check_plausible
-from drivers.config.readable import quoted
-from drivers.errors import ConfigurationError
-from drivers.frames import Side
+from documents.text import quoted
+from imaging.errors import ConfigurationError
+from imaging.frames import Side
+from imaging.geometry import CameraGeometry
 
 _KEYS: Mapping[str, tuple[str, ...]] = {
     "camera_matrix": ("camera_matrix", "Camera_Matrix", "cameraMatrix", "camera matrix", "K", "k", "M", "mtx"),

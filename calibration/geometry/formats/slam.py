@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from calibration.geometry.formats.lens import lens_of, model_of
 from calibration.geometry.formats.rig import Rig
 from calibration.geometry.formats.ros import read_camera
-from calibration.geometry.model import CameraGeometry
 from calibration.geometry.numbers import inverse_of, mapping, numbers, pixels, pose_of, required
-from drivers.config.readable import quoted
-from drivers.errors import ConfigurationError
+from documents.text import quoted
+from imaging.errors import ConfigurationError
+from imaging.geometry import CameraGeometry
 
 _CAMODOCAL: Final[dict[str, tuple[str, tuple[str, ...], tuple[str, ...]]]] = {
     "PINHOLE": ("pinhole", ("fx", "fy", "cx", "cy"), ("k1", "k2", "p1", "p2")),

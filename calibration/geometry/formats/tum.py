@@ -7,7 +7,7 @@ import re
 from calibration.geometry.formats.lens import lens_of, model_of
 from calibration.geometry.formats.rig import Rig
 from calibration.geometry.numbers import numbers, size_of
-from drivers.errors import ConfigurationError
+from imaging.errors import ConfigurationError
 
 _MODELS = ("pinhole", "fov", "atan", "radtan", "equidistant", "kannalabrandt")
 _LONGEST_LINE = 1000

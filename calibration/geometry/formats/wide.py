@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.errors import ConfigurationError
+from imaging.errors import ConfigurationError
 
 Array = NDArray[np.float64]
 

@@ -14,7 +14,6 @@ from typing import Any
 
 from rich.console import Console
 
-from drivers.errors import AutoexposeError, ConfigurationError
 from evaluation.arena.ablation.altered import Request, run_altered
 from evaluation.arena.ablation.constants import Constant, constants_in_c, constants_of
 from evaluation.arena.ablation.course import Course, Decisions, judge, start_of
@@ -27,11 +26,12 @@ from evaluation.kept import KeptResults
 from evaluation.pool import over_processes
 from evaluation.progress import LongProgress
 from evaluation.scenes.scenarios import SCENARIOS
+from imaging.errors import AutoexposeError, ConfigurationError
 
 QUICK_SCENARIOS = ("step_up", "pan", "flicker")
 """Those in which single rules of an earlier default weighed most: jumps out of white, motion, light that beats."""
 
-_CODE = ("autoexpose_daemon/control", "calibration", "drivers", "evaluation", "fake_camera/world")
+_CODE = ("autoexpose_daemon/control", "calibration", "drivers", "evaluation", "fake_camera/world", "imaging")
 """The folders whose files decide what comes out."""
 
 ALL = "all"

@@ -18,7 +18,7 @@ from importlib.util import spec_from_file_location
 from types import CodeType, ModuleType
 from typing import Any
 
-from drivers.errors import AutoexposeError
+from imaging.errors import AutoexposeError
 
 
 @dataclass(frozen=True, slots=True)

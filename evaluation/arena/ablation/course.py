@@ -16,15 +16,15 @@ import cv2
 from autoexpose_daemon.control.balance import Balance
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.loop import ControlLoop
-from calibration.response import ResponseFunction
-from drivers.exposure import ExposureLimits, ExposureSetting
-from drivers.frames import StereoPair
 from evaluation.arena.plan import MAIN_DELAY
 from evaluation.arena.race import course_of, run_course
 from evaluation.arena.scores import Score
 from evaluation.scenes.scenarios import SCENARIOS
 from evaluation.stage.delayed_loop import Entrant, MakeLoop
 from evaluation.stage.oracle import Oracle, best_start
+from imaging.exposure import ExposureLimits, ExposureSetting
+from imaging.frames import StereoPair
+from imaging.response import ResponseFunction
 
 Course = tuple[str, str, int]
 """Scenario, scene and seed."""

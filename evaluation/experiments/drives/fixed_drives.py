@@ -8,15 +8,15 @@ from functools import partial
 import numpy as np
 
 from autoexpose_daemon.control.loop import ControlLoop
-from calibration.response import ResponseFunction
-from drivers.exposure import ExposureLimits, ExposureSetting
-from drivers.frames import StereoPair
 from evaluation.experiments.experiment import Plain
 from evaluation.odometry.lap import odometry_stage
 from evaluation.odometry.orb import in_house
 from evaluation.odometry.proxies import Proxies
 from evaluation.odometry.tracking import outcome, track_entrants
 from evaluation.stage.delayed_loop import Entrant
+from imaging.exposure import ExposureLimits, ExposureSetting
+from imaging.frames import StereoPair
+from imaging.response import ResponseFunction
 
 SETTINGS = ((940.0, 24.0), (1880.0, 18.0), (3750.0, 12.0), (7500.0, 6.0))
 """Exposure time (us) and gain (dB), all at one exposure level, right for 20 lux."""

@@ -10,15 +10,15 @@ import numpy as np
 from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.metrics.gradient import GradientMetric
 from autoexpose_daemon.control.picture.image import ImagePreparation
-from calibration.response import ResponseFunction
-from drivers.exposure import ExposureLimits, ExposureSetting
-from drivers.frames import StereoPair
 from evaluation.experiments.experiment import Plain
 from evaluation.odometry.lap import Light, odometry_stage
 from evaluation.odometry.orb import in_house
 from evaluation.odometry.stereo import prepared
 from evaluation.odometry.tracking import outcome, track_entrants
 from evaluation.stage.delayed_loop import Entrant
+from imaging.exposure import ExposureLimits, ExposureSetting
+from imaging.frames import StereoPair
+from imaging.response import ResponseFunction
 
 FIXED = ExposureSetting(3000.0, 6.0)
 """Chosen by hand: of 1.5, 3 and 6 ms with 6, 12, 18 and 24 dB, it had the smallest error over two laps of room 1 in

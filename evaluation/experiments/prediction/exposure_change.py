@@ -7,12 +7,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.response import GREY_LEVELS
-from calibration.response.prediction import prediction_table
 from evaluation.experiments.experiment import Plain
 from evaluation.experiments.prediction.still_life import StillLife
 from evaluation.scenes.responses import CameraResponse
 from evaluation.stage.camera import time_first
+from imaging.response import GREY_LEVELS, prediction_table
 
 GAMMAS: NDArray[np.float64] = np.exp2(np.arange(-4.0, 4.001, 0.02))
 """The gamma that predicts a change best is sought among these: 1/16 to 16."""

@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from calibration.response.prediction import prediction_table
 from evaluation.drawing import COLOURS, panels, save
 from evaluation.experiments.experiment import Claim, Experiment, Figure, Job, Results, Section, Table, Verdict
 from evaluation.experiments.prediction.exposure_change import gamma_curve, measure
 from evaluation.experiments.statistics import Interval, mean_interval
 from evaluation.scenes.responses import FAKE_CAMERAS, CameraResponse
+from imaging.response import prediction_table
 
 LUX = 50.0
 CHANGES = (-2.0, -1.0, -0.5, 0.5, 1.0, 2.0)

@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from autoexpose_daemon.control.metrics.gradient import GradientMetric
 from autoexpose_daemon.control.picture.image import CONTROL_SIZE, ImagePreparation
 from autoexpose_daemon.control.policies.published.shim2018 import gamma_table
-from drivers.exposure import DB_PER_STOP, ExposureSetting
 from evaluation.experiments.experiment import Plain
 from evaluation.experiments.prediction.still_life import StillLife
 from evaluation.scenes.responses import CameraResponse
 from evaluation.stage.camera import LIMITS, Image
+from imaging.exposure import DB_PER_STOP, ExposureSetting
 
 DELTAS = (0.06, 0.30)
 """Activation thresholds: Shim's, and Begin & Hunter's."""

@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.metrics.gradient import GradientMetric
 from autoexpose_daemon.control.picture.image import ImagePreparation
-from calibration.response import ResponseFunction
-from drivers.exposure import ExposureLimits, ExposureSetting
 from evaluation.experiments.experiment import Plain
 from evaluation.experiments.prediction.still_life import StillLife, plateau_centre
 from evaluation.scenes.responses import CameraResponse
 from evaluation.stage.camera import pair_of, time_first
+from imaging.exposure import ExposureLimits, ExposureSetting
+from imaging.response import ResponseFunction
 
 LAWS = ("begin2022", "shim2018", "mehta2020")
 """One predicts through the response function, two by gamma curves."""

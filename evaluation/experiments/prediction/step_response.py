@@ -14,7 +14,6 @@ from autoexpose_daemon.control.balance import ExposurePriority
 from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from autoexpose_daemon.control.policy import ExposurePolicy, Observation, Target
-from drivers.exposure import ExposureSetting
 from evaluation.experiments.experiment import Plain
 from evaluation.experiments.prediction.still_life import still_stage
 from evaluation.scenes.responses import CameraResponse
@@ -24,6 +23,7 @@ from evaluation.stage.delayed_loop import DelayedLoop
 from evaluation.stage.oracle import Oracle
 from evaluation.stage.rendering import Stage
 from fake_camera.world.lighting import Change, LightScript
+from imaging.exposure import ExposureSetting
 
 WARM_UP_FRAMES = 30
 """Time to go from the best exposure to the one that a law prefers, before the light is switched on."""

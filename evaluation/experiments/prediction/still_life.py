@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.exposure import ExposureSetting
 from evaluation.scenes.responses import CameraResponse
 from evaluation.scenes.scenarios import Course, no_turn, steady
 from evaluation.scenes.views import build_views
 from evaluation.stage.rendering import Stage
 from fake_camera.world.lighting import LightScript
+from imaging.exposure import ExposureSetting
 
 
 class StillLife:

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from autoexpose_daemon.control.parameters import Bracketing
-from drivers.exposure import ExposureSetting
 from evaluation.arena.race import course_of
 from evaluation.experiments.rejudge.rehearsal import Compared, driven, record, rejudged, truth
 from evaluation.odometry.lap import Light, odometry_stage
@@ -20,6 +19,7 @@ from evaluation.rejudge.trajectory import Reference
 from evaluation.scenes.scenarios import RATE_HZ
 from evaluation.stage.camera import Image, time_first
 from evaluation.stage.rendering import Stage
+from imaging.exposure import ExposureSetting
 
 OFFSETS = tuple(range(-4, 5))
 """Stops from the middle of the bracket at which emulated frames are compared with true ones."""

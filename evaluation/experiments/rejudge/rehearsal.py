@@ -10,10 +10,6 @@ import numpy as np
 
 from autoexpose_daemon.control.loop import ControlSetup
 from autoexpose_daemon.control.parameters import Bracketing, ControlParameters
-from calibration.geometry.model import CameraGeometry
-from calibration.response import ResponseFunction
-from drivers.exposure import ExposureSetting
-from drivers.frames import SIDES, Side, StereoPair
 from evaluation.odometry.stereo import StereoCamera
 from evaluation.rejudge.camera import Made
 from evaluation.rejudge.contest import Round, first_setting, play
@@ -28,6 +24,10 @@ from evaluation.stage.delayed_loop import DelayedLoop
 from evaluation.stage.rendering import Stage
 from fake_camera.world.sensor import SensorModel
 from fake_camera.world.simulation import RoomView
+from imaging.exposure import ExposureSetting
+from imaging.frames import SIDES, Side, StereoPair
+from imaging.geometry import CameraGeometry
+from imaging.response import ResponseFunction
 
 DELAY_FRAMES = 2
 TRUE_EVERY_S = 0.002

@@ -17,10 +17,10 @@ from autoexpose_daemon.control.picture.steering import Steering
 from autoexpose_daemon.control.picture.tracked_cells import COLUMNS, ROWS, TrackedCells, count_by_cell
 from autoexpose_daemon.control.picture.tracking_memory import CellExposure, TrackingMemory
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
-from calibration.response import ResponseFunction
-from drivers.exposure import ExposureLimits, ExposureSetting
-from drivers.frames import StereoPair
 from evaluation.odometry.stereo import prepared
+from imaging.exposure import ExposureLimits, ExposureSetting
+from imaging.frames import StereoPair
+from imaging.response import ResponseFunction
 
 LATENCY_FRAMES: Final = 3
 """From a frame to the decision that its report steers first."""

@@ -6,9 +6,6 @@ import numpy as np
 
 from autoexpose_daemon.control.picture.tracked_cells import count_by_cell
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
-from calibration.response import ResponseFunction
-from drivers.exposure import ExposureLimits, ExposureSetting
-from drivers.frames import StereoPair
 from evaluation.experiments.experiment import Plain
 from evaluation.experiments.steering.consumers import Cells, Steered
 from evaluation.odometry.lap import Light, odometry_stage
@@ -16,6 +13,9 @@ from evaluation.odometry.orb import in_house
 from evaluation.odometry.stereo import images
 from evaluation.odometry.tracking import EVERY, outcome, track_entrants
 from evaluation.stage.delayed_loop import Entrant
+from imaging.exposure import ExposureLimits, ExposureSetting
+from imaging.frames import StereoPair
+from imaging.response import ResponseFunction
 
 NAMES = ("alone", "steered")
 

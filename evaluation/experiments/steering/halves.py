@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 
 from autoexpose_daemon.control.metrics.contrast import contrast
 from autoexpose_daemon.control.picture.image import ImagePreparation
-from calibration.response import ResponseFunction
-from drivers.exposure import ExposureSetting, linear_gain
 from evaluation.scenes.scenarios import Course, steady
 from evaluation.scenes.views import Scene, build_views
 from evaluation.stage.camera import Image
 from evaluation.stage.information import Information
 from evaluation.stage.rendering import Stage
+from imaging.exposure import ExposureSetting, linear_gain
+from imaging.response import ResponseFunction
 
 LUX: Final = 60.0
 EDGE: Final = 0.1

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from drivers.exposure import ExposureSetting
 from evaluation.scenes.views import CAMERA
 from evaluation.stage.camera import LIMITS, Radiance, SimulatedCamera, time_first
+from imaging.exposure import ExposureSetting
 
 BRIGHTNESS = 0.5
 """The mean that the paper's policies hold, and to which its operator sets the fixed exposure (MH 4.2)."""

@@ -9,9 +9,9 @@ import numpy as np
 
 from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.parameters import ControlParameters
-from calibration.response import ResponseFunction
-from drivers.exposure import ExposureLimits, ExposureSetting
 from evaluation.stage.delayed_loop import MakeLoop
+from imaging.exposure import ExposureLimits, ExposureSetting
+from imaging.response import ResponseFunction
 
 HAND_TUNED = ExposureSetting(3000.0, 6.0)
 """The setting of `fixed`: as in fig12, where it was chosen by hand in a room."""

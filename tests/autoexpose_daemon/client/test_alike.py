@@ -10,17 +10,17 @@ import pytest
 from numpy.typing import NDArray
 
 from autoexpose_daemon.client import ReceivedPair, alike
-from calibration.response import ResponseFunction
-from calibration.response.normalised import Bits
-from calibration.vignetting.model import Vignetting
-from drivers.errors import ConfigurationError
-from drivers.exposure import ExposureSetting
-from drivers.frames import Frame, Side
-from drivers.pixels.layout import Pixels
 from evaluation.scenes.scenarios import RATE_HZ, Course, steady
 from evaluation.scenes.views import CAMERA, build_views
 from evaluation.stage.rendering import Stage
 from fake_camera.world.lighting import Change, LightScript
+from imaging.errors import ConfigurationError
+from imaging.exposure import ExposureSetting
+from imaging.frames import Frame, Side
+from imaging.normalised import Bits
+from imaging.pixels import Pixels
+from imaging.response import ResponseFunction
+from imaging.vignetting import Vignetting
 
 LINEAR = ResponseFunction.linear()
 ALL_GREYS = np.arange(256, dtype=np.uint8).reshape(16, 16)

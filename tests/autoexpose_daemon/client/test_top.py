@@ -21,7 +21,7 @@ from autoexpose_daemon.config.publish import PublishConfig
 from autoexpose_daemon.messages.keys import status_key
 from autoexpose_daemon.publish.publisher import Publisher
 from autoexpose_daemon.status.document import Fault, Status
-from drivers.errors import AutoexposeError
+from imaging.errors import AutoexposeError
 from tests.autoexpose_daemon.publish.steps import endpoint, wait_until
 from tests.autoexpose_daemon.statuses import EXPOSING
 from tests.fakes import loopback_address

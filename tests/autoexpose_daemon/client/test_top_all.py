@@ -24,7 +24,7 @@ from autoexpose_daemon.publish.publisher import Publisher
 from autoexpose_daemon.publish.session import Endpoints, open_session
 from autoexpose_daemon.status.document import Status
 from autoexpose_daemon.status.states import State
-from drivers.errors import AutoexposeError
+from imaging.errors import AutoexposeError
 from tests import REPOSITORY
 from tests.autoexpose_daemon.client.test_top import Screen, daemon, screen_of
 from tests.autoexpose_daemon.publish.router import router

@@ -7,7 +7,7 @@ import pytest
 from autoexpose_daemon.config.bracket import bracketed
 from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.control.parameters import Bracketing
-from drivers.errors import ConfigurationError
+from imaging.errors import ConfigurationError
 
 PLAIN = Config.model_validate({"cameras": {"left": {"serial": "A"}}})
 OWN = Config.model_validate({"cameras": {"left": {"serial": "A"}}, "control": {"bracket": {"exposures": 4}}})

@@ -8,7 +8,7 @@ import pytest
 import yaml
 
 from autoexpose_daemon.config.load import load_config
-from drivers.errors import ConfigurationError
+from imaging.errors import ConfigurationError
 from tests.calibration.geometry.pairs import camchain, ros
 
 

@@ -18,20 +18,20 @@ from pydantic.fields import FieldInfo
 
 from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.config.load import load_config
+from autoexpose_daemon.control import parameters
 from autoexpose_daemon.control.parameters import ControlParameters
 from autoexpose_daemon.control.picture.region import Rectangle
 from calibration.document import CameraIdentity
 from calibration.gain.file import GainFile
-from calibration.response import ResponseFunction
 from calibration.response.file import Origin, ResponseFile
 from calibration.vignetting.file import VignettingFile
-from calibration.vignetting.model import Vignetting
+from documents import bounds
 from drivers.camera import CameraDescription
-from drivers.config import bounds
-from drivers.errors import ConfigurationError
-from drivers.exposure import ExposureSetting
-from drivers.exposure.gain_scale import GainScale
-from drivers.pixels.formats import PixelFormat
+from imaging.errors import ConfigurationError
+from imaging.exposure import ExposureSetting, GainScale
+from imaging.pixels import PixelFormat
+from imaging.response import ResponseFunction
+from imaging.vignetting import Vignetting
 from tests import REPOSITORY
 
 LEFT = "cameras: {left: {serial: A}}\n"
@@ -296,7 +296,8 @@ def test_what_took_the_place_of_removed_names_is_used_and_named(
     assert all(words in by_motion for words in ("control.motion", "dis", "tiles"))
 
 
-RANGES = {name: value for name, value in vars(bounds).items() if isinstance(value, bounds.Range)}
+_CAMERAS = {name: value for name, value in vars(bounds).items() if isinstance(value, bounds.Range)}
+RANGES = {**_CAMERAS, **parameters.RANGES, **parameters.BRACKET_RANGES}
 
 
 @pytest.mark.parametrize("name", RANGES)

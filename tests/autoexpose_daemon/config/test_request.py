@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from autoexpose_daemon.config.request import LARGEST_REQUEST_BYTES, new_request, read_request
-from drivers.errors import ConfigurationError
+from imaging.errors import ConfigurationError
 
 
 def test_a_request_is_read_as_it_was_sent() -> None:

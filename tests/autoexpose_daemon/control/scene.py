@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.loop import ControlLoop
-from drivers.exposure import ExposureLimits, ExposureSetting
-from drivers.frames import Frame, StereoPair
+from imaging.exposure import ExposureLimits, ExposureSetting
+from imaging.frames import Frame, StereoPair
 
 LIMITS = ExposureLimits(20.0, 7500.0, 0.0, 30.0)
 FRAME_NS = 16_666_667

@@ -13,8 +13,8 @@ from autoexpose_daemon.control.balance import (
     FixedRatio,
     FlickerBalance,
 )
-from drivers.exposure import ExposureLimits, linear_gain
-from drivers.python310 import exp2
+from imaging.exposure import ExposureLimits, linear_gain
+from imaging.python310 import exp2
 
 from .scene import LIMITS
 

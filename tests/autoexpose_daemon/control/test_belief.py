@@ -16,10 +16,10 @@ from autoexpose_daemon.control.policies.belief.optics import Optics
 from autoexpose_daemon.control.policies.belief.plan import BRIGHTNESS_LOSS, Prospects
 from autoexpose_daemon.control.policies.belief.policy import Belief
 from autoexpose_daemon.control.policies.belief.scene_belief import BIN, NOTHING, Outlook, SceneBelief
-from calibration.response import ResponseFunction
-from drivers.exposure import ExposureLimits, ExposureSetting
-from drivers.frames import StereoPair
 from evaluation.stage.information import Information
+from imaging.exposure import ExposureLimits, ExposureSetting
+from imaging.frames import StereoPair
+from imaging.response import ResponseFunction
 
 from .scene import FRAME_NS, LIMITS, at_time, expose, radiance, run
 

@@ -15,10 +15,10 @@ from autoexpose_daemon.control.metrics.contrast import contrast
 from autoexpose_daemon.control.parameters import ControlParameters
 from autoexpose_daemon.control.picture.region import Region
 from autoexpose_daemon.control.policies.belief.policy import Belief
-from calibration.response import ResponseFunction
-from drivers.exposure import ExposureSetting
-from drivers.frames import SIDES, Side, StereoPair
 from evaluation.stage.information import Information
+from imaging.exposure import ExposureSetting
+from imaging.frames import SIDES, Side, StereoPair
+from imaging.response import ResponseFunction
 
 from .scene import LIMITS, at_time, expose, radiance, run
 

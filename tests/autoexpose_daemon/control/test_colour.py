@@ -12,15 +12,14 @@ from autoexpose_daemon.control.metrics.gradient import GradientMetric
 from autoexpose_daemon.control.picture.image import ImagePreparation
 from autoexpose_daemon.control.picture.region import Rectangle, Region
 from autoexpose_daemon.control.view import View
-from calibration.response import ResponseFunction
-from drivers.exposure import ExposureSetting
-from drivers.frames import Frame, StereoPair
-from drivers.pixels.formats import PixelFormat
-from drivers.pixels.layout import MOSAIC_SHARE, Layout, Pixels
-from drivers.python310 import exp2
 from fake_camera.imaging import ImageSettings
 from fake_camera.world.lighting import Change, LightScript
 from fake_camera.world.simulation import build_image_source
+from imaging.exposure import ExposureSetting
+from imaging.frames import Frame, StereoPair
+from imaging.pixels import MOSAIC_SHARE, Layout, PixelFormat, Pixels
+from imaging.python310 import exp2
+from imaging.response import ResponseFunction
 from tests.autoexpose_daemon.control.scene import LIMITS
 
 START = ExposureSetting(2000.0, 0.0)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from autoexpose_daemon.control.metrics.contrast import CELLS, Contrast, GreyBins, contrast
 from autoexpose_daemon.control.metrics.extension import extension
 from autoexpose_daemon.control.metrics.gradient import ExtremeShares
-from calibration.response import ResponseFunction
+from imaging.response import ResponseFunction
 
 LINEAR = ResponseFunction.linear()
 

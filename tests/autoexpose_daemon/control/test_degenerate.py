@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.picture.region import Region
 from autoexpose_daemon.control.policies.ids import POLICY_IDS
-from calibration.response import ResponseFunction
-from drivers.exposure import ExposureSetting
-from drivers.frames import Frame, StereoPair
+from imaging.exposure import ExposureSetting
+from imaging.frames import Frame, StereoPair
+from imaging.response import ResponseFunction
 
 from .scene import FRAME_NS, LIMITS
 

@@ -13,9 +13,9 @@ from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.metrics.gradient import GradientMetric
 from autoexpose_daemon.control.picture.image import ImagePreparation
-from calibration.response import ResponseFunction
-from drivers.exposure import ExposureSetting
-from drivers.frames import SIDES, Frame, Side, StereoPair
+from imaging.exposure import ExposureSetting
+from imaging.frames import SIDES, Frame, Side, StereoPair
+from imaging.response import ResponseFunction
 
 from .scene import FRAME_NS, LIMITS, radiance
 

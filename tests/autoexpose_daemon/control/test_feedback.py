@@ -10,10 +10,9 @@ from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.metrics.gradient import GradientMetric
 from autoexpose_daemon.control.policies.published.begin2022 import Begin2022
 from autoexpose_daemon.control.policy import Look, Observation
-from calibration.response import ResponseFunction
-from calibration.response.prediction import prediction_tables
-from drivers.exposure import ExposureLimits, ExposureSetting
-from drivers.frames import StereoPair
+from imaging.exposure import ExposureLimits, ExposureSetting
+from imaging.frames import StereoPair
+from imaging.response import ResponseFunction, prediction_tables
 
 from .scene import LIMITS, at_time, expose, radiance
 

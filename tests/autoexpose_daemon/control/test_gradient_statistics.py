@@ -14,7 +14,7 @@ from autoexpose_daemon.control.metrics.gradient_statistics import (
     median_gradient,
     response_slopes,
 )
-from calibration.response import ResponseFunction
+from imaging.response import ResponseFunction
 
 from .slow import filtered, magnitude, pixels, random_image, random_weights, weight_of
 

@@ -10,9 +10,9 @@ from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.grounds import Grounds, SceneHistogram
 from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.policies.belief.optics import DARK_DN
-from calibration.response import ResponseFunction
-from drivers.exposure import ExposureSetting
-from drivers.frames import StereoPair
+from imaging.exposure import ExposureSetting
+from imaging.frames import StereoPair
+from imaging.response import ResponseFunction
 
 from .scene import LIMITS, at_time, expose, radiance, run
 

@@ -12,7 +12,7 @@ from autoexpose_daemon.control.picture.image import (
     Shrinking,
     fit,
 )
-from drivers.errors import ConfigurationError
+from imaging.errors import ConfigurationError
 
 
 def slow_median(image: NDArray[np.uint8]) -> NDArray[np.uint8]:

@@ -16,11 +16,11 @@ from autoexpose_daemon.control.picture.motion import FarnebackMotion, Motion, Ti
 from autoexpose_daemon.control.picture.region import Rectangle, Region
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY, POLICY_IDS
 from autoexpose_daemon.control.policy import Observation
-from calibration.response import ResponseFunction
-from calibration.vignetting.model import Vignetting
-from drivers.errors import ConfigurationError
-from drivers.exposure import ExposureLimits, ExposureSetting
-from drivers.frames import Frame, Side, StereoPair
+from imaging.errors import ConfigurationError
+from imaging.exposure import ExposureLimits, ExposureSetting
+from imaging.frames import Frame, Side, StereoPair
+from imaging.response import ResponseFunction
+from imaging.vignetting import Vignetting
 
 from .scene import LIMITS, at_time, expose, radiance, run
 

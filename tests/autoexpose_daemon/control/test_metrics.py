@@ -16,8 +16,7 @@ from autoexpose_daemon.control.metrics.gradient import (
     gradient_weights,
     mean_signal,
 )
-from calibration.response import ResponseFunction
-from calibration.response.prediction import prediction_tables
+from imaging.response import ResponseFunction, prediction_tables
 
 
 def slow_metric(image: NDArray[np.uint8], delta: float = 0.30, lambda_: float = 1000.0) -> float:

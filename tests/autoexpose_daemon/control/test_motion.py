@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from autoexpose_daemon.control.picture.image import ImagePreparation
 from autoexpose_daemon.control.picture.motion import FarnebackMotion, Motion, TileMotion
-from calibration.response import ResponseFunction
-from drivers.errors import ConfigurationError
+from imaging.errors import ConfigurationError
+from imaging.response import ResponseFunction
 
 SIXTIETH_NS = 16_666_667
 

@@ -18,7 +18,7 @@ from autoexpose_daemon.control.policies.belief.optics import Optics
 from autoexpose_daemon.control.policies.belief.plan import Prospects
 from autoexpose_daemon.control.policies.belief.policy import HOPE, LEAST_CAMERA
 from autoexpose_daemon.control.policies.belief.scene_belief import HYPOTHESES, RULES, Outlook, SceneBelief
-from calibration.response import ResponseFunction
+from imaging.response import ResponseFunction
 
 from .numpy_belief import NumpyBelief, plan_values, weigh_levels
 from .numpy_pictures import sharpness

@@ -18,8 +18,8 @@ from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
 from autoexpose_daemon.control.policies.belief.balance import BlurPhotonBalance
 from autoexpose_daemon.control.policy import Look
 from autoexpose_daemon.control.registration import LEAST_SHARE, STRIDE, LightChange, Registration
-from calibration.response import ResponseFunction
-from drivers.exposure import ExposureLimits
+from imaging.exposure import ExposureLimits
+from imaging.response import ResponseFunction
 
 from . import numpy_pictures
 

@@ -20,8 +20,8 @@ from autoexpose_daemon.control.metrics.gradient_statistics import SoftPercentile
 from autoexpose_daemon.control.metrics.quality import CombinedQuality
 from autoexpose_daemon.control.picture.image import ImagePreparation
 from autoexpose_daemon.control.policies.published.mehta2020 import next_level
-from calibration.response import ResponseFunction
-from drivers.exposure import ExposureSetting
+from imaging.exposure import ExposureSetting
+from imaging.response import ResponseFunction
 
 from .scene import LIMITS, expose, radiance, run
 

@@ -12,10 +12,10 @@ from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.override import NO_OVERRIDE, Override
 from autoexpose_daemon.control.policies.belief.policy import Belief
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY, POLICY_IDS
-from calibration.response import ResponseFunction
-from drivers.errors import ConfigurationError
-from drivers.exposure import ExposureLimits, ExposureSetting
-from drivers.frames import StereoPair
+from imaging.errors import ConfigurationError
+from imaging.exposure import ExposureLimits, ExposureSetting
+from imaging.frames import StereoPair
+from imaging.response import ResponseFunction
 
 from .scene import LIMITS, at_time, expose, radiance
 

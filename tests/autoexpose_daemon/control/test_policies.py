@@ -22,10 +22,10 @@ from autoexpose_daemon.control.policies.published.neves2009 import Neves2009
 from autoexpose_daemon.control.policies.published.shim2018 import Shim2018, gamma_table, next_level
 from autoexpose_daemon.control.policy import Look, Observation, PastStep, Target
 from autoexpose_daemon.control.search.query import way_out
-from calibration.response import ResponseFunction
-from drivers.errors import ConfigurationError
-from drivers.exposure import ExposureSetting
-from drivers.frames import SIDES, Side
+from imaging.errors import ConfigurationError
+from imaging.exposure import ExposureSetting
+from imaging.frames import SIDES, Side
+from imaging.response import ResponseFunction
 
 from .scene import LIMITS, expose, radiance
 

@@ -9,10 +9,10 @@ from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.picture.image import ImagePreparation
 from autoexpose_daemon.control.picture.region import Rectangle, Region
 from autoexpose_daemon.control.policies.ids import POLICY_IDS
-from calibration.response import ResponseFunction
-from drivers.errors import ConfigurationError
-from drivers.exposure import ExposureSetting
-from drivers.frames import Frame, StereoPair
+from imaging.errors import ConfigurationError
+from imaging.exposure import ExposureSetting
+from imaging.frames import Frame, StereoPair
+from imaging.response import ResponseFunction
 
 from .scene import LIMITS, radiance
 

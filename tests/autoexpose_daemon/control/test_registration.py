@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from autoexpose_daemon.control.policy import Look
 from autoexpose_daemon.control.registration import Registration
-from calibration.response import ResponseFunction
-from drivers.exposure import ExposureSetting
+from imaging.exposure import ExposureSetting
+from imaging.response import ResponseFunction
 
 from .scene import expose, radiance
 

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.picture.region import Region
 from autoexpose_daemon.control.policies.ids import POLICY_IDS
-from calibration.response import ResponseFunction
-from drivers.exposure import ExposureSetting
-from drivers.frames import Frame, Side, StereoPair
+from imaging.exposure import ExposureSetting
+from imaging.frames import Frame, Side, StereoPair
+from imaging.response import ResponseFunction
 
 from .scene import LIMITS, at_time, expose, radiance
 

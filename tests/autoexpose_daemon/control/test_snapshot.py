@@ -17,9 +17,9 @@ from autoexpose_daemon.control.picture.region import Rectangle, Region
 from autoexpose_daemon.control.policies.ids import POLICY_IDS
 from autoexpose_daemon.control.snapshot import Plain, parse, plain
 from autoexpose_daemon.recording.plain_json import from_json, to_json
-from calibration.response import ResponseFunction
-from drivers.exposure import ExposureLimits, ExposureSetting
-from drivers.frames import Frame, Side, StereoPair
+from imaging.exposure import ExposureLimits, ExposureSetting
+from imaging.frames import Frame, Side, StereoPair
+from imaging.response import ResponseFunction
 
 from .scene import at_time, expose, radiance
 

@@ -36,10 +36,10 @@ from autoexpose_daemon.control.picture.tracking_memory import (
 )
 from autoexpose_daemon.control.policies.belief.scene_belief import BIN
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY, POLICY_IDS
-from calibration.response import ResponseFunction
-from drivers.exposure import ExposureSetting
-from drivers.frames import Side, StereoPair
 from evaluation.stage.information import Information
+from imaging.exposure import ExposureSetting
+from imaging.frames import Side, StereoPair
+from imaging.response import ResponseFunction
 
 from .scene import LIMITS, at_time, expose, radiance
 

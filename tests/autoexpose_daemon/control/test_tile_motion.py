@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from autoexpose_daemon.control import _native
 from autoexpose_daemon.control.picture.motion import TileMotion
-from calibration.response import ResponseFunction
+from imaging.response import ResponseFunction
 
 Array = NDArray[np.float64]
 

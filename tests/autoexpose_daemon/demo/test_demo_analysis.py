@@ -25,9 +25,9 @@ from autoexpose_daemon.demo.analysis import (
 from autoexpose_daemon.demo.fakes import Pulse
 from autoexpose_daemon.demo.plot import draw, headline, mark_losses
 from autoexpose_daemon.demo.step_log import StepLog, StepRecord
-from drivers.exposure import ExposureSetting
-from drivers.python310 import exp2
 from drivers.triggers.tally import Tally
+from imaging.exposure import ExposureSetting
+from imaging.python310 import exp2
 
 PERIOD_NS = 16_666_667
 

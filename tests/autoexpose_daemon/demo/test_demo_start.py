@@ -19,10 +19,10 @@ from autoexpose_daemon.demo.options import SIZES, DemoOptions, Transport
 from autoexpose_daemon.demo.rate import cores, held_rate_hz, pairs_per_s, shortfall
 from autoexpose_daemon.demo.run import run_demo
 from autoexpose_daemon.demo.usb_bus import FOLDER_VARIABLE, begin_again_on_fake_bus, take_signals
-from drivers.errors import AutoexposeError, ConfigurationError
 from fake_camera.imaging import ImageSettings, Pixels
 from fake_camera.warm_up import frame_s
 from fake_camera.world.sensor import SIZES as simulated_sizes
+from imaging.errors import AutoexposeError, ConfigurationError
 from tests.fakes import loopback_address, unique
 
 OPTIONS = DemoOptions(20.0, "belief", None, None, "room", None, 0, "gige", None, False, False, None)

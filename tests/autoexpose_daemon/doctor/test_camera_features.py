@@ -11,9 +11,9 @@ from pathlib import Path
 import pytest
 import yaml
 
-from drivers.config.feature import FeatureSetting
 from drivers.genicam.inventory import differing
 from drivers.genicam.nodes import NodeMap
+from drivers.setup import FeatureSetting
 from tests.autoexpose_daemon.test_cli import Within, autoexpose
 from tests.fakes import FakeCamera, fake_camera
 

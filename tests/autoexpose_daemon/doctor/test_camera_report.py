@@ -13,8 +13,8 @@ from autoexpose_daemon.doctor.camera_report import write_report
 from autoexpose_daemon.doctor.facts import gather
 from autoexpose_daemon.doctor.need import Need
 from drivers.aravis import FoundCamera
-from drivers.config.setup import CameraSetup
-from drivers.errors import CameraError, ConfigurationError
+from drivers.setup import CameraSetup
+from imaging.errors import CameraError, ConfigurationError
 from tests.fakes import fake_camera
 
 

@@ -25,11 +25,10 @@ from autoexpose_daemon.messages.read import (
 from autoexpose_daemon.messages.stamp import Stamp
 from autoexpose_daemon.messages.types import EXPOSURE_INFO, TYPESTORE, definition
 from autoexpose_daemon.messages.write import LAST_STAMP_NS, TOPICS, Message, MessageWriter, realtime_offset_ns
-from calibration.geometry.model import CameraGeometry
-from drivers.exposure import ExposureSetting
-from drivers.frames import Frame, Side, StereoPair
-from drivers.pixels.formats import PixelFormat
-from drivers.pixels.layout import SAMPLES
+from imaging.exposure import ExposureSetting
+from imaging.frames import Frame, Side, StereoPair
+from imaging.geometry import CameraGeometry
+from imaging.pixels import SAMPLES, PixelFormat
 
 DECISION = Decision(ExposureSetting(1500.0, 3.0), 11.05, "held", 0.01, 0.02, 0.03, 1.5)
 REALS = st.floats(allow_nan=False)

@@ -20,9 +20,9 @@ from autoexpose_daemon.navigation.drive.motion import STANDSTILL, Pose, Velocity
 from autoexpose_daemon.publish.publisher import Publisher
 from autoexpose_daemon.publish.session import Endpoints, open_session
 from autoexpose_daemon.runtime.inputs.foretold_light import ForetoldLight
-from calibration.response import ResponseFunction
-from drivers.frames import SIDES, Frame, StereoPair
-from drivers.python310 import Self
+from imaging.frames import SIDES, Frame, StereoPair
+from imaging.python310 import Self
+from imaging.response import ResponseFunction
 from tests.autoexpose_daemon.navigation.texture import HEIGHT, WIDTH, texture
 from tests.autoexpose_daemon.publish.steps import DECISION, SETTING
 from tests.autoexpose_daemon.statuses import EXPOSING

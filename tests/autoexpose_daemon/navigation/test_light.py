@@ -12,9 +12,9 @@ from autoexpose_daemon.navigation.drive.light_trail import MOST_WAITING, LightTr
 from autoexpose_daemon.navigation.maps.light import EVERY_M, SLOWEST_M_S, SPREAD_M, LightMemory
 from autoexpose_daemon.navigation.store import MapFile, Run, newest_of_hour
 from autoexpose_daemon.navigation.store.rows import DAY_S, HOUR_S
-from calibration.response import ResponseFunction
-from drivers.exposure import ExposureSetting
-from drivers.frames import Frame
+from imaging.exposure import ExposureSetting
+from imaging.frames import Frame
+from imaging.response import ResponseFunction
 from tests.autoexpose_daemon.navigation.test_store import INFO, START_S
 
 BRIGHT, DARK = 10.0, 15.0

@@ -26,8 +26,8 @@ from autoexpose_daemon.navigation.drive.teach import Teacher
 from autoexpose_daemon.navigation.maps.temporal import MODELS
 from autoexpose_daemon.navigation.store import MapError, MapFile, MapInfo
 from autoexpose_daemon.navigation.views.detectors import FINDERS
-from calibration.response import ResponseFunction
-from drivers.frames import Frame, Side
+from imaging.frames import Frame, Side
+from imaging.response import ResponseFunction
 from tests.autoexpose_daemon.navigation.texture import WIDTH, texture
 from tests.autoexpose_daemon.publish.steps import DECISION, SETTING
 

@@ -21,7 +21,7 @@ from autoexpose_daemon.navigation.store import MapError, MapFile, MapInfo, Run, 
 from autoexpose_daemon.navigation.store.database import FORMAT
 from autoexpose_daemon.navigation.views.features import Features
 from autoexpose_daemon.navigation.views.registration import register
-from drivers.exposure import ExposureSetting
+from imaging.exposure import ExposureSetting
 
 INFO = MapInfo(720, 540, 600.0, "fast-orb", DEFAULT_POLICY)
 SETTING = ExposureSetting(3000.0, 1.5)

@@ -16,7 +16,7 @@ from autoexpose_daemon.page.access import COOKIE
 from autoexpose_daemon.page.live import CROWDED
 from autoexpose_daemon.page.pair_views import MOST_VIEWERS
 from autoexpose_daemon.page.serve import OnceAMinute, serve
-from drivers.errors import AutoexposeError
+from imaging.errors import AutoexposeError
 from tests.autoexpose_daemon.page.server import PageProcess, running_page
 from tests.autoexpose_daemon.publish.steps import endpoint, wait_until
 from tests.autoexpose_daemon.service.service_process import AUTOEXPOSE

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from autoexpose_daemon.control.decision import Decision
-from drivers.frames import StereoPair
+from imaging.frames import StereoPair
 from tests.autoexpose_daemon.page.browser import SHRUNK, Tab, browser
 from tests.autoexpose_daemon.page.server import running_page
 from tests.autoexpose_daemon.publish.steps import endpoint

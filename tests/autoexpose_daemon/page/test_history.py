@@ -4,7 +4,7 @@ import math
 from dataclasses import replace
 
 from autoexpose_daemon.page.history import BUCKET_S, LENGTH_S, SERIES, History
-from drivers.exposure import ExposureSetting
+from imaging.exposure import ExposureSetting
 from tests.autoexpose_daemon.publish.steps import DECISION
 
 TIME, GAIN, METRIC, ASKED = 1, 2, 4, 5

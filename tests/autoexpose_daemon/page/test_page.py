@@ -28,7 +28,7 @@ from autoexpose_daemon.page.pair_views import MOST_VIEWERS
 from autoexpose_daemon.publish.publisher import Publisher
 from autoexpose_daemon.status.document import CameraStatus, DurationStatus, Fault, PublishStatus, RecorderStatus, Status
 from autoexpose_daemon.status.states import State
-from calibration.response import ResponseFunction
+from imaging.response import ResponseFunction
 from tests.autoexpose_daemon.grounds import GROUNDS
 from tests.autoexpose_daemon.messages.registered_view import registered_view
 from tests.autoexpose_daemon.page.browser import SHRUNK, Tab, browser

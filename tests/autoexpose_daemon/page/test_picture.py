@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.metrics.gradient import GradientMetric
 from autoexpose_daemon.page.picture import DELTA_LEVELS, DISPLAY_SIZE, Picture, PictureMaker
-from calibration.response import ResponseFunction
-from drivers.exposure import ExposureLimits, ExposureSetting
-from drivers.frames import Frame, StereoPair
-from drivers.pixels.layout import Layout, Pixels
+from imaging.exposure import ExposureLimits, ExposureSetting
+from imaging.frames import Frame, StereoPair
+from imaging.pixels import Layout, Pixels
+from imaging.response import ResponseFunction
 from tests.autoexpose_daemon.control.scene import expose, radiance
 
 LINEAR = ResponseFunction.linear()

@@ -15,8 +15,8 @@ from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.publish.grounds import Explain
 from autoexpose_daemon.publish.publisher import Publisher, Tell
 from autoexpose_daemon.status.publishing import DropReason
-from drivers.exposure import ExposureSetting
-from drivers.frames import Frame, StereoPair
+from imaging.exposure import ExposureSetting
+from imaging.frames import Frame, StereoPair
 from tests.fakes import loopback_address
 from tests.meanwhile import meanwhile
 

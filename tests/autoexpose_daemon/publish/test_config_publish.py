@@ -12,7 +12,7 @@ from autoexpose_daemon.config.load import load_config
 from autoexpose_daemon.messages.keys import LOOPBACK
 from autoexpose_daemon.runtime.daemon import Daemon
 from autoexpose_daemon.service.outlets import add_outlets
-from drivers.errors import ConfigurationError
+from imaging.errors import ConfigurationError
 
 LEFT = "cameras: {left: {serial: A}}\n"
 

@@ -31,8 +31,8 @@ from autoexpose_daemon.runtime.daemon import Daemon
 from autoexpose_daemon.status.describe import describe
 from autoexpose_daemon.status.inputs.requests import LARGEST_ANSWER_BYTES, Answer, RequestTally, Shot
 from autoexpose_daemon.status.panel import line_of
-from drivers.errors import AutoexposeError, ConfigurationError
-from drivers.exposure import ExposureSetting
+from imaging.errors import AutoexposeError, ConfigurationError
+from imaging.exposure import ExposureSetting
 from tests.autoexpose_daemon.publish.router import router
 from tests.autoexpose_daemon.publish.steps import endpoint, nothing, wait_until
 from tests.autoexpose_daemon.recording.runs import replayed

@@ -28,7 +28,7 @@ from autoexpose_daemon.status.counters import Counts
 from autoexpose_daemon.status.describe import describe
 from autoexpose_daemon.status.document import Status
 from autoexpose_daemon.status.panel import line_of
-from drivers.errors import ConfigurationError
+from imaging.errors import ConfigurationError
 from tests.autoexpose_daemon.imu import imu_message
 from tests.autoexpose_daemon.publish.router import router
 from tests.autoexpose_daemon.publish.steps import endpoint, wait_until

@@ -17,8 +17,8 @@ from autoexpose_daemon.messages.read import DamagedMessageError
 from autoexpose_daemon.messages.report import ConsumerTally
 from autoexpose_daemon.messages.stamp import moment_ns
 from autoexpose_daemon.messages.write import Message, MessageWriter
-from drivers.exposure import ExposureSetting
-from drivers.frames import SIDES, Frame, Side, StereoPair
+from imaging.exposure import ExposureSetting
+from imaging.frames import SIDES, Frame, Side, StereoPair
 from tests.autoexpose_daemon.publish.steps import DECISION, SETTING
 
 PERIOD_NS = 16_666_667

@@ -25,10 +25,10 @@ from autoexpose_daemon.messages.write import MessageWriter
 from autoexpose_daemon.publish.publisher import MAILBOX_PAIRS, Publisher
 from autoexpose_daemon.publish.session import Endpoints, open_session
 from autoexpose_daemon.status.publishing import DropReason, PublishTally
-from calibration.response import ResponseFunction
-from calibration.vignetting.model import Vignetting
-from drivers.errors import ConfigurationError
 from drivers.log_throttle import LogThrottle
+from imaging.errors import ConfigurationError
+from imaging.response import ResponseFunction
+from imaging.vignetting import Vignetting
 from tests.autoexpose_daemon.publish.consumer import consumer
 from tests.autoexpose_daemon.publish.steps import (
     DECISION,

@@ -20,10 +20,10 @@ from autoexpose_daemon.control.picture.tracked_cells import CELLS
 from autoexpose_daemon.recording.read import Recording
 from autoexpose_daemon.recording.recorder import ContinuousRecorder, Recorder
 from autoexpose_daemon.recording.replay import Replay, Replayed
-from calibration.response import ResponseFunction
-from calibration.vignetting.model import Vignetting
-from drivers.exposure import ExposureLimits, ExposureSetting
-from drivers.frames import Frame, Side, StereoPair
+from imaging.exposure import ExposureLimits, ExposureSetting
+from imaging.frames import Frame, Side, StereoPair
+from imaging.response import ResponseFunction
+from imaging.vignetting import Vignetting
 from tests.autoexpose_daemon.control.scene import FRAME_NS, expose, radiance
 
 LIMITS = ExposureLimits(20.0, 7500.0, 0.0, 30.0, 1.0)

@@ -34,10 +34,9 @@ from autoexpose_daemon.recording.recorder import ContinuousRecorder, LastSeconds
 from autoexpose_daemon.recording.replay import Replay
 from autoexpose_daemon.recording.replay_report import report_replay
 from autoexpose_daemon.recording.step import Item, RecordingError, Step
-from calibration.geometry.model import CameraGeometry
-from drivers.frames import Frame, StereoPair
-from drivers.pixels.formats import PixelFormat
-from drivers.pixels.layout import SAMPLES
+from imaging.frames import Frame, StereoPair
+from imaging.geometry import CameraGeometry
+from imaging.pixels import SAMPLES, PixelFormat
 from tests.autoexpose_daemon.recording.runs import VirtualRun, record, replayed
 
 TOPICS = {

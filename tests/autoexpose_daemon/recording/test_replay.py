@@ -17,8 +17,8 @@ from autoexpose_daemon.recording.read import Recording
 from autoexpose_daemon.recording.recorder import ContinuousRecorder, LastSecondsRecorder
 from autoexpose_daemon.recording.replay_report import report_replay
 from autoexpose_daemon.recording.step import Setup, State, Step
-from calibration.vignetting.model import Vignetting
-from drivers.frames import Side, StereoPair
+from imaging.frames import Side, StereoPair
+from imaging.vignetting import Vignetting
 from tests.autoexpose_daemon.recording.runs import SHAPE, VirtualRun, record, replayed
 
 

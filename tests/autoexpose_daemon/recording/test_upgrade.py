@@ -17,8 +17,8 @@ from autoexpose_daemon.control.policies.belief.policy import Belief
 from autoexpose_daemon.control.snapshot import parse, plain
 from autoexpose_daemon.recording.plain_json import from_json, to_json
 from autoexpose_daemon.recording.upgrade import upgraded_light, upgraded_setup, upgraded_state
-from calibration.response import ResponseFunction
-from drivers.frames import SIDES
+from imaging.frames import SIDES
+from imaging.response import ResponseFunction
 from tests.autoexpose_daemon.recording.runs import LIMITS, START, VirtualRun
 
 

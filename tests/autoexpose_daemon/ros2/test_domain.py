@@ -5,7 +5,7 @@ from xml.etree import ElementTree
 import pytest
 
 from autoexpose_daemon.ros2.domain import Domain
-from drivers.errors import ConfigurationError
+from imaging.errors import ConfigurationError
 
 
 @pytest.mark.parametrize(

@@ -10,9 +10,9 @@ from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.runtime.active_loop import ActiveLoop
 from drivers.camera import CameraDescription
-from drivers.exposure import ExposureLimits, ExposureSetting
-from drivers.frames import StereoPair
 from drivers.rig.events import CameraReady
+from imaging.exposure import ExposureLimits, ExposureSetting
+from imaging.frames import StereoPair
 from tests.autoexpose_daemon.virtual import SteadyLoop, tuning
 
 

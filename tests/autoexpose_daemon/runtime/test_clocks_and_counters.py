@@ -10,11 +10,11 @@ from dataclasses import dataclass
 
 import pytest
 
-from drivers.exposure import ExposureSetting
-from drivers.frames import Frame, Side
 from drivers.genicam.timeline import FrameTimeline
 from drivers.triggers.account import TriggerAccount
 from drivers.triggers.tally import LossReason
+from imaging.exposure import ExposureSetting
+from imaging.frames import Frame, Side
 from tests.autoexpose_daemon.virtual import VirtualRun
 from tests.soak.camera import PIXELS, Device
 from tests.soak.clock import MS, SECOND, Clock

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from autoexpose_daemon.config.request import new_request
-from drivers.exposure import ExposureSetting
 from drivers.rig import supervision
+from imaging.exposure import ExposureSetting
 from tests.autoexpose_daemon.stereo import JOIN_WARNING, Run, running_daemon, stereo_cameras
 from tests.fakes import ptp_master
 

@@ -12,9 +12,9 @@ from pathlib import Path
 import pytest
 
 from autoexpose_daemon.runtime.stuck import FIRST_PAUSE_NS
-from calibration.response import ResponseFunction
 from calibration.response.file import ResponseFile
-from drivers.errors import ConfigurationError
+from imaging.errors import ConfigurationError
+from imaging.response import ResponseFunction
 from tests.autoexpose_daemon.virtual import VirtualRun
 from tests.soak.clock import MS, SECOND
 from tests.soak.faults import SURELY_JUDGED

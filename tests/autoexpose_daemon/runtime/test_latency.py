@@ -10,9 +10,9 @@ import pytest
 from autoexpose_daemon.status.document import DurationStatus, Status
 from autoexpose_daemon.status.durations import DURATIONS
 from autoexpose_daemon.status.telemetry import DurationSamples, Telemetry
-from drivers.exposure import ExposureSetting
 from drivers.rig.events import Written
 from drivers.triggers.history import Command
+from imaging.exposure import ExposureSetting
 from tests.soak import camera
 from tests.soak.clock import MS, SECOND
 from tests.soak.rig import PERIOD_NS, VirtualRig

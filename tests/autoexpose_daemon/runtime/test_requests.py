@@ -19,11 +19,11 @@ from autoexpose_daemon.runtime.requests.shot import PendingShot
 from autoexpose_daemon.runtime.tuning import Tuning
 from autoexpose_daemon.status.inputs.requests import Answer, RequestTally
 from drivers.camera import CameraDescription
-from drivers.errors import AutoexposeError, ConfigurationError
-from drivers.exposure import ExposureLimits, ExposureSetting
-from drivers.frames import SIDES, Frame, Side, StereoPair
-from drivers.pixels.formats import PixelFormat
 from drivers.rig.events import CameraGone, CameraReady
+from imaging.errors import AutoexposeError, ConfigurationError
+from imaging.exposure import ExposureLimits, ExposureSetting
+from imaging.frames import SIDES, Frame, Side, StereoPair
+from imaging.pixels import PixelFormat
 from tests.autoexpose_daemon import virtual
 from tests.autoexpose_daemon.virtual import START_US, SteadyLoop, SteadyTuning, VirtualRun, tuning
 

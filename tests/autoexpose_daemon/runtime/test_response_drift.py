@@ -11,11 +11,11 @@ import pytest
 from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.runtime.response_drift import REFINE_EVERY, ResponseDrift, refined_paths
 from calibration.document import CameraIdentity
-from calibration.response import ResponseFunction
 from calibration.response.file import Origin, ResponseFile
-from drivers.exposure import ExposureSetting
-from drivers.frames import SIDES, Frame, SettingSource, Side, StereoPair
-from drivers.pixels.formats import PixelFormat
+from imaging.exposure import ExposureSetting
+from imaging.frames import SIDES, Frame, SettingSource, Side, StereoPair
+from imaging.pixels import PixelFormat
+from imaging.response import ResponseFunction
 from tests.calibration.true_response import true_response
 
 LEFT = Origin(CameraIdentity("Maker", "Model", "L"), PixelFormat.MONO8)

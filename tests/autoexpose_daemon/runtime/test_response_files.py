@@ -13,11 +13,11 @@ from autoexpose_daemon.runtime.daemon import Daemon
 from autoexpose_daemon.runtime.rig_control import RigControl
 from autoexpose_daemon.runtime.tuning import Tuning
 from calibration import document
-from calibration.response import ResponseFunction
 from calibration.response.file import ResponseFile
-from drivers.errors import CameraLostError
 from drivers.rig.events import CameraGone, CameraReady
 from drivers.rig.rig import Rig
+from imaging.errors import CameraLostError
+from imaging.response import ResponseFunction
 from tests.autoexpose_daemon.scripted import TriggeredCamera
 
 

@@ -14,12 +14,12 @@ from autoexpose_daemon.runtime.rig_control import RigControl
 from autoexpose_daemon.status.describe import describe
 from autoexpose_daemon.status.panel import newest_setting
 from drivers.camera import CameraDescription, IncompleteFrame, RefusedPackets
-from drivers.errors import CameraLostError, NodeError, UnsupportedCameraError
-from drivers.exposure import ExposureLimits, ExposureSetting
-from drivers.frames import SIDES, Frame, Side
-from drivers.pixels.formats import PixelFormat
 from drivers.rig.events import CameraGone, CameraReady, CameraSilent, FrameArrived, PacketsRefused
 from drivers.rig.pace import Slots
+from imaging.errors import CameraLostError, NodeError, UnsupportedCameraError
+from imaging.exposure import ExposureLimits, ExposureSetting
+from imaging.frames import SIDES, Frame, Side
+from imaging.pixels import PixelFormat
 
 PERIOD_NS = 20_000_000
 SETTING = ExposureSetting(1000.0, 0.0)

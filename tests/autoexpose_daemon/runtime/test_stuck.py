@@ -8,7 +8,7 @@ import pytest
 
 from autoexpose_daemon.runtime.stuck import BESIDE_ANOTHER, FIRST_PAUSE_NS, LIKE_ALL, LONGEST_PAUSE_NS, StuckStreams
 from autoexpose_daemon.status.telemetry import GONE
-from drivers.frames import Side
+from imaging.frames import Side
 
 TENTH_NS = 100_000_000
 CAMERAS: dict[Side, str] = {"left": "A 1", "right": "B 2"}

@@ -19,8 +19,8 @@ from autoexpose_daemon.service.service import Service
 from autoexpose_daemon.status.document import Status
 from autoexpose_daemon.status.states import State
 from drivers.camera import Camera
-from drivers.exposure import ExposureSetting
-from drivers.frames import Frame, Side, StereoPair
+from imaging.exposure import ExposureSetting
+from imaging.frames import Frame, Side, StereoPair
 from tests.drivers.rig.test_rig import ScriptedCamera
 
 CONFIG = Config.model_validate({"cameras": {"left": {"serial": "L"}, "right": {"serial": "R"}}})

@@ -10,7 +10,7 @@ import pytest
 from autoexpose_daemon.control.picture.tracked_cells import COLUMNS, ROWS, TrackedCells
 from autoexpose_daemon.control.picture.tracking_memory import FORGOTTEN_S, MOST_CONSUMERS, CellExposure
 from autoexpose_daemon.runtime.inputs.tracking import APART_NS, MOST_AGE_S, MOST_WAITING, Tracking
-from drivers.frames import Side
+from imaging.frames import Side
 
 SECOND = 1_000_000_000
 PERIOD_NS = SECOND // 60

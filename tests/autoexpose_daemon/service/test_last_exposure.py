@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.service.last_exposure import FORMAT, LONGEST_AGE_S, LastExposure
 from autoexpose_daemon.status.telemetry import Telemetry
-from drivers.exposure import ExposureLimits, ExposureSetting
+from imaging.exposure import ExposureLimits, ExposureSetting
 
 LIMITS = ExposureLimits(20.0, 7500.0, 0.0, 30.0)
 SETTING = ExposureSetting(1234.5, 6.0)

@@ -25,13 +25,13 @@ from autoexpose_daemon.service.notify import Notifier
 from autoexpose_daemon.service.service import Service
 from autoexpose_daemon.status.states import State
 from calibration.document import CameraIdentity
-from calibration.response import ResponseFunction
 from calibration.response.file import Origin, ResponseFile
 from drivers.camera import Camera
-from drivers.errors import ConfigurationError
-from drivers.exposure import ExposureSetting
-from drivers.frames import Side, StereoPair
-from drivers.pixels.formats import PixelFormat
+from imaging.errors import ConfigurationError
+from imaging.exposure import ExposureSetting
+from imaging.frames import Side, StereoPair
+from imaging.pixels import PixelFormat
+from imaging.response import ResponseFunction
 from tests.autoexpose_daemon.scripted import LONG_S, SHAPE, ScriptedRig, Session, TriggeredCamera, config
 from tests.autoexpose_daemon.service.service_process import PATIENCE_S, Notifications, running_service, service_manager
 from tests.autoexpose_daemon.stereo import stereo_cameras

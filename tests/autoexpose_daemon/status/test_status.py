@@ -38,11 +38,11 @@ from autoexpose_daemon.status.panel import duration_text
 from autoexpose_daemon.status.publishing import MOST_LISTED
 from autoexpose_daemon.status.states import State
 from autoexpose_daemon.status.telemetry import DurationSamples, Telemetry
-from calibration.response import ResponseFunction
-from calibration.vignetting.model import MOST_NODES, Vignetting
-from drivers.exposure import ExposureLimits, ExposureSetting
-from drivers.frames import Frame, StereoPair
 from drivers.triggers.record import RigRecord
+from imaging.exposure import ExposureLimits, ExposureSetting
+from imaging.frames import Frame, StereoPair
+from imaging.response import ResponseFunction
+from imaging.vignetting import MOST_NODES, Vignetting
 from tests.autoexpose_daemon.statuses import EXPOSING
 
 CONFIG = Config.model_validate({"cameras": {"left": {"serial": "L"}, "right": {"serial": "R"}}})

@@ -10,8 +10,8 @@ import yaml
 
 from calibration.geometry.formats.kalibr import read_camchain
 from calibration.geometry.formats.ros import read_camera, ros_yaml
-from calibration.geometry.model import CameraGeometry
-from drivers.frames import SIDES, Side
+from imaging.frames import SIDES, Side
+from imaging.geometry import CameraGeometry
 
 LENSES = {"radtan": [-0.2, 0.05, 0.001, 0.0005], "equidistant": [0.01, 0.002, -0.001, 0.0005], "none": []}
 

@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 
 from calibration.geometry.board import Board, BoardFinder
 from calibration.geometry.views import View
-from drivers.frames import SIDES, Side
 from fake_camera.imaging import ImageSettings
 from fake_camera.world.lighting import Change, LightScript
 from fake_camera.world.render.renderer import Pinhole, Renderer
 from fake_camera.world.scene.board import BoardPath, board_on_a_wall
 from fake_camera.world.sensor import Sensor, SensorModel
 from fake_camera.world.simulation import RoomView, SimulatedCamera
+from imaging.frames import SIDES, Side
 
 SIZE = (720, 540)
 FOCAL_PX, CENTRE_PX, BASELINE_M = 860.0, (359.5, 269.5), 0.08

@@ -17,8 +17,8 @@ from calibration.geometry.fit import common
 from calibration.geometry.result import GeometryResult, calibrate_geometry
 from calibration.geometry.score import overall, score
 from calibration.geometry.views import View, tilts
-from drivers.frames import SIDES, Side
 from fake_camera.world.scene.board import BoardPath
+from imaging.frames import SIDES, Side
 from tests.calibration.geometry.shown import BASELINE_M, CENTRE_PX, FOCAL_PX, SIZE, shown, views
 
 BOARD = Board()

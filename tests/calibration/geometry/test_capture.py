@@ -10,9 +10,9 @@ from calibration.geometry import capture as module
 from calibration.geometry.board import Board
 from calibration.geometry.capture import Capture
 from calibration.sources.pair import whole_grey8
-from drivers.exposure import ExposureSetting
-from drivers.frames import Frame
 from fake_camera.world.scene.board import BoardPath
+from imaging.exposure import ExposureSetting
+from imaging.frames import Frame
 from tests.calibration.geometry.shown import SIZE, shown
 
 PATH = BoardPath(2)

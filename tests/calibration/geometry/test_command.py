@@ -16,8 +16,8 @@ import yaml
 from calibration.geometry import capture
 from calibration.geometry.board import Board, BoardFinder
 from calibration.geometry.file import check_pair, load_geometry
-from drivers.frames import SIDES
 from fake_camera.world.scene.board import BoardPath
+from imaging.frames import SIDES
 from tests.calibration.geometry.shown import BASELINE_M, FOCAL_PX, shown
 from tests.calibration.test_commands import calibrate
 from tests.fakes import fake_camera, unique

@@ -18,9 +18,9 @@ from hypothesis import strategies as st
 from calibration.geometry.file import check_camera, check_pair, load_geometry
 from calibration.geometry.formats.kalibr import read_camchain
 from calibration.geometry.formats.ros import read_camera, ros_yaml
-from calibration.geometry.model import CameraGeometry
-from drivers.errors import ConfigurationError
-from drivers.frames import SIDES, Side
+from imaging.errors import ConfigurationError
+from imaging.frames import SIDES, Side
+from imaging.geometry import CameraGeometry
 from tests.calibration.geometry.pairs import LENSES, camchain, of_chain, of_ros, ros
 
 NUMBERS = st.floats(-0.3, 0.3)

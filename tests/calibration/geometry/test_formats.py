@@ -19,10 +19,10 @@ from calibration.geometry.file import check_pair, load_geometry
 from calibration.geometry.formats.kalibr import camchain_yaml
 from calibration.geometry.formats.read import read_rig
 from calibration.geometry.formats.ros import ros_yaml
-from calibration.geometry.model import CameraGeometry
 from calibration.geometry.plausible import baseline_note
-from drivers.errors import ConfigurationError
-from drivers.frames import SIDES
+from imaging.errors import ConfigurationError
+from imaging.frames import SIDES
+from imaging.geometry import CameraGeometry
 from tests.calibration.geometry.pairs import camchain, of_chain, ros
 from tests.calibration.geometry.written import WRITERS, MadeRig, kalibr, made_rig, storage
 

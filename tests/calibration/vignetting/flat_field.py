@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from calibration.response import ResponseFunction
 from calibration.sources.sweep import Shot
 from calibration.vignetting.field import field_of
 from calibration.vignetting.look import Look
-from calibration.vignetting.model import Vignetting
-from drivers.exposure import ExposureSetting
 from fake_camera.imaging import ImageSettings
 from fake_camera.world.sensor import Sensor, SensorModel, falloff
+from imaging.exposure import ExposureSetting
+from imaging.response import ResponseFunction
+from imaging.vignetting import Vignetting
 
 LONG_US = 2000.0
 LINEAR = ResponseFunction.linear()

@@ -10,9 +10,9 @@ from calibration.vignetting.capture import bright_exposure_us, capture_looks
 from calibration.vignetting.field import Field, cells, field_of
 from calibration.vignetting.look import Look
 from calibration.vignetting.result import calibrate_vignetting
-from drivers.exposure import ExposureLimits, ExposureSetting
 from fake_camera.imaging import ImageSettings
 from fake_camera.world.sensor import Sensor, SensorModel
+from imaging.exposure import ExposureLimits, ExposureSetting
 from tests.calibration.vignetting.flat_field import LINEAR, gamma_response, looks, truth, worst
 
 SIZE = (360, 270)

@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 from calibration.document import CameraIdentity
 from calibration.findings import Finding
 from calibration.vignetting.file import VignettingFile
-from calibration.vignetting.model import Vignetting
-from drivers.errors import ConfigurationError
-from drivers.python310 import UTC
+from imaging.errors import ConfigurationError
+from imaging.python310 import UTC
+from imaging.vignetting import Vignetting
 
 POLYNOMIAL = Vignetting(720, 540, (350.0, 271.5), (-0.5, 0.1))
 FULL = POLYNOMIAL.relative_light(540, 720)

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.aravis import AravisCamera
-from drivers.exposure import ExposureSetting, linear_gain
-from drivers.frames import Frame
 from fake_camera.imaging import ImageSettings
+from imaging.exposure import ExposureSetting, linear_gain
+from imaging.frames import Frame
 
 US_PER_GREY = 40.0
 PATIENCE_S = 20.0

@@ -13,10 +13,10 @@ import pytest
 from drivers.aravis import camera
 from drivers.aravis.camera import AravisCamera
 from drivers.aravis.discovery import FoundCamera
-from drivers.errors import CameraBusyError, NodeError
-from drivers.exposure import ExposureSetting
 from drivers.genicam.dialect import find_dialect
 from drivers.genicam.metadata import SettingLedger
+from imaging.errors import CameraBusyError, NodeError
+from imaging.exposure import ExposureSetting
 from tests.drivers.genicam.node_map import FloatNode, MemoryNodes
 
 AT_FIRST = ExposureSetting(1000.0, 0.0)

@@ -22,9 +22,13 @@ import pytest
 
 from drivers.aravis import AravisCamera, find_cameras, open_camera, open_nodes
 from drivers.camera import IncompleteFrame
-from drivers.config.feature import FeatureSetting, parse_features
-from drivers.config.setup import CameraSetup, TriggerSetup
-from drivers.errors import (
+from drivers.genicam.driven import advice
+from drivers.genicam.inventory import differing, read_inventory
+from drivers.genicam.timeline import LATCH_ERROR_NS
+from drivers.setup import CameraSetup, FeatureSetting, TriggerSetup, parse_features
+from fake_camera.device.faults import Fault
+from fake_camera.usb3.run import CAMERAS_VARIABLE
+from imaging.errors import (
     AutoexposeError,
     CameraBusyError,
     CameraLostError,
@@ -32,14 +36,9 @@ from drivers.errors import (
     ConfigurationError,
     NodeError,
 )
-from drivers.exposure import ExposureSetting
-from drivers.frames import Frame
-from drivers.genicam.driven import advice
-from drivers.genicam.inventory import differing, read_inventory
-from drivers.genicam.timeline import LATCH_ERROR_NS
-from drivers.pixels.formats import PixelFormat
-from fake_camera.device.faults import Fault
-from fake_camera.usb3.run import CAMERAS_VARIABLE
+from imaging.exposure import ExposureSetting
+from imaging.frames import Frame
+from imaging.pixels import PixelFormat
 from tests.drivers.aravis.written import SELECTORS, names_written
 from tests.drivers.camera_contract import CameraContract
 from tests.fakes import FakeCamera, camera_on_this_bus, fake_camera
@@ -391,7 +390,7 @@ def test_features_are_set_before_everything_else_and_selectors_put_back(idle: Fa
 HOLDER = """
 import sys, time
 from drivers.aravis import open_camera
-from drivers.config.setup import CameraSetup, TriggerSetup
+from drivers.setup import CameraSetup, TriggerSetup
 camera = open_camera(sys.argv[1], CameraSetup(TriggerSetup("external")))
 camera.start()
 print("held", flush=True)

@@ -18,14 +18,9 @@ import pytest
 
 from drivers.aravis import AravisCamera, discovery, find_cameras, open_camera, open_nodes
 from drivers.aravis.introspection import Aravis
-from drivers.config.feature import FeatureSetting, parse_features
-from drivers.config.setup import CameraSetup, TriggerSetup
-from drivers.errors import NodeError, UnsupportedCameraError
-from drivers.exposure import ExposureSetting
-from drivers.frames import Frame
 from drivers.genicam.driven import advice
 from drivers.genicam.features import set_features
-from drivers.pixels.formats import PixelFormat
+from drivers.setup import CameraSetup, FeatureSetting, TriggerSetup, parse_features
 from fake_camera.device.device import Device
 from fake_camera.device.line0 import Line0
 from fake_camera.genapi.description import Description
@@ -33,6 +28,10 @@ from fake_camera.genapi.xml_camera import XmlCamera
 from fake_camera.gige.server import GigeServer
 from fake_camera.usb3.run import CAMERAS_VARIABLE
 from fake_camera.usb3.usbip.server import Usb3Server
+from imaging.errors import NodeError, UnsupportedCameraError
+from imaging.exposure import ExposureSetting
+from imaging.frames import Frame
+from imaging.pixels import PixelFormat
 from tests.data import data
 from tests.drivers.aravis.grey_card import GreyCard, frames_until, grey_of
 from tests.drivers.aravis.written import SELECTORS, names_written

@@ -11,11 +11,11 @@ import pytest
 
 from drivers.aravis import AravisCamera, open_camera
 from drivers.camera import IncompleteFrame
-from drivers.config.setup import CameraSetup, TriggerSetup
-from drivers.errors import NodeError
-from drivers.exposure import ExposureSetting
-from drivers.frames import Frame
-from drivers.pixels.formats import PixelFormat
+from drivers.setup import CameraSetup, TriggerSetup
+from imaging.errors import NodeError
+from imaging.exposure import ExposureSetting
+from imaging.frames import Frame
+from imaging.pixels import PixelFormat
 from tests.fakes import foreign_camera
 
 PATIENCE_S = 20.0

@@ -12,8 +12,8 @@ import pytest
 
 from drivers.aravis import AravisCamera, open_camera
 from drivers.camera import RefusedPackets
-from drivers.config.setup import CameraSetup, TriggerSetup
 from drivers.host.network import NetworkInterface
+from drivers.setup import CameraSetup, TriggerSetup
 from fake_camera.device.faults import Fault
 from tests.fakes import fake_camera, loopback_address
 

@@ -21,15 +21,15 @@ import pytest
 from drivers.aravis import discovery, open_camera
 from drivers.aravis.introspection import Aravis
 from drivers.camera import IncompleteFrame
-from drivers.config.setup import CameraSetup, TriggerSetup
-from drivers.frames import Frame
 from drivers.genicam.image_format import decode_pixels
-from drivers.pixels.formats import PixelFormat
+from drivers.setup import CameraSetup, TriggerSetup
 from fake_camera.device.device import Device
 from fake_camera.gige.server import GigeServer
 from fake_camera.imaging import PIXEL_FORMATS, ExposedFrame, ImageSettings, Pixels
 from fake_camera.usb3.run import CAMERAS_VARIABLE
 from fake_camera.usb3.usbip.server import Usb3Server
+from imaging.frames import Frame
+from imaging.pixels import PixelFormat
 from tests.fakes import loopback_address, unique
 
 pytestmark = pytest.mark.wire

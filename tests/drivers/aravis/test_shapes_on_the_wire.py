@@ -16,15 +16,15 @@ import pytest
 
 from drivers.aravis import discovery, find_cameras, open_camera
 from drivers.aravis.introspection import Aravis
-from drivers.config.setup import CameraSetup, TriggerSetup
-from drivers.errors import AutoexposeError, ConfigurationError, stays
-from drivers.exposure import ExposureSetting
-from drivers.frames import Frame
-from drivers.pixels.formats import PixelFormat
+from drivers.setup import CameraSetup, TriggerSetup
 from fake_camera.device.device import Device
 from fake_camera.device.line0 import Line0
 from fake_camera.genapi.description import Description
 from fake_camera.genapi.xml_camera import XmlCamera
+from imaging.errors import AutoexposeError, ConfigurationError, stays
+from imaging.exposure import ExposureSetting
+from imaging.frames import Frame
+from imaging.pixels import PixelFormat
 from tests.drivers.aravis.grey_card import GreyCard, frames_until, grey_of
 from tests.drivers.aravis.test_dialects_on_the_wire import NAME_SPACE, TRANSPORT, served
 from tests.fakes import unique

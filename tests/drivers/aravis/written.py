@@ -5,10 +5,10 @@ from __future__ import annotations
 import pytest
 
 from drivers.aravis.nodes import AravisNodes
-from drivers.config.feature import FeatureValue
-from drivers.errors import NodeError
 from drivers.genicam.hold import read_feature
 from drivers.genicam.nodes import NodeMap
+from drivers.setup import FeatureValue
+from imaging.errors import NodeError
 
 SELECTORS = {
     *("TriggerSelector", "GainSelector", "ChunkSelector", "LineSelector", "ActionSelector"),

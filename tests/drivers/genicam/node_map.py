@@ -6,8 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TypeVar
 
-from drivers.errors import NodeError
 from drivers.genicam.nodes import Kind
+from imaging.errors import NodeError
 
 
 @dataclass

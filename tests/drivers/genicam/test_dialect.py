@@ -4,9 +4,9 @@ import sys
 
 import pytest
 
-from drivers.errors import ConfigurationError, NodeError, UnsupportedCameraError
-from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.genicam.dialect import find_dialect, switch_auto_off
+from imaging.errors import ConfigurationError, NodeError, UnsupportedCameraError
+from imaging.exposure import ExposureLimits, ExposureSetting
 from tests.drivers.genicam.node_map import EnumerationNode, FloatNode, IntegerNode, MemoryNodes, Node
 
 

@@ -5,11 +5,10 @@ from __future__ import annotations
 import pytest
 import yaml
 
-from drivers.config.feature import FeatureSetting, parse_features
-from drivers.config.setup import CameraSetup, LinkShare, TriggerMode, TriggerSetup
-from drivers.errors import ConfigurationError, NodeError, UnsupportedCameraError
 from drivers.genicam.features import apply_features, same, set_features
 from drivers.genicam.inventory import changed_from_default, differing, read_inventory
+from drivers.setup import CameraSetup, FeatureSetting, LinkShare, TriggerMode, TriggerSetup, parse_features
+from imaging.errors import ConfigurationError, NodeError, UnsupportedCameraError
 from tests.drivers.genicam.node_map import (
     BooleanNode,
     CommandNode,

@@ -2,8 +2,8 @@ from __future__ import annotations
 
 import pytest
 
-from drivers.errors import NodeError
 from drivers.genicam.gamma import switch_gamma_off
+from imaging.errors import NodeError
 from tests.drivers.genicam.node_map import BooleanNode, FloatNode, MemoryNodes
 
 

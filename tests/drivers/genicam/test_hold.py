@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from drivers.config.feature import FeatureValue
-from drivers.errors import NodeError
 from drivers.genicam.hold import fixed_selectors, hold, offered, switch
+from drivers.setup import FeatureValue
+from imaging.errors import NodeError
 from tests.drivers.genicam.node_map import (
     BooleanNode,
     EnumerationNode,

@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.errors import ConfigurationError, NodeError, UnsupportedCameraError
 from drivers.genicam.image_format import (
     MOST_PADDING_BYTES,
     choose_pixel_format,
@@ -17,7 +16,8 @@ from drivers.genicam.image_format import (
     set_binning,
     switch_white_balance_off,
 )
-from drivers.pixels.formats import PixelFormat
+from imaging.errors import ConfigurationError, NodeError, UnsupportedCameraError
+from imaging.pixels import PixelFormat
 from tests.drivers.genicam.node_map import BooleanNode, EnumerationNode, IntegerNode, MemoryNodes
 
 

@@ -2,9 +2,9 @@ from __future__ import annotations
 
 import pytest
 
-from drivers.errors import NodeError
-from drivers.exposure import ExposureSetting
 from drivers.genicam.metadata import ChunkNodes, SettingLedger, enable_chunks
+from imaging.errors import NodeError
+from imaging.exposure import ExposureSetting
 from tests.drivers.genicam.node_map import BooleanNode, EnumerationNode, FloatNode, IntegerNode, MemoryNodes
 
 

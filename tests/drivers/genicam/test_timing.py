@@ -2,8 +2,8 @@ from __future__ import annotations
 
 import pytest
 
-from drivers.config.setup import TriggerSetup
 from drivers.genicam.timing import timing_limitations
+from drivers.setup import TriggerSetup
 from tests.drivers.genicam.node_map import EnumerationNode, FloatNode, MemoryNodes, Node
 
 

@@ -2,9 +2,9 @@ from __future__ import annotations
 
 import pytest
 
-from drivers.config.setup import TriggerSetup
-from drivers.errors import ConfigurationError, NodeError, UnsupportedCameraError
 from drivers.genicam.trigger import action_queue, arm_trigger
+from drivers.setup import TriggerSetup
+from imaging.errors import ConfigurationError, NodeError, UnsupportedCameraError
 from tests.drivers.genicam.node_map import (
     BooleanNode,
     CommandNode,

@@ -16,7 +16,7 @@ import sys
 
 from drivers.aravis import open_camera, stream
 from drivers.camera import IncompleteFrame
-from drivers.config.setup import CameraSetup, TriggerSetup
+from drivers.setup import CameraSetup, TriggerSetup
 
 RATE_HZ = 30.0
 FRAMES_A_LINE = 10

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from drivers.config.setup import ActionKeys
 from drivers.host.action_commands import ActionSender, action_command, refusal
+from drivers.setup import ActionKeys
 from fake_camera.gige import gvcp
 
 U32 = st.integers(0, (1 << 32) - 1)

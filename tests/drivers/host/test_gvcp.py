@@ -15,7 +15,6 @@ from ipaddress import IPv4Interface
 import pytest
 
 from drivers.aravis import find_cameras, open_camera
-from drivers.config.setup import CameraSetup, TriggerSetup
 from drivers.host import gvcp
 from drivers.host.gvcp import (
     Control,
@@ -27,6 +26,7 @@ from drivers.host.gvcp import (
     streamed_packet_bytes,
 )
 from drivers.host.network import NetworkInterface, find_interfaces
+from drivers.setup import CameraSetup, TriggerSetup
 from tests.fake_camera.gige.gige_client import ACCESS_DENIED, CCP, READREG, GvcpClient, gige_camera, parse_ack
 from tests.fakes import foreign_camera, loopback_address, unique
 

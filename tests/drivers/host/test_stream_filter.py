@@ -17,8 +17,8 @@ from pathlib import Path
 import pytest
 
 from drivers.aravis import open_camera
-from drivers.config.setup import CameraSetup, TriggerSetup
 from drivers.host.stream_filter import StreamFilter, largest_packet_id, why_not
+from drivers.setup import CameraSetup, TriggerSetup
 from tests.fake_camera.gige.gige_client import GvcpClient
 from tests.fakes import FakeCamera, fake_camera
 

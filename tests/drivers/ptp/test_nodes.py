@@ -3,8 +3,8 @@ from __future__ import annotations
 import pytest
 
 from drivers.camera import PtpState
-from drivers.errors import UnsupportedCameraError
 from drivers.ptp.nodes import PtpNodes
+from imaging.errors import UnsupportedCameraError
 from tests.drivers.genicam.node_map import BooleanNode, CommandNode, EnumerationNode, IntegerNode, MemoryNodes, Node
 
 SLAVE = EnumerationNode("Slave", ("Disabled", "Listening", "Slave"))

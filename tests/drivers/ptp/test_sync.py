@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from drivers.camera import ClockReading, PtpState
-from drivers.frames import Side
 from drivers.ptp.sync import LOST_NS, PATIENCE_NS, STEP_NS, SYNCHRONISED_NS, Synchronisation
 from drivers.rig.pace import Slots
+from imaging.frames import Side
 
 S = 1_000_000_000
 PTP_OFFSET_NS = -1_700_000_000 * S

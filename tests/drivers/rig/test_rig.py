@@ -14,11 +14,11 @@ import numpy as np
 import pytest
 
 from drivers.camera import Camera, CameraDescription, RefusedPackets
-from drivers.errors import CameraLostError, CameraNotFoundError, ConfigurationError, NodeError, UnsupportedCameraError
-from drivers.exposure import ExposureLimits, ExposureSetting
-from drivers.frames import Frame, Side
 from drivers.rig.events import CameraGone, CameraReady, CameraSilent, FrameArrived, RigEvent, WriteFailed, Written
 from drivers.rig.rig import Rig
+from imaging.errors import CameraLostError, CameraNotFoundError, ConfigurationError, NodeError, UnsupportedCameraError
+from imaging.exposure import ExposureLimits, ExposureSetting
+from imaging.frames import Frame, Side
 
 START = ExposureSetting(1000.0, 0.0)
 LONG_S = 10.0

@@ -10,17 +10,6 @@ import threading
 import pytest
 
 from drivers.camera import Camera, RefusedPackets
-from drivers.errors import (
-    AutoexposeError,
-    CameraBusyError,
-    CameraLostError,
-    CameraNotFoundError,
-    ConfigurationError,
-    NodeError,
-    UnsupportedCameraError,
-)
-from drivers.exposure import ExposureSetting
-from drivers.frames import Frame
 from drivers.rig.events import (
     CameraGone,
     CameraReady,
@@ -33,6 +22,17 @@ from drivers.rig.events import (
 )
 from drivers.rig.pace import Slots
 from drivers.rig.supervision import Supervisor
+from imaging.errors import (
+    AutoexposeError,
+    CameraBusyError,
+    CameraLostError,
+    CameraNotFoundError,
+    ConfigurationError,
+    NodeError,
+    UnsupportedCameraError,
+)
+from imaging.exposure import ExposureSetting
+from imaging.frames import Frame
 from tests.drivers.rig.test_rig import START, ScriptedCamera
 
 SECOND_NS = 1_000_000_000

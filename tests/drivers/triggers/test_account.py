@@ -12,10 +12,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.camera import IncompleteFrame
-from drivers.exposure import ExposureSetting
-from drivers.frames import Frame, Side, StereoPair
 from drivers.triggers.account import TriggerAccount
 from drivers.triggers.tally import LossReason
+from imaging.exposure import ExposureSetting
+from imaging.frames import Frame, Side, StereoPair
 
 PERIOD_NS = 16_666_667
 OPENED_NS = 5_000_000_000

@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from drivers.exposure import ExposureSetting
-from drivers.frames import Frame
 from drivers.rig.events import Written
 from drivers.triggers.effect import PATIENCE_NS, SUSPECT_FRAMES, EffectWatch
 from drivers.triggers.history import WriteHistory
+from imaging.exposure import ExposureSetting
+from imaging.frames import Frame
 
 PERIOD_NS = 16_666_667
 OLD, NEW = ExposureSetting(2000.0, 0.0), ExposureSetting(500.0, 6.0)

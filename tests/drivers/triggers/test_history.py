@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from drivers.exposure import ExposureSetting
-from drivers.frames import Frame, SettingSource
 from drivers.rig.events import Written
 from drivers.triggers.history import Command, WriteHistory
+from imaging.exposure import ExposureSetting
+from imaging.frames import Frame, SettingSource
 
 PERIOD_NS = 16_666_667
 

@@ -8,9 +8,9 @@ from itertools import accumulate, cycle, islice, pairwise
 import numpy as np
 import pytest
 
-from drivers.exposure import ExposureSetting
-from drivers.frames import Frame, Side
 from drivers.triggers.rate import HOST_RATE_TOLERANCE, JUDGED_FRAMES, RateWatch, mean_period_ns, wrong_rate
+from imaging.exposure import ExposureSetting
+from imaging.frames import Frame, Side
 
 MS = 1_000_000
 PERIOD_NS = 20 * MS

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from drivers.camera import CameraDescription, IncompleteFrame
-from drivers.errors import CameraLostError, NodeError
-from drivers.exposure import ExposureLimits, ExposureSetting
-from drivers.frames import SIDES, Frame, Side
 from drivers.rig.events import CameraGone, CameraReady, FrameArrived, WriteFailed, Written
 from drivers.triggers.record import RigRecord
 from drivers.triggers.start import JUDGED_FRAMES, PATIENCE_NS
 from drivers.triggers.tally import LossReason
+from imaging.errors import CameraLostError, NodeError
+from imaging.exposure import ExposureLimits, ExposureSetting
+from imaging.frames import SIDES, Frame, Side
 
 MS = 1_000_000
 PERIOD_NS = 20 * MS

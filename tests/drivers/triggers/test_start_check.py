@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from drivers.frames import Side
 from drivers.triggers.start import JUDGED_FRAMES, PATIENCE_NS, StartCheck
+from imaging.frames import Side
 
 MS = 1_000_000
 SIDES: tuple[Side, Side] = ("left", "right")

@@ -10,8 +10,6 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.exposure import ExposureSetting
-from drivers.frames import SIDES, Frame, Side, StereoPair
 from drivers.rig.events import Written
 from drivers.triggers.grid import TriggerGrid
 from drivers.triggers.window import (
@@ -25,6 +23,8 @@ from drivers.triggers.window import (
 from drivers.triggers.writes import RigWrites
 from fake_camera.device.acquisition import Acquisition
 from fake_camera.device.features import Features
+from imaging.exposure import ExposureSetting
+from imaging.frames import SIDES, Frame, Side, StereoPair
 
 MS = 1_000_000
 PERIOD_NS = 16 * MS

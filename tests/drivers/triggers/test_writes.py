@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drivers.exposure import ExposureSetting
-from drivers.frames import SIDES, Frame, Side, StereoPair
 from drivers.rig.events import Written
 from drivers.triggers.grid import TriggerGrid
 from drivers.triggers.history import Command
 from drivers.triggers.writes import EFFECT_TRIGGERS, RigWrites
+from imaging.exposure import ExposureSetting
+from imaging.frames import SIDES, Frame, Side, StereoPair
 
 MS = 1_000_000
 GRID = TriggerGrid(20 * MS, 0)

@@ -9,11 +9,11 @@ import pytest
 from autoexpose_daemon.control.parameters import Bracketing
 from autoexpose_daemon.recording.file import RecordingFile
 from autoexpose_daemon.recording.step import Step
-from drivers.frames import StereoPair
 from evaluation.experiments.rejudge.rehearsal import simulated_geometries, simulated_setup
 from evaluation.odometry.lap import odometry_stage
 from evaluation.stage.delayed_loop import DelayedLoop
 from evaluation.stage.rendering import Stage
+from imaging.frames import StereoPair
 
 FRAMES = 36
 BEGIN_S = 4.0  # in full motion

@@ -6,11 +6,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
-from calibration.response import ResponseFunction
-from drivers.exposure import ExposureSetting
-from drivers.frames import Frame
-from drivers.pixels.layout import Pixels
 from evaluation.rejudge.exposing import Exposer, Light
+from imaging.exposure import ExposureSetting
+from imaging.frames import Frame
+from imaging.pixels import Pixels
+from imaging.response import ResponseFunction
 
 NOISE = SensorNoise(20_000.0, 3.0)
 QUIET = SensorNoise(1e7, 0.1)

@@ -12,14 +12,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calibration.geometry.model import CameraGeometry
-from drivers.errors import AutoexposeError
-from drivers.exposure import ExposureSetting
-from drivers.frames import Frame, StereoPair
 from evaluation.odometry.stereo import StereoCamera
 from evaluation.rejudge import following
 from evaluation.rejudge.following import CommandFollower
 from evaluation.rejudge.rectify import Rectifier
+from imaging.errors import AutoexposeError
+from imaging.exposure import ExposureSetting
+from imaging.frames import Frame, StereoPair
+from imaging.geometry import CameraGeometry
 
 CAMERA = StereoCamera(860.0, (359.5, 269.5), 0.08)
 UNTURNED = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)

@@ -16,13 +16,13 @@ from typer.testing import CliRunner, Result
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from autoexpose_daemon.recording.replay_report import report_replay
 from calibration.geometry.formats.ros import ros_yaml
-from drivers.errors import AutoexposeError, ConfigurationError
 from evaluation.odometry.lap import lap
 from evaluation.rejudge.contest import recommended
 from evaluation.rejudge.recorded import read_recording
 from evaluation.rejudge.rejudge_app import rejudge
 from evaluation.rejudge.run import Figures
 from evaluation.rejudge.trajectory import Reference, Trajectory, read_tum, tum
+from imaging.errors import AutoexposeError, ConfigurationError
 from tests.evaluation.rejudge.conftest import BEGIN_S, FRAMES
 
 app = typer.Typer()

@@ -5,11 +5,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from autoexpose_daemon.control.decision import Decision
-from calibration.response import ResponseFunction
-from drivers.exposure import ExposureSetting
-from drivers.frames import Frame, StereoPair
 from evaluation.rejudge.glimpse import Glimpse, Watcher, delay_frames
 from evaluation.rejudge.timeline import Timeline
+from imaging.exposure import ExposureSetting
+from imaging.frames import Frame, StereoPair
+from imaging.response import ResponseFunction
 
 LEVELS = (8.0, 10.4, 12.8, 14.0, 11.6, 9.2)
 CYCLE = len(LEVELS)

@@ -15,7 +15,6 @@ from typer.testing import CliRunner
 from autoexpose_daemon.control.policies import learned
 from autoexpose_daemon.control.policies.ids import LEARNED
 from autoexpose_daemon.control.policies.learned.net import Net
-from drivers.errors import AutoexposeError, ConfigurationError
 from evaluation.training import berthold2013, tomasi2021, trainings, zhang2024
 from evaluation.training.berthold2013 import TrainingOfBerthold
 from evaluation.training.pictures import Picture
@@ -24,6 +23,7 @@ from evaluation.training.training import Training, train
 from evaluation.training.training_app import train_command
 from evaluation.training.weights_file import LARGEST_BYTES, weights_bytes
 from evaluation.training.zhang2024 import TrainingOfZhang, reward
+from imaging.errors import AutoexposeError, ConfigurationError
 
 TINY: dict[str, Callable[[], Training]] = {
     "berthold2013": lambda: TrainingOfBerthold(rounds=3, episodes=2),

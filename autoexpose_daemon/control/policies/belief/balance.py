@@ -15,7 +15,7 @@ from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
 from autoexpose_daemon.control.picture.motion import PER_US
 from autoexpose_daemon.control.policies.belief.forecast import SWING_FRAMES, Forecast
 from autoexpose_daemon.control.policy import Look, Observation
-from drivers.exposure import DB_PER_STOP, ExposureLimits
+from imaging.exposure import DB_PER_STOP, ExposureLimits
 
 MIDDLE = 0.25
 """Share of full scale at which noise is judged: well exposed pictures have most of their gradients around it."""

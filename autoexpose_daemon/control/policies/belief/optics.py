@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from autoexpose_daemon.control.metrics.contrast import GreyBins
 from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise, response_slopes
-from calibration.response import GREY_LEVELS, ResponseFunction
+from imaging.response import GREY_LEVELS, ResponseFunction
 
 Array = NDArray[np.float64]
 

@@ -33,10 +33,10 @@ from autoexpose_daemon.control.policies.belief.scene_belief import (
 )
 from autoexpose_daemon.control.policy import ExposurePolicy, Look, Objective, Observation, PolicySetup, Target
 from autoexpose_daemon.control.registration import LightChange, Registration
-from calibration.response import ResponseFunction
-from drivers.exposure import ExposureLimits, linear_gain
-from drivers.frames import Side
-from drivers.python310 import Self
+from imaging.exposure import ExposureLimits, linear_gain
+from imaging.frames import Side
+from imaging.python310 import Self
+from imaging.response import ResponseFunction
 
 Array = NDArray[np.float64]
 

@@ -12,7 +12,7 @@ from autoexpose_daemon.control.policies.learned.features import region_figures
 from autoexpose_daemon.control.policies.learned.learned_policy import LearnedPolicy, Sight
 from autoexpose_daemon.control.policies.learned.net import trained_net
 from autoexpose_daemon.control.policy import Look, PolicySetup
-from drivers.python310 import Self
+from imaging.python310 import Self
 
 MEAN_TARGET = 0.20
 """The wanted mean signal it was trained for: what `neves2009` holds unless configured otherwise."""

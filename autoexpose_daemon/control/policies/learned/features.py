@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from autoexpose_daemon.control.metrics.gradient import ExtremeShares, grey_counts
 from autoexpose_daemon.control.policy import Look
-from calibration.response import GREY_LEVELS, ResponseFunction
+from imaging.response import GREY_LEVELS, ResponseFunction
 
 BINS = 32
 """Of a histogram. The last one is for saturated pixels alone; the others are evenly spaced over the root of what is

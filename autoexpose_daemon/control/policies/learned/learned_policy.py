@@ -15,7 +15,7 @@ from autoexpose_daemon.control.balance import Balance
 from autoexpose_daemon.control.policies.learned.net import Net
 from autoexpose_daemon.control.policy import ExposurePolicy, Look, Observation, Target
 from autoexpose_daemon.control.search.query import BLIND_SHARE, BLIND_STEP_STOPS
-from drivers.frames import Side
+from imaging.frames import Side
 
 HOLD_STOPS = 0.2
 """A target nearer than this to the last one is not worth a change: the last one is held, whatever noise does."""

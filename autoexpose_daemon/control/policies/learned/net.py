@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autoexpose_daemon.control.policies.learned.learnt_range import LearntRange
-from drivers.errors import AutoexposeError
+from imaging.errors import AutoexposeError
 
 Activation = Literal["relu", "tanh"]
 

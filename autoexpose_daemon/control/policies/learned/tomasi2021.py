@@ -10,7 +10,7 @@ from autoexpose_daemon.control.policies.learned.features import light_histogram
 from autoexpose_daemon.control.policies.learned.net import trained_net
 from autoexpose_daemon.control.policies.learned.stacked import StackedHistograms
 from autoexpose_daemon.control.policy import Look, PolicySetup
-from drivers.python310 import Self
+from imaging.python310 import Self
 
 
 class Tomasi2021(StackedHistograms):

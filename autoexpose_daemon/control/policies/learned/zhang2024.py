@@ -12,7 +12,7 @@ from autoexpose_daemon.control.policies.learned.features import grey_histogram
 from autoexpose_daemon.control.policies.learned.net import trained_net
 from autoexpose_daemon.control.policies.learned.stacked import StackedHistograms
 from autoexpose_daemon.control.policy import Look, PolicySetup
-from drivers.python310 import Self
+from imaging.python310 import Self
 
 LARGEST_STEP_STOPS = 2.0
 """Of one action, as theirs."""

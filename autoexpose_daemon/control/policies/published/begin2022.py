@@ -9,10 +9,9 @@ from autoexpose_daemon.control.metrics.gradient import GradientMetric
 from autoexpose_daemon.control.policy import ExposurePolicy, Observation, PolicySetup, Target
 from autoexpose_daemon.control.search.optimum import PolynomialFit
 from autoexpose_daemon.control.search.predicted_curve import PredictedCurve
-from calibration.response import ResponseFunction
-from calibration.response.prediction import prediction_tables
-from drivers.frames import Side
-from drivers.python310 import Self
+from imaging.frames import Side
+from imaging.python310 import Self
+from imaging.response import ResponseFunction, prediction_tables
 
 DELTA_LEVELS = (-2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0)
 """Changes of level that are predicted, stops: where the seven samples of algorithm 1, step 1, lie."""

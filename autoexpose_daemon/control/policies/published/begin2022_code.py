@@ -19,9 +19,9 @@ from autoexpose_daemon.control.policies.published.vo_autoexpose import (
     lifted,
 )
 from autoexpose_daemon.control.policy import ExposurePolicy, Observation, PolicySetup, Target
-from calibration.response import GREY_LEVELS, ResponseFunction
-from drivers.frames import Side
-from drivers.python310 import Self
+from imaging.frames import Side
+from imaging.python310 import Self
+from imaging.response import GREY_LEVELS, ResponseFunction
 
 FLOOR = 0.5 / 255
 """Half a grey level, 39 after the gamma: no entry of the code's tables is lower."""

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 from autoexpose_daemon.control.balance import Balance, ExposurePriority
 from autoexpose_daemon.control.policy import ExposurePolicy, Observation, PolicySetup, Target
-from drivers.exposure import ExposureSetting
-from drivers.python310 import Self
+from imaging.exposure import ExposureSetting
+from imaging.python310 import Self
 
 
 @dataclass(slots=True)

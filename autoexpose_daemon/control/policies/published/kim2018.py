@@ -13,8 +13,8 @@ from autoexpose_daemon.control.metrics.entropy_weighted_gradient import entropy_
 from autoexpose_daemon.control.policy import ExposurePolicy, Observation, PolicySetup, Target
 from autoexpose_daemon.control.search.gaussian_process import GaussianProcess
 from autoexpose_daemon.control.search.query import Held, Reference, way_out
-from drivers.exposure import DB_PER_STOP, ExposureLimits
-from drivers.python310 import Self
+from imaging.exposure import DB_PER_STOP, ExposureLimits
+from imaging.python310 import Self
 
 GRID_STOPS = 0.125
 PROCESS = GaussianProcess(length=1.25, deviation=1.0, noise=0.05)

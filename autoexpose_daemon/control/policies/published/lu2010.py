@@ -10,7 +10,7 @@ from autoexpose_daemon.control.balance import Balance, FixedRatio
 from autoexpose_daemon.control.metrics.entropy import entropy
 from autoexpose_daemon.control.policy import ExposurePolicy, Observation, PolicySetup, Target
 from autoexpose_daemon.control.search.query import Held, Reference, way_out
-from drivers.python310 import Self
+from imaging.python310 import Self
 
 FIRST_STEP_STOPS = 1.0
 LONGEST_STEP_STOPS = 2.0

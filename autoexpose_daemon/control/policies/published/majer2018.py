@@ -9,8 +9,8 @@ from typing import ClassVar, Literal
 from autoexpose_daemon.control.balance import Balance, ExposurePriority
 from autoexpose_daemon.control.metrics.gradient import mean_signal
 from autoexpose_daemon.control.policy import ExposurePolicy, Observation, PolicySetup, Target
-from drivers.errors import ConfigurationError
-from drivers.python310 import Self
+from imaging.errors import ConfigurationError
+from imaging.python310 import Self
 
 DESIRED_BRIGHTNESS = 0.5
 """b_d of the paper's experiments (section 4); it recommends 0.4 to 0.5."""

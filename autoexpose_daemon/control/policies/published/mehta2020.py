@@ -12,7 +12,7 @@ from autoexpose_daemon.control.policies.published.shim2018 import gamma_table
 from autoexpose_daemon.control.policy import ExposurePolicy, Observation, PolicySetup, Target
 from autoexpose_daemon.control.search.optimum import PolynomialFit
 from autoexpose_daemon.control.search.predicted_curve import PredictedCurve
-from drivers.python310 import Self
+from imaging.python310 import Self
 
 GAMMAS = (1 / 1.9, 1 / 1.5, 1 / 1.2, 1.0, 1.2, 1.5, 1.9)
 """Anchors of Mehta's code, which raises grey levels to 1/gamma: above 1 a picture brightens, unlike in eq. (15)."""

@@ -18,9 +18,9 @@ from autoexpose_daemon.control.policies.published.vo_autoexpose import (
     lift_table,
 )
 from autoexpose_daemon.control.policy import ExposurePolicy, Observation, PolicySetup, Target
-from calibration.response import ResponseFunction
-from drivers.frames import Side
-from drivers.python310 import Self
+from imaging.frames import Side
+from imaging.python310 import Self
+from imaging.response import ResponseFunction
 
 
 class Mehta2020Code(ExposurePolicy):

@@ -8,7 +8,7 @@ from typing import ClassVar
 
 from autoexpose_daemon.control.balance import Balance, ExposurePriority
 from autoexpose_daemon.control.policy import ExposurePolicy, Observation, PolicySetup, Target
-from drivers.python310 import Self
+from imaging.python310 import Self
 
 INTEGRAL_GAIN = 0.6
 PROPORTIONAL_GAIN = 0.15

@@ -12,7 +12,7 @@ from autoexpose_daemon.control.policies.published.gamma_step import GammaStep
 from autoexpose_daemon.control.policy import ExposurePolicy, Observation, PolicySetup, Target
 from autoexpose_daemon.control.search.optimum import PolynomialFit, best_sample
 from autoexpose_daemon.control.search.predicted_curve import PredictedCurve
-from drivers.python310 import Self
+from imaging.python310 import Self
 
 GAMMAS = (0.1, 0.5, 0.8, 1.0, 1.2, 1.5, 1.9)
 """The anchors that public implementations of Shim et al. 2018 share; below 1 a picture brightens."""

@@ -11,8 +11,8 @@ from autoexpose_daemon.control.metrics.quality import CombinedQuality
 from autoexpose_daemon.control.policy import ExposurePolicy, Observation, PolicySetup, Target
 from autoexpose_daemon.control.search.nelder_mead import NelderMead, Point
 from autoexpose_daemon.control.search.query import Held, Reference, way_out
-from drivers.exposure import DB_PER_STOP
-from drivers.python310 import Self, exp2
+from imaging.exposure import DB_PER_STOP
+from imaging.python310 import Self, exp2
 
 FIRST_STEP_STOPS = 2.0
 SMALLEST_SIMPLEX_STOPS = 0.25

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from autoexpose_daemon.control.metrics.gradient import GradientMetric, PackedTables, mean_signal
 from autoexpose_daemon.control.policy import Observation
 from autoexpose_daemon.control.search.optimum import PolynomialFit, newton, taylor
-from calibration.response import GREY_LEVELS, ResponseFunction
+from imaging.response import GREY_LEVELS, ResponseFunction
 
 GAMMA = 0.3
 """Of the frames that reach the code (section 3.3): its tables follow a response of about exposure^0.3."""

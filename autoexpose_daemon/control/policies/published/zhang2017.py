@@ -8,9 +8,9 @@ from collections.abc import Mapping
 from autoexpose_daemon.control.balance import Balance, ExposurePriority
 from autoexpose_daemon.control.metrics.gradient_statistics import SoftPercentile
 from autoexpose_daemon.control.policy import ExposurePolicy, Observation, PolicySetup, Target
-from calibration.response import ResponseFunction
-from drivers.frames import Side
-from drivers.python310 import Self
+from imaging.frames import Side
+from imaging.python310 import Self
+from imaging.response import ResponseFunction
 
 ASCENT_RATE = 0.25
 """Stops per (1/stop) of relative slope, d ln M / dE. The authors look their rate up by irradiance, since their slope

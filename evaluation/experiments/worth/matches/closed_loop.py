@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
-from drivers.exposure import ExposureSetting
 from evaluation.experiments.worth.contender import Contender, medians
 from evaluation.experiments.worth.matches.courses import Course
 from evaluation.experiments.worth.matches.rig import Rig
 from evaluation.experiments.worth.matches.scoring import JUDGES, SCORING_SEEDS, Scorer, rows
 from evaluation.stage.camera import LIMITS
 from evaluation.stage.delayed_loop import DelayedLoop
+from imaging.exposure import ExposureSetting
 
 START = ExposureSetting(1000.0, 0.0)
 """Of every policy but `fixed`: sensible, and wrong by stops in most of the light here."""

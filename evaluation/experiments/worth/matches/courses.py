@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from calibration.response import ResponseFunction
 from evaluation.committed import PAINTINGS, REPORT_PAINTING, TUNING_PAINTING
 from evaluation.experiments.worth.matches.rig import DEFAULT_SENSOR, Eyes, Film
 from evaluation.experiments.worth.matches.scenes import HEIGHT, WIDTH, is_panorama, moving_view
@@ -15,6 +14,7 @@ from evaluation.experiments.worth.pictures import DATA, digest, stills
 from evaluation.scenes.responses import CameraResponse
 from evaluation.scenes.stills import PAINTERS
 from fake_camera.world.sensor import SensorModel
+from imaging.response import ResponseFunction
 
 SPEEDS_PX = (0.5, 3.0, 10.0)
 """Of the image, in pixels of the 360 wide frame per 1/60 s: 1, 6 and 20 of a frame 720 wide."""

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from drivers.exposure import ExposureSetting
 from evaluation.experiments.worth.matches.courses import EVERY, Course
 from evaluation.experiments.worth.matches.pairs import judged, seen
 from evaluation.experiments.worth.matches.rig import Film, Rig
@@ -21,6 +20,7 @@ from evaluation.experiments.worth.matches.scoring import (
     rows,
 )
 from evaluation.experiments.worth.names import FIXED_IN_HINDSIGHT, ORACLE_PER_FRAME
+from imaging.exposure import ExposureSetting
 
 GRID = tuple(
     ExposureSetting(time_us, gain_db)

@@ -9,9 +9,6 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from drivers.exposure import ExposureSetting
-from drivers.frames import Frame, Side, StereoPair
-from drivers.pixels.layout import Pixels
 from evaluation.experiments.worth.matches.pairs import Truth
 from evaluation.experiments.worth.matches.scenes import (
     CANVAS,
@@ -25,6 +22,9 @@ from evaluation.scenes.scenarios import RATE_HZ
 from evaluation.stage.camera import LIMITS
 from fake_camera.imaging import PIXEL_FORMATS, ImageSettings
 from fake_camera.world.sensor import Sensor, SensorModel
+from imaging.exposure import ExposureSetting
+from imaging.frames import Frame, Side, StereoPair
+from imaging.pixels import Pixels
 
 LONGEST_S = LIMITS.max_time_us * 1e-6
 

@@ -7,11 +7,11 @@ from typing import Any, Literal
 
 import numpy as np
 
-from drivers.exposure import ExposureSetting
-from drivers.frames import Frame
 from evaluation.experiments.worth.matches.courses import Course
 from evaluation.experiments.worth.matches.pairs import PREPARATIONS, Seen, judged, seen
 from evaluation.experiments.worth.matches.rig import Film
+from imaging.exposure import ExposureSetting
+from imaging.frames import Frame
 
 PAIR_JUDGES: dict[str, Literal["higher", "lower"]] = {"matches-sift-raw": "higher"}
 for _name in PREPARATIONS:

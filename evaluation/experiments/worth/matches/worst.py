@@ -11,8 +11,6 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
-from drivers.exposure import ExposureSetting
-from drivers.frames import Frame
 from evaluation.drawing import save
 from evaluation.experiments.experiment import Results, Table
 from evaluation.experiments.worth.contender import policy
@@ -23,6 +21,8 @@ from evaluation.experiments.worth.matches.rig import Rig
 from evaluation.experiments.worth.matches.scoring import JUDGES, SCORING_SEEDS
 from evaluation.experiments.worth.names import FIXED_IN_HINDSIGHT
 from evaluation.experiments.worth.tables import Verdicts
+from imaging.exposure import ExposureSetting
+from imaging.frames import Frame
 
 WORST = 3
 """Courses shown."""

@@ -7,9 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from calibration.response import ResponseFunction
-from drivers.exposure import ExposureSetting
-from drivers.python310 import exp2
 from evaluation.experiments.worth.contender import Contender, medians
 from evaluation.experiments.worth.contenders import CONTENDERS
 from evaluation.experiments.worth.matches.pairs import PREPARATIONS
@@ -21,6 +18,9 @@ from evaluation.stage.camera import LIMITS
 from evaluation.stage.delayed_loop import DelayedLoop
 from evaluation.stage.oracle import Oracle, best_start
 from evaluation.stage.rendering import Stage
+from imaging.exposure import ExposureSetting
+from imaging.python310 import exp2
+from imaging.response import ResponseFunction
 
 DELAY_FRAMES = 2
 

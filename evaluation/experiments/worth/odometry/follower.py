@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.exposure import ExposureSetting
 from evaluation.experiments.worth.matches.pairs import PREPARATIONS
 from evaluation.experiments.worth.odometry.drives import Drive
 from evaluation.odometry.errors import SUB_TRAJECTORY_M, relative_errors_mm
@@ -13,6 +12,7 @@ from evaluation.odometry.orb import in_house
 from evaluation.odometry.tracking import lost_for_good, true_pose
 from evaluation.stage.camera import SimulatedCamera
 from evaluation.stage.rendering import BOTH, Stage
+from imaging.exposure import ExposureSetting
 
 WORST_MM = 1e3 * SUB_TRAJECTORY_M
 """The error of an odometry that never moves. No sub-trajectory counts as more, and failed runs are listed as this."""

@@ -19,8 +19,8 @@ from autoexpose_daemon.control.policies.published.mehta2020 import next_level as
 from autoexpose_daemon.control.policies.published.mehta2020_code import Mehta2020Code
 from autoexpose_daemon.control.policies.published.vo_autoexpose import CodedMaximum, lift_table
 from autoexpose_daemon.control.policy import ExposurePolicy, Look, Observation
-from calibration.response import ResponseFunction
-from drivers.exposure import ExposureSetting
+from imaging.exposure import ExposureSetting
+from imaging.response import ResponseFunction
 
 from ..scene import LIMITS, expose, radiance, run
 

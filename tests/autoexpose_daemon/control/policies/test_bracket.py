@@ -14,10 +14,10 @@ from autoexpose_daemon.control.override import Override
 from autoexpose_daemon.control.parameters import Bracketing, ControlParameters
 from autoexpose_daemon.control.policies.bracket import KEPT
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
-from calibration.response import ResponseFunction
-from drivers.errors import ConfigurationError
-from drivers.exposure import ExposureLimits, ExposureSetting
-from drivers.frames import StereoPair
+from imaging.errors import ConfigurationError
+from imaging.exposure import ExposureLimits, ExposureSetting
+from imaging.frames import StereoPair
+from imaging.response import ResponseFunction
 from tests.autoexpose_daemon.control.scene import at_time, expose, radiance
 
 LIMITS = ExposureLimits(20.0, 7500.0, 0.0, 30.0)

@@ -19,10 +19,10 @@ from autoexpose_daemon.control.policies.flicker import FRAMES, FlickerWatch
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from autoexpose_daemon.control.policy import Look, Observation
 from autoexpose_daemon.control.registration import LightChange
-from calibration.response import ResponseFunction
-from drivers.exposure import ExposureLimits, ExposureSetting
-from drivers.frames import Frame, StereoPair
 from fake_camera.world.lighting import Change, Flicker, LightScript
+from imaging.exposure import ExposureLimits, ExposureSetting
+from imaging.frames import Frame, StereoPair
+from imaging.response import ResponseFunction
 from tests.autoexpose_daemon.control.scene import expose, radiance
 
 LINEAR = ResponseFunction.linear()

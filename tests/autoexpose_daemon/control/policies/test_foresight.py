@@ -17,9 +17,9 @@ from autoexpose_daemon.control.policies.belief.foresight import (
     MOST_BELIEF,
     Foresight,
 )
-from calibration.response import ResponseFunction
-from drivers.exposure import ExposureSetting
-from drivers.frames import StereoPair
+from imaging.exposure import ExposureSetting
+from imaging.frames import StereoPair
+from imaging.response import ResponseFunction
 from tests.autoexpose_daemon.control.scene import LIMITS, run
 
 BEHIND, TO_MOUTH = 100, 8

@@ -24,9 +24,9 @@ from autoexpose_daemon.control.policies.learned.net import Net, trained_net
 from autoexpose_daemon.control.policies.table import build_policy
 from autoexpose_daemon.control.policy import Look, Observation, PolicySetup
 from autoexpose_daemon.demo.reference_step import ReferenceStep, synthetic_frames
-from calibration.response import ResponseFunction
-from drivers.errors import AutoexposeError
-from drivers.exposure import ExposureSetting
+from imaging.errors import AutoexposeError
+from imaging.exposure import ExposureSetting
+from imaging.response import ResponseFunction
 from tests.autoexpose_daemon.control.scene import LIMITS, expose, radiance, run
 
 LINEAR = ResponseFunction.linear()

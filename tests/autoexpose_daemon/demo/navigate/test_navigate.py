@@ -20,7 +20,7 @@ from autoexpose_daemon.demo.navigate.run import compared, laps_in_words
 from autoexpose_daemon.demo.navigate.track import LENGTH_M, RADIUS_M, SCALE, Place, Vehicle
 from autoexpose_daemon.demo.options import DemoOptions
 from autoexpose_daemon.demo.step_log import StepLog
-from drivers.errors import AutoexposeError, ConfigurationError
+from imaging.errors import AutoexposeError, ConfigurationError
 from tests.autoexpose_daemon.messages.registered_view import registered_view
 
 

@@ -1,0 +1,45 @@
+"""Bounds of configured numbers: beyond them a value is a typo, whatever the camera."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TypeVar
+
+from documents.text import quoted
+
+N = TypeVar("N", int, float)
+
+
+@dataclass(frozen=True, slots=True)
+class Range:
+    """Numbers from `low` to `high`, both included."""
+
+    low: float
+    high: float
+    unit: str = ""
+
+    def __contains__(self, value: float) -> bool:
+        return self.low <= value <= self.high
+
+    def __str__(self) -> str:
+        return f"{self.low:.10g} to {self.high:.10g} {self.unit}".rstrip()
+
+    def check(self, value: N) -> N:
+        """The value itself; raises ValueError if it is out of range or NaN."""
+        if value not in self:
+            raise ValueError(f"{quoted(value)} is out of bounds: give {self}")
+        return value
+
+
+RATE_HZ = Range(0.1, 1000.0, "Hz")
+EXPOSURE_TIME_US = Range(0.1, 10_000_000.0, "us")
+EXPOSURE_COUNT_US = Range(0.001, 10_000.0, "us")
+GAIN_DB = Range(-60.0, 100.0, "dB")
+EV_STOPS = Range(-3.0, 3.0, "stops")
+WEIGHT = Range(0.0, 1.0)
+PIXEL = Range(0, 65_535, "pixels")
+EXTENT = Range(1, 65_536, "pixels")
+BINNING = Range(1, 8, "pixels")
+LINK_MBPS = Range(10.0, 100_000.0, "Mb/s")
+PACKET_BYTES = Range(576, 16_000, "bytes")
+SAMPLE_AGE_S = Range(0.001, 10.0, "s")

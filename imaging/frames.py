@@ -1,0 +1,110 @@
+"""Frames and stereo pairs, each with the exposure it was actually taken with."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final, Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imaging.exposure import ExposureSetting
+from imaging.pixels import Layout, Pixels, grey_plane, sparse
+
+Side = Literal["left", "right"]
+SIDES: Final[tuple[Side, ...]] = get_args(Side)
+SettingSource = Literal["chunk", "ledger"]
+DoubtKind = Literal["counter", "stamps", "wrap", "reading", "jump"]
+
+
+@dataclass(frozen=True, slots=True)
+class Doubt:
+    """What of a camera's numbers and time stamps is not believed, by kind, and a sentence that begins with "its"."""
+
+    kind: DoubtKind
+    sentence: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Frame:
+    """One image and how it was taken.
+
+    Attributes
+    ----------
+    pixels
+        Grey levels or a colour mosaic, shape (height, width), or more samples to a pixel, shape (height, width,
+        samples); uint8, or uint16 where a sample has more than 8 bits.
+    bit_depth
+        Significant bits of a sample, as in `PixelFormat`.
+    frame_id
+        The camera's frame counter, unwrapped: it never restarts while the camera stays open. As counted by the host
+        where the camera's is not believed.
+    device_time_ns
+        The camera's own time stamp of this frame, on its own clock; where it is not believed, the one before it
+        continued.
+    host_time_ns
+        When its exposure began, CLOCK_MONOTONIC: `device_time_ns` mapped, or by its arrival.
+    arrival_time_ns
+        When the frame was complete in the host's memory, CLOCK_MONOTONIC.
+    setting
+        Exposure time and gain that this frame was taken with.
+    setting_source
+        How that is known: "chunk", the frame itself says so; "ledger", inferred from when settings were written.
+    layout
+        What the samples are, as in `PixelFormat`.
+    by_arrival
+        Whether `host_time_ns` is late by the time of readout and transfer, as the camera's clock is not known.
+    doubt
+        What of it is not believed, told with one frame.
+    """
+
+    pixels: Pixels
+    bit_depth: int
+    frame_id: int
+    device_time_ns: int
+    host_time_ns: int
+    arrival_time_ns: int
+    setting: ExposureSetting
+    setting_source: SettingSource = "chunk"
+    layout: Layout = "grey"
+    by_arrival: bool = False
+    doubt: Doubt | None = None
+
+    def grey8(self, saturation: int = 255) -> NDArray[np.uint8]:
+        """What control sees of the pixels: 8-bit grey levels (see `grey_plane`), at half size for a colour mosaic.
+
+        `saturation` is the 8-bit level from which a colour is clipped.
+        """
+        return grey_plane(self.pixels, self.bit_depth, self.layout, saturation)
+
+    def sparse_grey8(self) -> NDArray[np.uint8]:
+        """A sixteenth of the pixels as 8-bit grey levels, from all over the frame: for statistics."""
+        return grey_plane(sparse(self.pixels, self.layout), self.bit_depth, self.layout)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StereoPair:
+    """The frames of one trigger, by camera, left first; at least one.
+
+    A camera is absent if the rig does not have it, or its frame did not arrive.
+    """
+
+    trigger: int
+    frames: Mapping[Side, Frame]
+
+    @property
+    def reference_side(self) -> Side:
+        """The camera that decisions refer to: the left one if present, else the right one."""
+        return next(iter(self.frames))
+
+    @property
+    def reference(self) -> Frame:
+        """The frame of `reference_side`."""
+        return self.frames[self.reference_side]
+
+    @property
+    def mismatched(self) -> bool:
+        """Whether the frames were taken with different settings."""
+        setting = self.reference.setting
+        return not all(frame.setting.agrees_with(setting) for frame in self.frames.values())
