@@ -28,7 +28,7 @@ from autoexpose_daemon.runtime.cameras import openers
 from autoexpose_daemon.runtime.daemon import Daemon
 from drivers.aravis import find_cameras
 from drivers.camera import Camera, IncompleteFrame
-from drivers.triggers.tally import LossReason
+from drivers.triggers.outcomes import LossReason
 from imaging.exposure import ExposureSetting
 
 SETTLE_S = 1.0

@@ -11,7 +11,7 @@ import pytest
 from autoexpose_daemon.cli import app
 from autoexpose_daemon.control.policies.ids import POLICY_IDS
 from autoexpose_daemon.status.losses import losses
-from drivers.triggers.tally import LossReason
+from drivers.triggers.outcomes import LossReason
 from fake_camera.device.faults import GIGE, USB3
 from imaging.pixels import PixelFormat
 from tests import REPOSITORY

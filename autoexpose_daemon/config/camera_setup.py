@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from autoexpose_daemon.config.document import Config
-from drivers.genicam.driven import refuse_driven
+from drivers.genicam.features import refuse_driven
 from drivers.setup import CameraSetup, LinkShare, TriggerMode, TriggerSetup
 from imaging.errors import ConfigurationError
 from imaging.frames import Side

@@ -12,7 +12,7 @@ import numpy as np
 
 from autoexpose_daemon.demo.fakes import Pulse
 from autoexpose_daemon.demo.step_log import StepRecord
-from drivers.triggers.tally import Tally
+from drivers.triggers.outcomes import Tally
 from imaging.exposure import ExposureSetting
 
 _STEP_STOPS = 0.5  # a change of light by this much between two pulses is a step, not a ramp or beating flicker

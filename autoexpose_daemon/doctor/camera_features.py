@@ -15,8 +15,7 @@ from autoexpose_daemon.config.load import load_config
 from documents.text import readable
 from drivers.aravis import open_nodes
 from drivers.genicam.dialect import gain_driven
-from drivers.genicam.driven import advice
-from drivers.genicam.inventory import changed_from_default, differing, read_inventory
+from drivers.genicam.features import advice, changed_from_default, differing, read_inventory
 from drivers.genicam.nodes import NodeMap
 from drivers.setup import CameraSetup, FeatureSetting, TriggerSetup, as_list
 from imaging.errors import AutoexposeError, CameraLostError, ConfigurationError

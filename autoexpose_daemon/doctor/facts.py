@@ -8,8 +8,16 @@ from ipaddress import IPv4Interface
 from pathlib import Path
 
 from drivers.host import stream_filter
-from drivers.host.gvcp import Control, GigeCamera, control_of, ptp_status_of, search, streamed_packet_bytes
-from drivers.host.network import find_interfaces, largest_socket_buffer_bytes
+from drivers.host.network import (
+    Control,
+    GigeCamera,
+    control_of,
+    find_interfaces,
+    largest_socket_buffer_bytes,
+    ptp_status_of,
+    search,
+    streamed_packet_bytes,
+)
 from drivers.host.usb import UsbFacts, find_usb
 
 

@@ -10,8 +10,7 @@ from autoexpose_daemon.doctor.facts import GigeFacts
 from autoexpose_daemon.doctor.finding import Finding
 from autoexpose_daemon.doctor.need import Need
 from drivers.genicam.link_share import bytes_per_s, packets_of
-from drivers.host.gvcp import Control, GigeCamera
-from drivers.host.network import SOCKET_BUFFER_BYTES, NetworkInterface
+from drivers.host.network import SOCKET_BUFFER_BYTES, Control, GigeCamera, NetworkInterface
 
 JUMBO_BYTES = 8000
 """From this MTU on, a frame takes few enough packets; not all cards and cameras reach 9000."""

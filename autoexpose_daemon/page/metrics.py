@@ -16,7 +16,7 @@ from autoexpose_daemon.status.inputs.requests import RequestTally
 from autoexpose_daemon.status.inputs.tracking import TrackingRefusal, TrackingTally
 from autoexpose_daemon.status.publishing import DropReason
 from autoexpose_daemon.status.states import State
-from drivers.triggers.tally import LossReason
+from drivers.triggers.outcomes import LossReason
 from imaging.exposure import ExposureSetting
 
 CONTENT_TYPE = CONTENT_TYPE_PLAIN_0_0_4

@@ -27,11 +27,10 @@ from autoexpose_daemon.runtime.rig_control import RigControl
 from autoexpose_daemon.runtime.tuning import Tuning
 from autoexpose_daemon.status.inputs.requests import Answer
 from drivers.camera import Camera
-from drivers.host.frame_memory import share_one_heap
-from drivers.host.priority import come_first
+from drivers.host.linux import come_first, share_one_heap
 from drivers.rig.events import RigEvent
 from drivers.rig.rig import Rig
-from drivers.triggers.tally import Tally
+from drivers.triggers.outcomes import Tally
 from imaging.errors import ConfigurationError
 from imaging.exposure import ExposureSetting
 from imaging.frames import Frame, Side, StereoPair

@@ -8,9 +8,9 @@ from collections import Counter
 from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.runtime.complaints import Complaints
 from autoexpose_daemon.status.telemetry import Telemetry
-from drivers.triggers.effect import EffectWatch
 from drivers.triggers.rate import HOST_RATE_TOLERANCE, RATE_TOLERANCE, RateWatch
 from drivers.triggers.record import RigRecord
+from drivers.triggers.writes import EffectWatch
 from imaging.frames import Doubt, Frame, Side
 
 log = logging.getLogger(__name__)

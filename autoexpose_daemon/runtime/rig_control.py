@@ -25,9 +25,8 @@ from autoexpose_daemon.runtime.tuning import Tuning
 from autoexpose_daemon.status.inputs.requests import Answer
 from autoexpose_daemon.status.telemetry import Telemetry
 from drivers.rig.events import CameraReady, RigEvent, WriteFailed, Written
-from drivers.rig.pace import Slots
-from drivers.triggers.arrivals import ReadoutTimes
-from drivers.triggers.host import HostTriggers, PtpTriggers, SoftwareTriggers
+from drivers.rig.supervision import Slots
+from drivers.triggers.host import HostTriggers, PtpTriggers, ReadoutTimes, SoftwareTriggers
 from drivers.triggers.record import RigRecord
 from imaging.exposure import ExposureSetting
 from imaging.frames import Side, StereoPair

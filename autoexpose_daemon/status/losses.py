@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-from drivers.triggers.tally import LossReason
+from drivers.triggers.outcomes import LossReason
 
 _EDGES: dict[str, str] = {
     LossReason.STARTUP: "before every camera was open",

@@ -18,9 +18,9 @@ from autoexpose_daemon.status.inputs.tracking import TrackingTally
 from autoexpose_daemon.status.publishing import PublishTally
 from drivers.camera import PtpState
 from drivers.rig.events import Written
-from drivers.triggers.history import Command
+from drivers.triggers.outcomes import LossReason
 from drivers.triggers.record import RigRecord
-from drivers.triggers.tally import LossReason
+from drivers.triggers.writes import Command
 from imaging.exposure import ExposureLimits, ExposureSetting
 from imaging.frames import Side, StereoPair
 

@@ -14,7 +14,7 @@ import numpy as np
 from calibration.findings import Finding
 from calibration.latency.write_effect import SeenFrame, Trial, WriteEffect, WrittenQuantity, is_clear, write_effect
 from calibration.sources.session import Session
-from drivers.genicam.write_latency import FRAMES_AFTER
+from drivers.genicam.metadata import FRAMES_AFTER
 from imaging.exposure import DB_PER_STOP, ExposureLimits, ExposureSetting
 from imaging.frames import Frame
 from imaging.pixels import Pixels, light_samples

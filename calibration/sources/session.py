@@ -8,7 +8,7 @@ from types import TracebackType
 
 from calibration.sources.sweep import Shot
 from drivers.camera import Camera, CameraDescription
-from drivers.genicam.write_latency import FRAMES_AFTER
+from drivers.genicam.metadata import FRAMES_AFTER
 from drivers.setup import CameraSetup, TriggerSetup
 from imaging.errors import CameraError
 from imaging.exposure import ExposureLimits, ExposureSetting

@@ -14,11 +14,8 @@ from drivers.aravis.introspection import Aravis, GLib, genicam_xml
 from drivers.aravis.nodes import AravisNodes
 from drivers.aravis.stream import DroppedFrames, create_stream, row_padding_bytes
 from drivers.camera import CameraDescription, ClockReading, IncompleteFrame, RefusedPackets
-from drivers.genicam.clock import find_clock
-from drivers.genicam.dialect import find_dialect, switch_auto_off
+from drivers.genicam.dialect import find_dialect, switch_auto_off, switch_gamma_off
 from drivers.genicam.features import apply_features
-from drivers.genicam.gamma import switch_gamma_off
-from drivers.genicam.hold import fixed_selectors, unlock
 from drivers.genicam.image_format import (
     choose_pixel_format,
     decode_pixels,
@@ -28,11 +25,11 @@ from drivers.genicam.image_format import (
     switch_white_balance_off,
 )
 from drivers.genicam.metadata import SettingLedger, enable_chunks
-from drivers.genicam.timeline import FrameTimeline
-from drivers.genicam.timing import timing_limitations
-from drivers.genicam.trigger import SOFTWARE_TRIGGER, action_queue, arm_trigger
-from drivers.host.action_commands import ActionSender
-from drivers.ptp.nodes import PtpNodes
+from drivers.genicam.nodes import fixed_selectors, unlock
+from drivers.genicam.timeline import FrameTimeline, find_clock
+from drivers.genicam.trigger import SOFTWARE_TRIGGER, action_queue, arm_trigger, timing_limitations
+from drivers.host.network import ActionSender
+from drivers.ptp import PtpNodes
 from drivers.setup import ACTION_KEYS, CameraSetup
 from imaging.errors import (
     CameraBusyError,

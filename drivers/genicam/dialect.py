@@ -1,13 +1,11 @@
-"""Dialects of exposure time and gain: which nodes drive them on a camera, and in which units."""
+"""Dialects of exposure time and gain: which nodes drive them on a camera, in which units, and without gamma."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from drivers.genicam.hold import hold, offered, switch
-from drivers.genicam.nodes import NodeMap
-from drivers.genicam.quantity import DECIBELS, EXACT, Quantity, is_number, us_per_unit
+from drivers.genicam.nodes import DECIBELS, EXACT, NodeMap, Quantity, hold, is_number, offered, switch, us_per_unit
 from imaging.errors import ConfigurationError, NodeError, UnsupportedCameraError
 from imaging.exposure import ExposureLimits, ExposureSetting, GainScale
 
@@ -266,3 +264,21 @@ def _check_scale(nodes: NodeMap, gain_scale: object, why: str) -> None:
     """Refuse a scale that this camera's gain does not need or fit."""
     if gain_scale is not None:
         raise ConfigurationError(f"camera {nodes.serial}: {why}: a gain calibration does not apply to it")
+
+
+SWITCHES = ("GammaEnable", "GammaEnabled")
+"""Names of the switch by vendor: Basler and FLIR's newer cameras, FLIR's older ones."""
+
+
+def switch_gamma_off(nodes: NodeMap) -> tuple[str, ...]:
+    """Switch gamma off, or set it to 1, and return the limitations, in words."""
+    try:
+        for name in SWITCHES:
+            if nodes.available(name):
+                switch(nodes, name, False)
+                return ()
+        if nodes.is_float("Gamma"):
+            hold(nodes, "Gamma", 1.0)
+    except NodeError as error:
+        return (f"gamma cannot be switched off, so grey levels are not proportional to light ({error})",)
+    return ()

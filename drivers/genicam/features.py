@@ -1,4 +1,4 @@
-"""Setting any features of a camera, in a given order, each checked against the camera's description."""
+"""Setting any features of a camera, in a given order, and reading back what it is set to."""
 
 from __future__ import annotations
 
@@ -6,14 +6,75 @@ import contextlib
 import difflib
 import logging
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 
-from drivers.genicam.dialect import GAINS, gain_driven
-from drivers.genicam.driven import refuse_driven
-from drivers.genicam.hold import SWITCHED, hold, read_feature, write_feature
-from drivers.genicam.nodes import NodeMap
-from drivers.setup import EXECUTE, CameraSetup, FeatureSetting, FeatureValue
-from imaging.errors import AutoexposeError, ConfigurationError, NodeError
+from drivers.genicam.dialect import GAINS, RAW_TIME, SWITCHES, TIME_NODES, gain_driven
+from drivers.genicam.nodes import SWITCHED, NodeMap, hold, offered, read_feature, write_feature
+from drivers.genicam.trigger import ACTION_NODES, PTP_SWITCHES, RATE_NODES, RATE_SWITCHES, SOFTWARE_TRIGGER
+from drivers.setup import EXECUTE, CameraSetup, FeatureSetting, FeatureValue, misfit
+from imaging.errors import AutoexposeError, ConfigurationError, NodeError, UnsupportedCameraError
+
+_DRIVEN = "the daemon drives it: "
+_TIME = f"{_DRIVEN}set exposure.min_time_us and exposure.max_time_us instead"
+_GAIN = f"{_DRIVEN}set exposure.min_gain_db and exposure.max_gain_db instead"
+_RATE = f"{_DRIVEN}set trigger.rate_hz instead"
+_REMOVE = f"{_DRIVEN}remove it"
+
+_ALWAYS = {
+    **dict.fromkeys((*TIME_NODES, RAW_TIME, "ExposureMode", "ExposureAuto"), _TIME),
+    "GainAuto": _GAIN,
+    "BalanceWhiteAuto": "it stays Off, so that the colours keep their proportions: remove it",
+    **dict.fromkeys((*SWITCHES, "Gamma"), "gamma is off, so that grey levels are proportional to light: remove it"),
+    "TriggerMode": f"{_DRIVEN}set trigger.mode instead",
+    "TriggerSource": f"{_DRIVEN}set trigger.mode and trigger.line instead",
+    "TriggerActivation": f"{_DRIVEN}for falling edges set LineInverter of the trigger's line instead",
+    "TriggerOverlap": _REMOVE,
+    **dict.fromkeys((*RATE_SWITCHES, "AcquisitionFrameRateAuto"), _RATE),
+    "PixelFormat": f"{_DRIVEN}set image.pixel_format instead",
+    **dict.fromkeys(("ChunkModeActive", "ChunkEnable"), _REMOVE),
+    "GevSCPSPacketSize": f"{_DRIVEN}set transport.packet_size_bytes instead",
+    **dict.fromkeys(("GevCCP", "GevSCPHostPort", "GevSCDA", "TLParamsLocked"), _REMOVE),
+    **dict.fromkeys(("AcquisitionMode", "AcquisitionStart", "AcquisitionStop", "AcquisitionAbort"), _REMOVE),
+    "DeviceReset": "the camera would restart whenever it is opened: remove it",
+    "UserSetSave": "it would wear out the camera's memory whenever it is opened: save once, with the maker's program",
+}
+"""Advice by the name of each feature that is driven on every camera, here or by Aravis for the stream, or harmful."""
+_BINNED = ("BinningHorizontal", "BinningVertical", "Width", "Height", "OffsetX", "OffsetY")
+_SHARE = ("GevSCPD", "DeviceLinkThroughputLimit", "DeviceLinkThroughputLimitMode")
+_OUTPUT = ("LineMode", "LineSource")
+
+
+def refuse_driven(setup: CameraSetup, gain_driven: bool = False) -> Iterator[ConfigurationError]:
+    """What is wrong with each feature of a setup that the daemon drives itself.
+
+    A gain that is not in dB is driven only with a scale: `gain_driven` says whether the camera's is in dB, False if
+    that is not known.
+    """
+    for feature in setup.features:
+        words = advice(feature, setup, gain_driven)
+        if words is not None:
+            yield ConfigurationError(f"{feature.key} cannot be set here: {words}")
+
+
+def advice(feature: FeatureSetting, setup: CameraSetup, gain_driven: bool) -> str | None:
+    """What to do instead of setting a feature; None for one that is free."""
+    if feature.name in _ALWAYS:
+        return _ALWAYS[feature.name]
+    trigger, line = setup.trigger, feature.entry("LineSelector")
+    own_rate = trigger.mode == "free_run" and trigger.rate_hz is not None
+    own_line = trigger.output_line is not None and line in (None, trigger.output_line)
+    driven = [
+        (_GAIN, GAINS, gain_driven or setup.gain_scale is not None),
+        (_RATE, RATE_NODES, own_rate),
+        (_REMOVE, (SOFTWARE_TRIGGER,), trigger.mode == "software"),
+        (_REMOVE, (*PTP_SWITCHES, *ACTION_NODES), trigger.mode == "ptp"),
+        (f"{_DRIVEN}set trigger.output_line instead", _OUTPUT, own_line),
+        ("image.binning sets it: remove that, or this", _BINNED, setup.binning is not None),
+        ("transport.plan sets it: remove that, or this", _SHARE, setup.link_share is not None),
+    ]
+    return next((words for words, names, applies in driven if applies and feature.name in names), None)
+
 
 ROUNDING = 0.01
 """Cameras round numbers without declaring an increment; more than a hundredth of one is not rounding."""
@@ -230,3 +291,114 @@ def _bounds(nodes: NodeMap, name: str) -> str | None:
 def _written(value: FeatureValue) -> str:
     """As people write it."""
     return str(value).lower() if isinstance(value, bool) else str(value)
+
+
+USER_SET, LOAD, DEFAULT = "UserSetSelector", "UserSetLoad", "Default"
+PACKET_DELAY = "GevSCPD"
+_ATTEMPTS = 4
+"""Attempts at putting back features that depend on each other, such as binning, sizes and offsets."""
+
+
+@dataclass(frozen=True, slots=True)
+class Inventory:
+    """Settings in the order of the description, and the features that were left out.
+
+    `unread` could not be read, or not be written in a list. `tables` have several selectors, or one that counts, as
+    look-up tables have.
+    """
+
+    settings: tuple[FeatureSetting, ...]
+    unread: tuple[str, ...]
+    tables: tuple[str, ...]
+
+
+def read_inventory(nodes: NodeMap) -> Inventory:
+    """Read every feature that can be set at present and is worth storing, for each entry of its selector."""
+    names = [name for name in nodes.features() if nodes.kind(name) not in (None, "command")]
+    stored = _stored(nodes, names)
+    selectors = [name for name in names if name.endswith(("Selector", "Index")) and nodes.selected(name)]
+    above = {name: [each for each in selectors if name in nodes.selected(each)] for name in names}
+    values: dict[str, list[FeatureSetting]] = {name: [] for name in stored if name not in selectors}
+    unread: dict[str, None] = {}
+
+    def note(selectors: tuple[tuple[str, str], ...], names: Iterable[str]) -> None:
+        for name in names:
+            try:
+                if not nodes.writable(name):
+                    continue
+                value = read_feature(nodes, name)
+                if misfit(value) is not None:
+                    unread[name] = None
+                elif nodes.kind(name) != "enumeration" or value in nodes.entries(name):
+                    values[name].append(FeatureSetting(name, value, selectors))
+            except NodeError:
+                unread[name] = None
+
+    note((), [name for name in values if not above[name]])
+    for selector in selectors:
+        selected = [name for name in values if above[name] == [selector]]
+        try:
+            for entry in offered(nodes, selector) if selected else ():
+                with selecting(nodes, ((selector, entry),)):
+                    note(((selector, entry),), selected)
+        except (ConfigurationError, NodeError):
+            unread[selector] = None
+    tables = [name for name in values if len(above[name]) > 1 or "integer" in map(nodes.kind, above[name])]
+    settings = tuple(setting for found in values.values() for setting in found)
+    return Inventory(settings, tuple(unread), tuple(tables))
+
+
+def _stored(nodes: NodeMap, names: Sequence[str]) -> list[str]:
+    """Those of the features that belong to what a camera is set to, rather than to its network.
+
+    Many descriptions mark them as streamable, Width for one. If not even Width is, all are taken except those of GigE
+    Vision's own registers, such as the camera's address; the packet delay belongs to both.
+    """
+    streamable = nodes.streamable()
+    if "Width" in streamable:
+        return [name for name in names if name in streamable]
+    return [name for name in names if not name.startswith("Gev") or name == PACKET_DELAY]
+
+
+def differing(nodes: NodeMap, settings: Iterable[FeatureSetting]) -> list[tuple[FeatureSetting, FeatureValue | None]]:
+    """The settings that the camera does not have at present, and what it has instead; None: it cannot be read."""
+    found: list[tuple[FeatureSetting, FeatureValue | None]] = []
+    for setting in settings:
+        present: FeatureValue | None = None
+        try:
+            with selecting(nodes, setting.selectors):
+                present = read_feature(nodes, setting.name)
+        except (ConfigurationError, NodeError):
+            pass
+        if present is None or not same(setting.value, present):
+            found.append((setting, present))
+    return found
+
+
+def changed_from_default(
+    nodes: NodeMap, settings: Sequence[FeatureSetting]
+) -> tuple[list[FeatureSetting], list[FeatureSetting]]:
+    """Those present settings that differ from the camera's default user set, and those that were not put back.
+
+    Loads that user set, compares, and sets what differs again.
+
+    Raises
+    ------
+    UnsupportedCameraError
+        When the camera has no default user set.
+    """
+    if DEFAULT not in nodes.entries(USER_SET) or nodes.kind(LOAD) != "command":
+        raise UnsupportedCameraError(
+            f"camera {nodes.serial}: it has no {USER_SET} {DEFAULT} to compare with: switch it off and on, "
+            "save its settings with --save FILE, and compare later ones with --diff FILE"
+        )
+    with selecting(nodes, ((USER_SET, DEFAULT),)):
+        nodes.execute(LOAD)
+    changed = [setting for setting, _ in differing(nodes, settings)]
+    lost = changed
+    for _ in range(_ATTEMPTS):
+        set_features(nodes, lost)
+        lost = [setting for setting, _ in differing(nodes, settings)]
+        if not lost:
+            break
+    return changed, lost

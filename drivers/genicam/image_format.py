@@ -6,8 +6,7 @@ import logging
 
 import numpy as np
 
-from drivers.genicam.hold import hold, offered, switch
-from drivers.genicam.nodes import NodeMap
+from drivers.genicam.nodes import NodeMap, hold, offered, switch
 from imaging.errors import ConfigurationError, NodeError, UnsupportedCameraError
 from imaging.pixels import PIXEL_FORMATS, PixelFormat, Pixels
 

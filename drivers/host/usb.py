@@ -13,7 +13,7 @@ from typing import Any, Literal
 import usb.core
 from usb.backend import libusb1
 
-from drivers.host.sysfs import read_number, read_value
+from drivers.host.linux import read_number, read_value
 
 USB3_VISION = (0xEF, 0x05)
 """Class and subclass of the interfaces of a USB3 Vision camera."""

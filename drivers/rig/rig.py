@@ -13,8 +13,7 @@ from collections.abc import Callable, Mapping
 
 from drivers.camera import Camera
 from drivers.rig.events import RigEvent
-from drivers.rig.pace import Slots
-from drivers.rig.supervision import Supervisor
+from drivers.rig.supervision import Slots, Supervisor
 from imaging.exposure import ExposureSetting
 from imaging.frames import Side
 

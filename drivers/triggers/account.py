@@ -12,9 +12,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 from drivers.camera import IncompleteFrame
-from drivers.triggers.grid import TriggerGrid
-from drivers.triggers.outcomes import Fate, Outcome, Outcomes
-from drivers.triggers.tally import Tally, loss_reason, stopped
+from drivers.triggers.outcomes import Fate, Outcome, Outcomes, Tally, loss_reason, stopped
+from drivers.triggers.rate import TriggerGrid
 from imaging.frames import Frame, Side, StereoPair
 
 _SILENCE_PERIODS = 30

@@ -18,11 +18,9 @@ from drivers.rig.events import (
 )
 from drivers.setup import TriggerMode
 from drivers.triggers.account import TriggerAccount
-from drivers.triggers.history import Command, WriteHistory
-from drivers.triggers.start import StartCheck
-from drivers.triggers.tally import Tally
-from drivers.triggers.window import WriteWindow
-from drivers.triggers.writes import RigWrites
+from drivers.triggers.outcomes import Tally
+from drivers.triggers.rate import StartCheck
+from drivers.triggers.writes import Command, RigWrites, WriteHistory, WriteWindow
 from imaging.exposure import ExposureSetting
 from imaging.frames import Frame, Side, StereoPair
 

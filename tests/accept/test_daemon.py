@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from drivers.triggers.tally import LossReason
+from drivers.triggers.outcomes import LossReason
 from fake_camera.device.faults import Fault
 from tests.autoexpose_daemon.stereo import (
     JOIN_WARNING,

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.triggers.tally import LossReason
+from drivers.triggers.outcomes import LossReason
 from tests.autoexpose_daemon.stereo import ON_USB, running_daemon, stereo_cameras
 
 MBPS, KIB = 500, 128

@@ -14,7 +14,7 @@ from autoexpose_daemon.runtime.tuning import Tuning
 from autoexpose_daemon.status.counters import counters
 from autoexpose_daemon.status.states import Health
 from autoexpose_daemon.status.telemetry import Telemetry
-from drivers.triggers.tally import LossReason
+from drivers.triggers.outcomes import LossReason
 from imaging.exposure import ExposureLimits, ExposureSetting
 from imaging.frames import Side, StereoPair
 from tests.soak.camera import Device, VirtualFrame

@@ -6,7 +6,7 @@ from collections import Counter
 
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.status.states import Health
-from drivers.triggers.tally import LossReason
+from drivers.triggers.outcomes import LossReason
 from imaging.frames import StereoPair
 from tests.autoexpose_daemon.virtual import START_US, tuning
 from tests.soak.camera import VirtualFrame

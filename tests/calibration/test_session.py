@@ -16,8 +16,8 @@ from calibration.sources import session as session_module
 from calibration.sources.session import FRAMES_TO_OBEY, Session, session_setup
 from drivers.aravis import open_camera
 from drivers.camera import CameraDescription, IncompleteFrame
-from drivers.genicam.driven import refuse_driven
-from drivers.genicam.write_latency import FRAMES_AFTER
+from drivers.genicam.features import refuse_driven
+from drivers.genicam.metadata import FRAMES_AFTER
 from drivers.setup import FeatureSetting, LinkShare
 from imaging.errors import CameraError, ConfigurationError
 from imaging.exposure import ExposureLimits, ExposureSetting

@@ -11,9 +11,8 @@ from typing import NamedTuple
 import numpy as np
 
 from drivers.camera import CameraDescription, ClockReading, IncompleteFrame, PtpState
-from drivers.genicam.clock import LatchedClock
-from drivers.genicam.timeline import FrameTimeline
-from drivers.rig.pace import Slots
+from drivers.genicam.timeline import FrameTimeline, LatchedClock
+from drivers.rig.supervision import Slots
 from imaging.errors import CameraLostError, CameraNotFoundError, NodeError
 from imaging.exposure import ExposureLimits, ExposureSetting
 from imaging.frames import Frame, Side

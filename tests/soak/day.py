@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.status.counters import counters
 from autoexpose_daemon.status.states import Health, State
-from drivers.triggers.tally import LossReason
+from drivers.triggers.outcomes import LossReason
 from imaging.frames import StereoPair
 from tests.soak.camera import VirtualFrame
 from tests.soak.clock import SECOND

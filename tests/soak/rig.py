@@ -16,8 +16,7 @@ from autoexpose_daemon.runtime.rig_control import RigControl
 from autoexpose_daemon.runtime.tuning import Tuning
 from autoexpose_daemon.status.states import Expectation, Health, State, judge
 from drivers.rig.events import RigEvent
-from drivers.rig.pace import Slots
-from drivers.rig.supervision import Supervisor
+from drivers.rig.supervision import Slots, Supervisor
 from imaging.exposure import ExposureLimits, ExposureSetting
 from imaging.frames import Side, StereoPair
 from tests.soak.camera import LIMITS, Device

@@ -10,7 +10,7 @@ import pytest
 
 from autoexpose_daemon.config.load import load_config
 from autoexpose_daemon.config.publish import PublishConfig
-from drivers.host.priority import NICENESS
+from drivers.host.linux import NICENESS
 from tests import REPOSITORY
 
 FOLDER = REPOSITORY / "systemd"

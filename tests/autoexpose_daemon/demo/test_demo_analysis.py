@@ -25,7 +25,7 @@ from autoexpose_daemon.demo.analysis import (
 from autoexpose_daemon.demo.fakes import Pulse
 from autoexpose_daemon.demo.plot import draw, headline, mark_losses
 from autoexpose_daemon.demo.step_log import StepLog, StepRecord
-from drivers.triggers.tally import Tally
+from drivers.triggers.outcomes import Tally
 from imaging.exposure import ExposureSetting
 from imaging.python310 import exp2
 

@@ -16,7 +16,7 @@ from autoexpose_daemon.demo.step_log import StepLog
 from autoexpose_daemon.demo.summary import Run, figures, in_words
 from autoexpose_daemon.status.losses import lost_in_words
 from autoexpose_daemon.status.telemetry import Telemetry
-from drivers.triggers.tally import Tally
+from drivers.triggers.outcomes import Tally
 
 FIGURES: dict[str, Any] = {
     "transport": "gige",

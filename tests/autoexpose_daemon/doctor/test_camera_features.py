@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from drivers.genicam.inventory import differing
+from drivers.genicam.features import differing
 from drivers.genicam.nodes import NodeMap
 from drivers.setup import FeatureSetting
 from tests.autoexpose_daemon.test_cli import Within, autoexpose
@@ -87,7 +87,7 @@ def test_ctrl_c_while_the_default_user_set_is_loaded_waits_until_the_camera_is_a
         compared.append(settings)
         return differing(nodes, settings)
 
-    monkeypatch.setattr("drivers.genicam.inventory.differing", interrupted)
+    monkeypatch.setattr("drivers.genicam.features.differing", interrupted)
     code, output, _ = within("features", camera.serial, "--changed")
     assert (code, output) == (128 + signal.SIGINT, "")
     assert compared

@@ -24,8 +24,7 @@ from autoexpose_daemon.doctor.judge_policy import judge_policy
 from autoexpose_daemon.doctor.need import Need
 from autoexpose_daemon.doctor.output import as_json, show
 from drivers.genicam import link_share
-from drivers.host.gvcp import Control, GigeCamera
-from drivers.host.network import SOCKET_BUFFER_BYTES, NetworkInterface
+from drivers.host.network import SOCKET_BUFFER_BYTES, Control, GigeCamera, NetworkInterface
 from drivers.host.usb import DeviceNode, Process, UsbCamera, UsbFacts, find_usb
 from tests import REPOSITORY
 from tests.autoexpose_daemon.test_cli import autoexpose

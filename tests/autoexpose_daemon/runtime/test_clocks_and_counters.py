@@ -12,7 +12,7 @@ import pytest
 
 from drivers.genicam.timeline import FrameTimeline
 from drivers.triggers.account import TriggerAccount
-from drivers.triggers.tally import LossReason
+from drivers.triggers.outcomes import LossReason
 from imaging.exposure import ExposureSetting
 from imaging.frames import Frame, Side
 from tests.autoexpose_daemon.virtual import VirtualRun

@@ -8,7 +8,7 @@ import re
 import pytest
 
 from autoexpose_daemon.status.counters import Counts
-from drivers.triggers.tally import LossReason
+from drivers.triggers.outcomes import LossReason
 from tests import REPOSITORY
 
 PAGE = REPOSITORY / "docs" / "faults.md"

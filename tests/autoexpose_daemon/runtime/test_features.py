@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from drivers.aravis import open_nodes
-from drivers.genicam.inventory import differing
+from drivers.genicam.features import differing
 from drivers.setup import parse_features
 from fake_camera.device.faults import Fault
 from tests.autoexpose_daemon.stereo import JOIN_WARNING, running_daemon, stereo_cameras

@@ -11,7 +11,7 @@ from autoexpose_daemon.status.document import DurationStatus, Status
 from autoexpose_daemon.status.durations import DURATIONS
 from autoexpose_daemon.status.telemetry import DurationSamples, Telemetry
 from drivers.rig.events import Written
-from drivers.triggers.history import Command
+from drivers.triggers.writes import Command
 from imaging.exposure import ExposureSetting
 from tests.soak import camera
 from tests.soak.clock import MS, SECOND

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from drivers.ptp.sync import PATIENCE_NS
-from drivers.triggers.tally import LossReason
+from drivers.ptp import PATIENCE_NS
+from drivers.triggers.outcomes import LossReason
 from tests.autoexpose_daemon.virtual_ptp import EXACT_NS, HELD_NS, PtpRun
 from tests.soak import ptp as virtual_ptp
 from tests.soak import rig as virtual_rig

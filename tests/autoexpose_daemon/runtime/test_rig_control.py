@@ -15,7 +15,7 @@ from autoexpose_daemon.status.describe import describe
 from autoexpose_daemon.status.panel import newest_setting
 from drivers.camera import CameraDescription, IncompleteFrame, RefusedPackets
 from drivers.rig.events import CameraGone, CameraReady, CameraSilent, FrameArrived, PacketsRefused
-from drivers.rig.pace import Slots
+from drivers.rig.supervision import Slots
 from imaging.errors import CameraLostError, NodeError, UnsupportedCameraError
 from imaging.exposure import ExposureLimits, ExposureSetting
 from imaging.frames import SIDES, Frame, Side

@@ -22,8 +22,7 @@ import pytest
 
 from drivers.aravis import AravisCamera, find_cameras, open_camera, open_nodes
 from drivers.camera import IncompleteFrame
-from drivers.genicam.driven import advice
-from drivers.genicam.inventory import differing, read_inventory
+from drivers.genicam.features import advice, differing, read_inventory
 from drivers.genicam.timeline import LATCH_ERROR_NS
 from drivers.setup import CameraSetup, FeatureSetting, TriggerSetup, parse_features
 from fake_camera.device.faults import Fault

@@ -18,8 +18,7 @@ import pytest
 
 from drivers.aravis import AravisCamera, discovery, find_cameras, open_camera, open_nodes
 from drivers.aravis.introspection import Aravis
-from drivers.genicam.driven import advice
-from drivers.genicam.features import set_features
+from drivers.genicam.features import advice, set_features
 from drivers.setup import CameraSetup, FeatureSetting, TriggerSetup, parse_features
 from fake_camera.device.device import Device
 from fake_camera.device.line0 import Line0

@@ -5,8 +5,7 @@ from __future__ import annotations
 import pytest
 
 from drivers.aravis.nodes import AravisNodes
-from drivers.genicam.hold import read_feature
-from drivers.genicam.nodes import NodeMap
+from drivers.genicam.nodes import NodeMap, read_feature
 from drivers.setup import FeatureValue
 from imaging.errors import NodeError
 
@@ -26,7 +25,7 @@ def names_written(monkeypatch: pytest.MonkeyPatch) -> set[str]:
             raise NodeError(name)
         return read_feature(nodes, name)
 
-    monkeypatch.setattr("drivers.genicam.hold.read_feature", read_unless_writable)
+    monkeypatch.setattr("drivers.genicam.nodes.read_feature", read_unless_writable)
 
     def noting(method: str) -> None:
         original = getattr(AravisNodes, method)

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 import pytest
 
-from drivers.genicam.clock import LatchedClock, find_clock
+from drivers.genicam.timeline import LatchedClock, find_clock
 from tests.drivers.genicam.node_map import CommandNode, IntegerNode, MemoryNodes, Node
 
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 import pytest
 import yaml
 
-from drivers.genicam.features import apply_features, same, set_features
-from drivers.genicam.inventory import changed_from_default, differing, read_inventory
+from drivers.genicam.features import apply_features, changed_from_default, differing, read_inventory, same, set_features
 from drivers.setup import CameraSetup, FeatureSetting, LinkShare, TriggerMode, TriggerSetup, parse_features
 from imaging.errors import ConfigurationError, NodeError, UnsupportedCameraError
 from tests.drivers.genicam.node_map import (

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from drivers.genicam.gamma import switch_gamma_off
+from drivers.genicam.dialect import switch_gamma_off
 from imaging.errors import NodeError
 from tests.drivers.genicam.node_map import BooleanNode, FloatNode, MemoryNodes
 

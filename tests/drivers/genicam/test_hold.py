@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from drivers.genicam.hold import fixed_selectors, hold, offered, switch
+from drivers.genicam.nodes import fixed_selectors, hold, offered, switch
 from drivers.setup import FeatureValue
 from imaging.errors import NodeError
 from tests.drivers.genicam.node_map import (

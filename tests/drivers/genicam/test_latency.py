@@ -4,7 +4,7 @@ import random
 
 import pytest
 
-from drivers.genicam.write_latency import WriteLatency
+from drivers.genicam.metadata import WriteLatency
 
 PERIOD_NS = 16_666_667
 

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from drivers.genicam.timing import timing_limitations
+from drivers.genicam.trigger import timing_limitations
 from drivers.setup import TriggerSetup
 from tests.drivers.genicam.node_map import EnumerationNode, FloatNode, MemoryNodes, Node
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from drivers.host.action_commands import ActionSender, action_command, refusal
+from drivers.host.network import ActionSender, action_command, refusal
 from drivers.setup import ActionKeys
 from fake_camera.gige import gvcp
 

@@ -15,17 +15,18 @@ from ipaddress import IPv4Interface
 import pytest
 
 from drivers.aravis import find_cameras, open_camera
-from drivers.host import gvcp
-from drivers.host.gvcp import (
+from drivers.host import network as gvcp
+from drivers.host.network import (
     Control,
     GigeCamera,
+    NetworkInterface,
     addresses_of,
     control_of,
+    find_interfaces,
     ptp_status_of,
     search,
     streamed_packet_bytes,
 )
-from drivers.host.network import NetworkInterface, find_interfaces
 from drivers.setup import CameraSetup, TriggerSetup
 from tests.fake_camera.gige.gige_client import ACCESS_DENIED, CCP, READREG, GvcpClient, gige_camera, parse_ack
 from tests.fakes import foreign_camera, loopback_address, unique

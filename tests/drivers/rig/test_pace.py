@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.rig.pace import LATE_PERIODS, Pacer, Slots
+from drivers.rig.supervision import LATE_PERIODS, Pacer, Slots
 
 RATES_HZ = st.floats(0.1, 1000.0)
 PAUSES = st.lists(st.floats(0.001, 50.0), min_size=1, max_size=60)

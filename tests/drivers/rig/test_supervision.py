@@ -20,8 +20,7 @@ from drivers.rig.events import (
     RigEvent,
     Written,
 )
-from drivers.rig.pace import Slots
-from drivers.rig.supervision import Supervisor
+from drivers.rig.supervision import Slots, Supervisor
 from imaging.errors import (
     AutoexposeError,
     CameraBusyError,

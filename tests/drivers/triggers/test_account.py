@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from drivers.camera import IncompleteFrame
 from drivers.triggers.account import TriggerAccount
-from drivers.triggers.tally import LossReason
+from drivers.triggers.outcomes import LossReason
 from imaging.exposure import ExposureSetting
 from imaging.frames import Frame, Side, StereoPair
 

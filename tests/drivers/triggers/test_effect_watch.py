@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from drivers.rig.events import Written
-from drivers.triggers.effect import PATIENCE_NS, SUSPECT_FRAMES, EffectWatch
-from drivers.triggers.history import WriteHistory
+from drivers.triggers.writes import PATIENCE_NS, SUSPECT_FRAMES, EffectWatch, WriteHistory
 from imaging.exposure import ExposureSetting
 from imaging.frames import Frame
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from drivers.triggers.grid import TriggerGrid
+from drivers.triggers.rate import TriggerGrid
 
 NOMINAL_NS = 1e9 / 60
 

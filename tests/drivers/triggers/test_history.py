@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from drivers.rig.events import Written
-from drivers.triggers.history import Command, WriteHistory
+from drivers.triggers.writes import Command, WriteHistory
 from imaging.exposure import ExposureSetting
 from imaging.frames import Frame, SettingSource
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from drivers.triggers.start import JUDGED_FRAMES, PATIENCE_NS, StartCheck
+from drivers.triggers.rate import JUDGED_FRAMES, PATIENCE_NS, StartCheck
 from imaging.frames import Side
 
 MS = 1_000_000

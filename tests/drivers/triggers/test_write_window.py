@@ -11,16 +11,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.rig.events import Written
-from drivers.triggers.grid import TriggerGrid
-from drivers.triggers.window import (
+from drivers.triggers.rate import TriggerGrid
+from drivers.triggers.writes import (
     LEAST_WRITES,
     LONGEST_GUARD_NS,
     LONGEST_GUARD_PERIODS,
     MARGIN_NS,
     REMEMBERED_WRITES,
+    RigWrites,
     WriteWindow,
 )
-from drivers.triggers.writes import RigWrites
 from fake_camera.device.acquisition import Acquisition
 from fake_camera.device.features import Features
 from imaging.exposure import ExposureSetting

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from drivers.rig.events import Written
-from drivers.triggers.grid import TriggerGrid
-from drivers.triggers.history import Command
-from drivers.triggers.writes import EFFECT_TRIGGERS, RigWrites
+from drivers.triggers.rate import TriggerGrid
+from drivers.triggers.writes import EFFECT_TRIGGERS, Command, RigWrites
 from imaging.exposure import ExposureSetting
 from imaging.frames import SIDES, Frame, Side, StereoPair
 
