@@ -1,4 +1,4 @@
-"""What calibration files have in common: they are read and written here, and each complaint is one sentence."""
+"""What calibration files have in common: they are read and written here, and each finding is one sentence."""
 
 from __future__ import annotations
 
@@ -6,18 +6,38 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, Literal, TypeVar
 
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, Strict, ValidationError, with_config
 from pydantic_core import ErrorDetails
 
-from calibration.findings import Finding
 from documents.bounds import Range
 from documents.files import replace_file
 from documents.strict_yaml import load_mapping
 from documents.text import quoted
 from imaging.errors import ConfigurationError
+
+
+@with_config(ConfigDict(extra="forbid"))
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """A reason not to believe a calibration.
+
+    Attributes
+    ----------
+    severity
+        "refused": no result can be drawn from this; "warned": there is a result, with less trust.
+    reason
+        A short name that stays the same between versions, such as "light_drift".
+    text
+        One sentence: what was seen, in numbers, and what to do.
+    """
+
+    severity: Literal["refused", "warned"]
+    reason: str
+    text: str
+
 
 D = TypeVar("D", bound=BaseModel)
 

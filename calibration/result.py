@@ -6,17 +6,22 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
-from calibration.findings import Finding
+from calibration.document import Finding
 from calibration.judges.noise_witness import NoiseWitness, hear_noise
-from calibration.judges.solution import judge_solution
-from calibration.judges.stated_error import gains_disagree, uniform_scene, with_doubts
+from calibration.judges.solution import gains_disagree, judge_solution, uniform_scene, with_doubts
 from calibration.judges.sweep import judge_sweep
-from calibration.response.file import Origin, ResponseFile
-from calibration.response.solution import ResponseSolution
-from calibration.solver.agreement import Agreement, agreement
-from calibration.solver.inverse_curve import covered_greys
+from calibration.response.file import Origin, ResponseFile, ResponseSolution
+from calibration.solver.curves import covered_greys
 from calibration.solver.solve import solve_tones
-from calibration.solver.tones import Tones, exposure_index, of_exposures, tones_by_shot, with_brighter
+from calibration.solver.tones import (
+    Agreement,
+    Tones,
+    agreement,
+    exposure_index,
+    of_exposures,
+    tones_by_shot,
+    with_brighter,
+)
 from calibration.sources.sweep import Shot, Sweep
 
 Verdict = Literal["believe it", "with care", "refused"]

@@ -15,7 +15,7 @@ from autoexpose_daemon.config.said_of import said_of
 from autoexpose_daemon.config.section import Binning, LinkMbps, Name, PacketBytes, RateHz, Section
 from calibration.gain.file import GainFile
 from calibration.geometry.file import check_camera, check_pair, load_geometry
-from calibration.geometry.plausible import baseline_note
+from calibration.geometry.numbers import baseline_note
 from calibration.response.file import ResponseFile
 from calibration.vignetting.file import VignettingFile
 from drivers.camera import CameraDescription

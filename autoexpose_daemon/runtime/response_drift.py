@@ -12,9 +12,8 @@ from datetime import datetime
 from pathlib import Path
 
 from autoexpose_daemon.config.document import Config
-from calibration.response.drift import Change, ResponseWatch, misfit_grey
+from calibration.response.drift import Change, ResponseWatch, misfit_grey, refine
 from calibration.response.file import ResponseFile
-from calibration.response.refinement import refine
 from drivers.log_throttle import LogThrottle
 from imaging.errors import ConfigurationError
 from imaging.frames import Side, StereoPair

@@ -10,25 +10,27 @@ from typing import Annotated, Literal
 import typer
 from rich.console import Console
 
-from calibration.commands.board import board
 from calibration.commands.check import REACH_STOPS, Check, check_camera
 from calibration.commands.import_files import import_files
-from calibration.commands.measure import measure_camera, measure_images
 from calibration.commands.measure_gain import gain
-from calibration.commands.measure_geometry import geometry
-from calibration.commands.measure_latency import latency
-from calibration.commands.measure_noise import noise
+from calibration.commands.measure_geometry import board, geometry
+from calibration.commands.measure_noise import latency, noise
 from calibration.commands.measure_vignetting import vignette
 from calibration.commands.measure_white import white
-from calibration.commands.place import check_place, check_report
-from calibration.commands.rig import CameraMode, places_of, rig_of_config
-from calibration.findings import Finding
+from calibration.commands.rig import (
+    CameraMode,
+    check_place,
+    check_report,
+    measure_camera,
+    measure_images,
+    places_of,
+    rig_of_config,
+)
+from calibration.document import Finding
 from calibration.report import check_extra, facts, write_report
-from calibration.response.facts import curve_facts, origin_facts
-from calibration.response.file import ResponseFile
-from calibration.response.tum import tum_table
+from calibration.response.file import ResponseFile, curve_facts, origin_facts, tum_table
 from calibration.result import Result, Verdict, verdict
-from calibration.solver.comparison import compare
+from calibration.solver.tones import compare
 from imaging.errors import ConfigurationError
 from imaging.frames import SIDES
 

@@ -8,16 +8,13 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 
-from calibration.commands.measure import check_gain, take
-from calibration.commands.rig import CameraMode
-from calibration.findings import Finding
+from calibration.commands.rig import CameraMode, check_gain, take
+from calibration.document import Finding
 from calibration.judges.sweep import judge_sweep
 from calibration.response.file import ResponseFile
-from calibration.solver.agreement import Agreement, agreement
-from calibration.solver.tones import grey8, tones_by_exposure
+from calibration.solver.tones import Agreement, agreement, grey8, tones_by_exposure
 from calibration.sources.session import Session
-from calibration.sources.sweep import Sweep
-from calibration.sources.sweep_plan import FIRST_TIME_US, StaticCamera, SweepPlan, time_bounds_us
+from calibration.sources.sweep import FIRST_TIME_US, StaticCamera, Sweep, SweepPlan, time_bounds_us
 from drivers.aravis import open_camera
 from imaging.exposure import ExposureSetting
 from imaging.response import ResponseFunction

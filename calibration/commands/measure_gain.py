@@ -10,13 +10,10 @@ import typer
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from calibration.commands.measure import tool
-from calibration.commands.place import check_place
-from calibration.commands.rig import CameraMode, places_of, rig_of_config
+from calibration.commands.rig import CameraMode, check_place, places_of, rig_of_config, tool
 from calibration.document import CameraIdentity
-from calibration.gain.capture import GainLooks, capture_gain
 from calibration.gain.file import GainFile
-from calibration.gain.solve import GainCurve, solve_gain
+from calibration.gain.solve import GainCurve, GainLooks, capture_gain, solve_gain
 from calibration.result import verdict
 from calibration.sources.session import Session
 from drivers.aravis import open_camera

@@ -1,4 +1,4 @@
-"""The command `autoexpose calibrate geometry`."""
+"""The commands `autoexpose calibrate geometry` and `board`."""
 
 from __future__ import annotations
 
@@ -9,25 +9,25 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Annotated
 
+import cv2
+import numpy as np
 import typer
+from numpy.typing import NDArray
 from rich.console import Console
 from rich.live import Live
 from rich.progress import track
 
 from calibration.commands.rig import CameraMode, rig_of_config
-from calibration.geometry.board import DEFAULT_DICTIONARY, MARKER_SHARE, Board, BoardFinder
+from calibration.geometry.board import DEFAULT_DICTIONARY, MARKER_SHARE, Board, BoardFinder, View
 from calibration.geometry.capture import ENOUGH_VIEWS, Capture
 from calibration.geometry.file import load_geometry
+from calibration.geometry.fit import GeometryResult, calibrate_geometry
 from calibration.geometry.formats.kalibr import camchain_yaml
 from calibration.geometry.formats.ros import ros_yaml
-from calibration.geometry.result import GeometryResult, calibrate_geometry
-from calibration.geometry.views import View
 from calibration.report import check_extra
 from calibration.report.geometry import geometry_facts, write_geometry_report
-from calibration.sources.exposure_times import image_paths
-from calibration.sources.images import read_grey8
-from calibration.sources.pair import RATE_HZ, SLOWEST_HZ, PairOfCameras, whole_grey8
-from calibration.sources.session import Session
+from calibration.sources.images import image_paths, read_grey8
+from calibration.sources.session import RATE_HZ, SLOWEST_HZ, PairOfCameras, Session, whole_grey8
 from documents.files import replace_file
 from drivers.aravis import open_camera
 from imaging.errors import AutoexposeError, ConfigurationError
@@ -215,3 +215,40 @@ def _keep(result: GeometryResult, folder: Path, console: Console) -> None:
 def _rate_hz(mode: CameraMode) -> float:
     """The frame rate: no more than the rig's, which its link was planned for."""
     return max(min(RATE_HZ, mode.rate_hz or RATE_HZ), SLOWEST_HZ)
+
+
+PIXELS_PER_MM = 10
+MARGIN_MM = 10
+
+
+def board(
+    output: Path,
+    *,
+    squares: Squares = "9x6",
+    square_mm: SquareMm = 30.0,
+    marker_mm: MarkerMm = None,
+    dictionary: Dictionary = DEFAULT_DICTIONARY,
+) -> None:
+    """Draw a ChArUco board to print at 100 %, as a .pdf or .png file; the default fits A4."""
+    check_extra()
+    from PIL import Image  # noqa: PLC0415  an extra
+
+    if output.suffix.lower() not in (".pdf", ".png"):
+        raise ConfigurationError(f"{output}: name a .pdf or .png file")
+    drawn = board_picture(board_of(squares, square_mm, marker_mm, dictionary))
+    dots_per_inch = 25.4 * PIXELS_PER_MM
+    try:
+        Image.fromarray(drawn).save(output, resolution=dots_per_inch, dpi=(dots_per_inch, dots_per_inch))
+    except OSError as error:
+        raise ConfigurationError(f"{output}: cannot be written ({error.strerror}): choose another place") from error
+    height_mm, width_mm = (side / PIXELS_PER_MM for side in drawn.shape)
+    typer.echo(f"written: {output}, {width_mm:g} x {height_mm:g} mm: print it at 100 %, and measure a square")
+
+
+def board_picture(board: Board) -> NDArray[np.uint8]:
+    """The board in `PIXELS_PER_MM`, with a white margin that says what it is; shape (height, width)."""
+    size = [round(1e3 * board.square_m * count * PIXELS_PER_MM) for count in (board.columns, board.rows)]
+    margin = MARGIN_MM * PIXELS_PER_MM
+    drawn = np.pad(np.asarray(board.charuco.generateImage(size), np.uint8), margin, constant_values=255)
+    at = (margin, drawn.shape[0] - margin // 3)
+    return np.asarray(cv2.putText(drawn, str(board), at, cv2.FONT_HERSHEY_SIMPLEX, 1.2, 0, 2, cv2.LINE_AA), np.uint8)

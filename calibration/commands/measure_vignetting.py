@@ -10,18 +10,14 @@ import typer
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from calibration.commands.measure import tool
-from calibration.commands.place import check_place, check_report
-from calibration.commands.rig import CameraMode, places_of, rig_of_config
+from calibration.commands.rig import CameraMode, check_place, check_report, places_of, rig_of_config, tool
 from calibration.document import CameraIdentity
 from calibration.report import check_extra
 from calibration.report.vignetting import vignetting_facts, write_vignetting_report
 from calibration.response.file import ResponseFile
 from calibration.sources.session import Session
-from calibration.vignetting.capture import LOOKS, capture_looks
-from calibration.vignetting.field import field_of
+from calibration.vignetting.field import LOOKS, Look, capture_looks, field_of
 from calibration.vignetting.file import VignettingFile
-from calibration.vignetting.look import Look
 from calibration.vignetting.result import VignettingResult, calibrate_vignetting
 from drivers.aravis import open_camera
 from imaging.errors import AutoexposeError, ConfigurationError

@@ -12,7 +12,7 @@ import yaml
 from rich.console import Console
 
 from calibration.commands.rig import CameraMode, rig_of_config
-from calibration.findings import Finding
+from calibration.document import Finding
 from calibration.gain.white import (
     COLOURS,
     GreySurface,
@@ -27,7 +27,7 @@ from calibration.gain.white import (
 from calibration.response.file import ResponseFile
 from calibration.result import verdict
 from calibration.sources.session import Session
-from calibration.vignetting.capture import FRAMES, bright_exposure_us
+from calibration.vignetting.field import FRAMES, bright_exposure_us
 from drivers.aravis import open_camera, open_nodes
 from drivers.genicam.image_format import present_format
 from drivers.setup import FeatureSetting, as_list

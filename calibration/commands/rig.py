@@ -1,24 +1,37 @@
-"""Which cameras to calibrate, and how to set them up."""
+"""Which cameras to calibrate, how to set them up and sweep them, and where results may be written."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import os
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from datetime import datetime
+from functools import partial
+from importlib.metadata import version
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any, TypeVar, get_args
 
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+from calibration.document import CameraIdentity
 from calibration.gain.file import GainFile
-from calibration.sources.session import session_setup
+from calibration.response.file import Origin
+from calibration.result import Result, calibrate
+from calibration.sources.session import Session, session_setup
+from calibration.sources.sweep import Shot, Sweep, SweepPlan, plan_sweep
 from documents import bounds
 from documents.strict_yaml import load_mapping
 from documents.text import quoted
+from drivers.aravis import open_camera
 from drivers.genicam.dialect import GAINS
 from drivers.genicam.trigger import RATE_NODES
 from drivers.setup import CameraSetup, FeatureSetting, LinkShare, parse_features
-from imaging.errors import ConfigurationError
+from imaging.errors import AutoexposeError, ConfigurationError
 from imaging.exposure import GainScale
 from imaging.frames import SIDES, Side
 from imaging.pixels import PIXEL_FORMATS, PixelFormat
+from imaging.python310 import UTC
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,3 +161,115 @@ def _section(path: Path, document: dict[Any, Any], key: str, parent: str = "") -
     if not isinstance(section, dict):
         raise ConfigurationError(f"{path}: {parent}{key} is {quoted(section)}: give keys and values")
     return section
+
+
+def measure_camera(mode: CameraMode, gain_db: float, console: Console) -> Result:
+    """Sweep the exposure time of a camera that looks at a static scene, and solve the sweep.
+
+    Raises
+    ------
+    CameraError, ConfigurationError
+        When the camera cannot be opened, or fails.
+    """
+    with Session(open_camera(mode.serial, mode.setup())) as session:
+        check_gain(session, gain_db)
+        plan, camera = plan_sweep(session, gain_db), session.description
+        sweep = Sweep(take(session, plan, mode.serial, console))
+        origin = Origin(
+            CameraIdentity(camera.vendor, camera.model, camera.serial),
+            camera.pixel_format,
+            mode.binning,
+            sweep.shots[0].setting.gain_db,
+            datetime.now(UTC).replace(microsecond=0),
+            tool(),
+        )
+        brighter = partial(_brighter, session, plan, mode.serial, console)
+        return calibrate(f"camera {camera.serial}", origin, sweep, camera.limitations, brighter)
+
+
+def _brighter(session: Session, plan: SweepPlan, name: str, console: Console) -> tuple[Shot, ...]:
+    """The sweep at a higher gain, if the camera has one."""
+    brighter = plan.brighter(session.limits)
+    if brighter is None:
+        return ()
+    gain_db = brighter.settings[0].gain_db
+    console.print(
+        f"camera {name}: the scene has one brightness only: again at {gain_db:.1f} dB, to check the exposure times",
+        soft_wrap=True,
+    )
+    return take(session, brighter, name, console)
+
+
+def measure_images(source: Path) -> Result:
+    """Solve the sweep that a folder or a list of images holds; the camera is unknown."""
+    from calibration.sources.images import read_images  # noqa: PLC0415  it needs pillow, from the extra
+
+    origin = Origin(date=datetime.now(UTC).replace(microsecond=0), tool=tool())
+    return calibrate(f"the images of {source}", origin, read_images(source))
+
+
+def take(session: Session, plan: SweepPlan, name: str, console: Console) -> tuple[Shot, ...]:
+    """Take the shots of a plan under a progress bar with the time left."""
+    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("left"), TimeRemainingColumn())
+    shots: list[Shot] = []
+    try:
+        with Progress(*columns, console=console, speed_estimate_period=60.0) as progress:
+            bar = progress.add_task(f"camera {name}", total=sum(map(plan.seconds, plan.settings)))
+            for setting, taken in plan.run(session):
+                shots += taken
+                progress.update(
+                    bar, advance=plan.seconds(setting), description=f"camera {name}: {setting.exposure_time_us:.0f} us"
+                )
+    except KeyboardInterrupt:
+        raise AutoexposeError(f"camera {name}: stopped before the sweep was done: nothing was written") from None
+    return tuple(shots)
+
+
+def check_gain(session: Session, gain_db: float) -> None:
+    """Refuse a gain that the camera does not have."""
+    limits, serial = session.limits, session.description.serial
+    if not limits.min_gain_db <= gain_db <= limits.max_gain_db:
+        raise ConfigurationError(
+            f"camera {serial}: its gain is {limits.min_gain_db:g} to {limits.max_gain_db:g} dB, not {gain_db:g} dB: "
+            "give another with --gain-db"
+        )
+
+
+def tool() -> str:
+    """Name and version of this program."""
+    return f"autoexpose-daemon {version('autoexpose-daemon')}"
+
+
+File = TypeVar("File")
+
+
+def check_place(path: Path, load: Callable[[Path], File], kind: str) -> File | None:
+    """The file that is to be replaced; refuses impossible names and files of another kind before anything is measured.
+
+    Raises
+    ------
+    ConfigurationError
+        Naming the file and what to do.
+    """
+    if path.is_dir() or not path.parent.is_dir() or not os.access(path.parent, os.W_OK):
+        raise ConfigurationError(f"{path}: cannot be written: name a file in an existing folder that you may write to")
+    if not path.exists():
+        return None
+    try:
+        return load(path)
+    except ConfigurationError as error:
+        raise ConfigurationError(f"{error}; it is not a {kind} to replace: choose another name") from None
+
+
+def check_report(path: Path, title: str, *suffixes: str) -> None:
+    """Refuse to replace what is not a former report, whose title begins so, by the report of `path`."""
+    page = path.with_suffix(".html")
+    try:
+        former = f"<title>{title}" in page.read_text(encoding="utf-8", errors="replace")[:1000]
+    except OSError:
+        former = False
+    for report in (page, *(path.with_suffix(suffix) for suffix in suffixes)):
+        if report.exists() and not former:
+            raise ConfigurationError(
+                f"{report}: is not a former report, and the report of {path} would replace it: choose another name"
+            )

@@ -12,6 +12,7 @@ from pydantic import Field, model_validator
 from calibration.document import (
     CalibrationDocument,
     CameraIdentity,
+    Finding,
     Name,
     Number,
     optional,
@@ -19,7 +20,6 @@ from calibration.document import (
     within,
     write_document,
 )
-from calibration.findings import Finding
 from documents.bounds import GAIN_DB, Range
 from imaging.exposure import GainScale
 from imaging.python310 import Self

@@ -2,16 +2,162 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.findings import Finding
-from calibration.gain.capture import GainLooks
+from calibration.document import Finding
+from calibration.noise.photon_transfer import half_exposure_us
+from calibration.sources.sweep import FIRST_TIME_US, Shot, StaticCamera
+from imaging.exposure import DB_PER_STOP, ExposureSetting
 
 Array = NDArray[np.float64]
+
+FRAMES = 4
+"""Frames of each exposure time: they average flicker and noise."""
+SHORT = 0.4
+"""The shorter exposure time as a part of the longer. Their difference is free of the black level, which may move with
+the gain."""
+PATCH_PX = 16
+LEAST_RISE = 0.03
+"""Part of full scale by which a patch must rise between the two exposure times: less is noise."""
+LEAST_PATCHES = 0.02
+"""Part of the picture that must be neither black nor saturated at both exposure times."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Look:
+    """What was seen at one gain.
+
+    Attributes
+    ----------
+    number
+        The gain, in the camera's own numbers.
+    time_us
+        The longer exposure time.
+    slopes
+        Part of full scale per us, of each patch, shape (patches,); NaN where it was clipped or hardly lit.
+    """
+
+    number: float
+    time_us: float
+    slopes: Array
+
+    def gain_db(self, reference: Look) -> float:
+        """Its gain above that of another look at the same scene; NaN where too little was seen in both."""
+        ratios = self._ratios(reference)
+        return float(DB_PER_STOP * np.log2(np.median(ratios))) if len(ratios) else float("nan")
+
+    def unevenness(self, reference: Look) -> float:
+        """How far the patches disagree about that, as a part: the median deviation from their median."""
+        ratios = self._ratios(reference)
+        return float(np.median(np.abs(ratios / np.median(ratios) - 1.0))) if len(ratios) else float("nan")
+
+    def _ratios(self, reference: Look) -> Array:
+        both = np.isfinite(self.slopes) & np.isfinite(reference.slopes)
+        few = both.sum() < max(LEAST_PATCHES * both.size, 1)
+        return np.empty(0) if few else self.slopes[both] / reference.slopes[both]
+
+
+def look_near(camera: StaticCamera, number: float, time_us: float) -> Look:
+    """A look with the exposure time, searched from `time_us` on, at which the scene is about half bright."""
+    return look(camera, number, half_exposure_us(camera, number, time_us))
+
+
+def look(camera: StaticCamera, number: float, time_us: float) -> Look:
+    """A look with that exposure time and a shorter one."""
+    long_us, long = _patches(camera.take(ExposureSetting(time_us, number), FRAMES))
+    short_us = max(time_us * SHORT, camera.limits.min_time_us)
+    short_us, short = _patches(camera.take(ExposureSetting(short_us, number), FRAMES))
+    lit = (long - short > LEAST_RISE) & (long_us > short_us)
+    slopes = np.full_like(long, np.nan)
+    slopes[lit] = (long - short)[lit] / (long_us - short_us)
+    return Look(number, time_us, slopes)
+
+
+def _patches(shots: Sequence[Shot]) -> tuple[float, Array]:
+    """Exposure time, and mean grey, as a part of full scale, of each patch that no shot has clipped anywhere."""
+    full = 2 ** shots[0].bit_depth - 1
+    height, width = (size // PATCH_PX * PATCH_PX for size in shots[0].pixels.shape)
+    grey = np.zeros((height // PATCH_PX) * (width // PATCH_PX))
+    for shot in shots:
+        blocks = shot.pixels[:height, :width].reshape(height // PATCH_PX, PATCH_PX, width // PATCH_PX, PATCH_PX)
+        clipped = (blocks.min(axis=(1, 3)) <= 0) | (blocks.max(axis=(1, 3)) >= full)
+        grey += np.where(clipped, np.nan, blocks.mean(axis=(1, 3)) / full).ravel() / len(shots)
+    return shots[0].setting.exposure_time_us, grey
+
+
+MOST_LOOKS = 33
+FIRST_LOOKS = 9
+"""Evenly spaced, whatever they show."""
+BEND_DB = 0.1
+"""If the middle of an interval lies farther than this from the line between its ends, its halves are looked at."""
+FLOAT_STEPS = 1024
+"""A gain without increments is looked at in steps of this part of its range."""
+
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GainLooks:
+    """Two passes over the same gains, each in rising order of the gain; the second was taken in reverse.
+
+    Light that changes steadily cancels in the mean of the two. The camera takes multiples of `step`.
+    """
+
+    there: tuple[Look, ...]
+    back: tuple[Look, ...]
+    step: float
+
+
+def capture_gain(camera: StaticCamera, progress: Progress = lambda done, total: None) -> GainLooks:
+    """Look at a static scene in steady light at enough gains to know all of them.
+
+    Parameters
+    ----------
+    camera
+        Driven in the gain's own numbers: the bounds and increment of its gain are those of the node.
+    progress
+        Called with the looks taken, and about how many there will be.
+    """
+    limits = camera.limits
+    low, high = limits.min_gain_db, limits.max_gain_db
+    step = limits.gain_step_db or (high - low) / FLOAT_STEPS
+    looks: dict[float, Look] = {}
+
+    def see(number: float, time_us: float) -> None:
+        looks[number] = look_near(camera, number, time_us)
+        progress(len(looks), 2 * max(len(looks), FIRST_LOOKS))
+
+    see(low, FIRST_TIME_US)
+    see(high, looks[low].time_us)
+    spans = deque([(low, high)])
+    while spans and len(looks) < MOST_LOOKS:
+        below, above = spans.popleft()
+        middle = low + round(((below + above) / 2.0 - low) / step) * step
+        if not below < middle < above:
+            continue
+        see(middle, looks[below].time_us)
+        if len(looks) + len(spans) < FIRST_LOOKS or _bends(looks[low], looks[below], looks[middle], looks[above]):
+            spans += [(below, middle), (middle, above)]
+    order = list(looks)
+    back: dict[float, Look] = {}
+    for number in reversed(order):
+        back[number] = look(camera, number, looks[number].time_us)
+        progress(len(looks) + len(back), 2 * len(looks))
+    there, again = (tuple(way[number] for number in sorted(way)) for way in (looks, back))
+    return GainLooks(there, again, step)
+
+
+def _bends(reference: Look, below: Look, middle: Look, above: Look) -> bool:
+    low_db, here_db, high_db = (seen.gain_db(reference) for seen in (below, middle, above))
+    part = (middle.number - below.number) / (above.number - below.number)
+    return math.isfinite(here_db) and abs(here_db - low_db - part * (high_db - low_db)) > BEND_DB
+
 
 NO_EFFECT_DB = 0.5
 CHANGED_DB, DOUBTED_DB = 0.5, 0.1

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.findings import Finding
+from calibration.document import Finding
 from calibration.sources.sweep import Shot, mean_of
 from imaging.response import ResponseFunction, greys_of_codes
 

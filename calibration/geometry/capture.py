@@ -8,8 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.geometry.board import Board, BoardFinder, Corners
-from calibration.geometry.views import TILTS, View, covered, guessed_lens, pose, tilts
+from calibration.geometry.board import TILTS, Board, BoardFinder, Corners, View, covered, guessed_lens, pose, tilts
 from imaging.frames import SIDES, Side
 
 ENOUGH_VIEWS, MOST_VIEWS = 40, 100

@@ -13,7 +13,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.findings import Finding
+from calibration.document import Finding
 from calibration.noise.variance_curve import grey_step, pairs_of
 from calibration.sources.sweep import Shot, Sweep
 from imaging.response import GREY_LEVELS, ResponseFunction

@@ -2,16 +2,117 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.findings import Finding
-from calibration.judges.exposures import judge_exposures
-from calibration.judges.light import judge_light
-from calibration.judges.motion import moved_share
-from calibration.solver.inverse_curve import Ends, usable
-from calibration.solver.tones import Curve, Tones, exposure_index, of_exposures, tones_by_shot
+from calibration.document import Finding
+from calibration.judges.stillness import judge_light, moved_share
+from calibration.solver.curves import Ends, usable
+from calibration.solver.tones import Curve, Tones, exposure_index, grey8, of_exposures, tones_by_shot
 from calibration.sources.sweep import Sweep
+
+MID_GREY = 24
+"""Groups this far from the ends of what was seen must brighten with exposure, ..."""
+
+LEAST_RISE_GREY = 2.5
+"""... by more than this many grey levels per stop: a power law of 0.3 gives twice as much."""
+
+FLAT_STOPS = 0.9
+"""Brightness that stays the same over this many stops does not follow exposure; flicker may hide less."""
+
+AGREED_GREY = 2.0
+"""Repeats agree when most differ by less."""
+
+SORTED_GREY = 0.7
+"""Shots sorted by brightness fall into groups this tight if the stated exposures are right, but in another order.
+
+Brightness that varies for other reasons fills the gaps between the groups.
+"""
+
+
+def judge_exposures(sweep: Sweep, by_shot: Tones) -> Finding | None:
+    """Exposures without effect (an automatic function, bounds), or that belong to other images."""
+    levels, index = exposure_index(sweep)
+    brightness = by_shot.greys.mean(axis=1)
+    repeats_agree = _disagreement(brightness, index) < AGREED_GREY
+    by_brightness = np.empty_like(index)
+    by_brightness[np.argsort(brightness, kind="stable")] = np.sort(index)
+    listed = all(shot.time_s is None for shot in sweep.shots)  # a camera's own exposures cannot change places
+    if listed and not repeats_agree and _disagreement(brightness, by_brightness) < SORTED_GREY:
+        return _wrong_order(levels, np.unique(np.minimum(index, by_brightness)[index != by_brightness]))
+    rises = _rises(of_exposures(by_shot, levels, index))
+    first, last = _longest_flat(levels, rises)
+    if levels[last] - levels[first] >= FLAT_STOPS:
+        return _not_followed(sweep, levels, (first, last))
+    spread = np.array([np.ptp(brightness[index == i]) for i in range(len(levels))])
+    falling = np.flatnonzero(rises < -1.0 - np.maximum(spread[:-1], spread[1:]))
+    return _wrong_order(levels, falling) if repeats_agree and falling.size else None
+
+
+def _rises(tones: Tones) -> Curve:
+    """By how much groups brighten from each exposure to the next (grey levels, median); NaN where all are clipped."""
+    low, high = tones.greys.min() + MID_GREY, tones.greys.max() - MID_GREY
+    middle = (tones.greys > low) & (tones.greys < high)
+    clear = middle[:-1] | middle[1:]
+    steps = np.diff(tones.greys, axis=0)
+    return np.array(
+        [np.median(step[mask]) if mask.sum() >= 3 else np.nan for step, mask in zip(steps, clear, strict=True)]
+    )
+
+
+def _longest_flat(levels: Curve, rises: Curve) -> tuple[int, int]:
+    """First and last exposure of the longest stretch (in stops) over which nothing brightens."""
+    flat = np.abs(rises) < LEAST_RISE_GREY * np.diff(levels)
+    best, start = (0, 0), 0
+    for j, still in enumerate(flat):
+        start = start if still else j + 1
+        if still and levels[j + 1] - levels[start] > levels[best[1]] - levels[best[0]]:
+            best = (start, j + 1)
+    return best
+
+
+def _not_followed(sweep: Sweep, levels: Curve, stretch: tuple[int, int]) -> Finding:
+    first, last = stretch
+    words = f"images do not get brighter from {_us(levels[first])} to {_us(levels[last])}"
+    noises = [_temporal_variance(sweep, j) for j in stretch]
+    if min(noises) > 0 and np.log2(noises[0] / noises[1]) > 0.3 * (levels[last] - levels[first]):
+        return Finding("refused", "auto_gain", f"{words}, but less noisy: switch auto gain off")
+    if (first == 0) != (last == len(levels) - 1):
+        text = f"{words}: the camera's bounds limited the exposure; ask for exposures within them"
+        return Finding("refused", "bounds", text)
+    return Finding("refused", "auto_exposure", f"{words}: switch auto exposure and auto gain off")
+
+
+def _temporal_variance(sweep: Sweep, exposure: int) -> float:
+    """Variance of noise (grey levels squared), the least between shots of one exposure; 0 if there is only one."""
+    _, index = exposure_index(sweep)
+    shots = [sweep.shots[k] for k in np.flatnonzero(index == exposure)]
+    variances = []
+    for pair in pairwise(shots):
+        one, other = (grey8(shot).astype(np.float32) for shot in pair)
+        difference = (other - one)[(one > one.min() + MID_GREY) & (one < one.max() - MID_GREY)]
+        if difference.size > 100:
+            variances.append(float(np.var(difference)) / 2)
+    return min(variances, default=0.0)
+
+
+def _disagreement(brightness: Curve, index: NDArray[np.intp]) -> float:
+    """How far shots of like index differ in mean grey from their median: the 90th percentile."""
+    middles = np.array([np.median(brightness[index == i]) for i in range(index.max() + 1)])
+    return float(np.percentile(np.abs(brightness - middles[index]), 90))
+
+
+def _wrong_order(levels: Curve, steps: NDArray[np.intp]) -> Finding:
+    where = ", ".join(f"{_us(levels[j])} and {_us(levels[j + 1])}" for j in steps[:3])
+    text = f"images get darker where the exposure times rise (between {where}): correct the list of exposure times"
+    return Finding("refused", "wrong_exposures", text)
+
+
+def _us(level: float) -> str:
+    return f"{np.exp2(level):.0f} us"
+
 
 FEWEST_EXPOSURES = 3
 

@@ -5,17 +5,38 @@ from __future__ import annotations
 import base64
 import importlib.util
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import jinja2
+
 from calibration.judges.noise_witness import NoiseWitness
-from calibration.noise.model import Estimate
-from calibration.response.facts import Fact, curve_facts, origin_facts
-from calibration.response.file import ResponseFile
+from calibration.noise.light_lines import Estimate
+from calibration.report.plots import Picture, one_png
+from calibration.response.file import Fact, ResponseFile, curve_facts, origin_facts
 from calibration.result import Result
-from calibration.solver.comparison import Comparison
+from calibration.solver.tones import Comparison
 from imaging.errors import ConfigurationError
+
+
+def write_page(path: Path, template: str, pictures: Sequence[Picture], **content: object) -> Path:
+    """Write the page that a template of this folder makes from its content, and return its path.
+
+    Raises
+    ------
+    ConfigurationError
+        When it cannot be written.
+    """
+    environment = jinja2.Environment(loader=jinja2.PackageLoader("calibration.report", ""), autoescape=True)
+    shown = [(picture, base64.b64encode(one_png(picture)).decode()) for picture in pictures]
+    page = environment.get_template(template).render(pictures=shown, **content)
+    try:
+        path.write_text(page, encoding="utf-8")
+    except OSError as error:
+        raise ConfigurationError(f"{path}: cannot be written ({error.strerror}): choose another place") from error
+    return path
+
 
 EXTRA = {"matplotlib": "matplotlib", "jinja2": "jinja2", "PIL": "pillow"}
 """What the extra installs, by the name that is imported."""

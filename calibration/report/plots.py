@@ -12,7 +12,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from calibration.response.solution import ResponseSolution
+from calibration.response.file import ResponseSolution
 from calibration.result import Result
 from imaging.response import GREY_LEVELS, ResponseFunction, prediction_table
 

@@ -1,19 +1,21 @@
-"""A response file: the curve, its camera, how it was made, and how well it is known."""
+"""A response file: the curve, its camera, how it was made, and how well it is known; ours, and that of TUM's tools."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field, fields
 from datetime import datetime
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field, Strict, field_validator
 
 from calibration.document import (
     CalibrationDocument,
     CameraIdentity,
+    Finding,
     Number,
     Text,
     optional,
@@ -22,12 +24,53 @@ from calibration.document import (
     within,
     write_document,
 )
-from calibration.findings import Finding
-from calibration.response.solution import ResponseModel, ResponseSolution
 from documents.bounds import BINNING, GAIN_DB, Range
+from documents.text import quoted
 from imaging.errors import ConfigurationError
 from imaging.pixels import PixelFormat
 from imaging.response import GREY_LEVELS, ResponseFunction
+
+ResponseModel = Literal["linear", "gamma", "emor", "free"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ResponseSolution:
+    """A response function recovered from a sweep.
+
+    Attributes
+    ----------
+    response
+        The response function; its log2 exposures are 0 at `response.saturation`, since a sweep fixes no scale.
+    model
+        The simplest kind of curve that explains the sweep as well as a free one: "linear" with clip, "gamma" (a power
+        law), "emor" (a few basis curves), or "free" (each grey level separately, monotone).
+    parameters
+        Those of the model by name, such as {"gamma": 0.45}; empty for a free curve.
+    uncertainty_stops
+        Standard error of the log2 exposure of each grey level (stops), float64, shape (256,).
+    covered
+        The first and last grey level that the sweep itself has seen; beyond them the curve is extended. Where noise
+        does not vouch for the images, those next to black and saturation do not count.
+    residual_grey
+        Root mean square of grey levels observed minus those predicted from the other exposures.
+    uniform
+        Whether the scene had one brightness only, so that grey levels cannot tell a curve from wrong exposure times.
+    accurate
+        The first and last of those that are known well, for which the error is stated; None: not judged yet.
+    hidden_light
+        The most light (saturation is 1) that black may contain, if exposures are all longer than stated.
+    """
+
+    response: ResponseFunction
+    model: ResponseModel
+    parameters: dict[str, float]
+    uncertainty_stops: NDArray[np.float64]
+    covered: tuple[int, int]
+    residual_grey: float
+    accurate: tuple[int, int] | None = None
+    uniform: bool = False
+    hidden_light: float = 1.0
+
 
 FORMAT = "autoexpose-response/1"
 _DECIMALS = 6
@@ -66,7 +109,7 @@ class ResponseFile:
     origin
         Where it comes from.
     model, parameters, covered, residual_grey, uncertainty_stops, accurate
-        See `calibration.response.solution.ResponseSolution`.
+        See `calibration.response.file.ResponseSolution`.
     times_checked
         Whether the noise of the images could tell that exposure times are in proportion to light.
     findings
@@ -217,3 +260,102 @@ class _Document(CalibrationDocument):
 
 def _rounded(value: float) -> float:
     return round(float(value), _DECIMALS)
+
+
+Fact = tuple[str, str]
+
+SIGMAS = 2.0
+"""Standard errors that are stated as the error; docs/calibration-method.md says how often it holds."""
+
+
+def origin_facts(origin: Origin) -> Iterator[Fact]:
+    """Which camera it belongs to, and in which mode it was measured."""
+    if origin.camera is not None:
+        camera = origin.camera
+        yield "camera", f"{camera.vendor} {camera.model}, serial {camera.serial}"
+    mode = [
+        origin.pixel_format,
+        None if origin.binning is None else f"binning {origin.binning}",
+        None if origin.gain_db is None else f"gain {origin.gain_db:g} dB",
+    ]
+    if any(mode):
+        yield "mode", ", ".join(part for part in mode if part)
+    if origin.date is not None:
+        yield "measured", f"{origin.date:%Y-%m-%d %H:%M} UTC" + (f" by {origin.tool}" if origin.tool else "")
+
+
+def curve_facts(file: ResponseFile) -> Iterator[Fact]:
+    """What the curve is, and how well it is known."""
+    if file.model is not None:
+        parameters = ", ".join(f"{name} {value:.4g}" for name, value in file.parameters.items())
+        yield "model", f"{file.model} ({parameters})" if parameters else file.model
+    yield "black level, saturation", f"grey {file.response.black_level}, {file.response.saturation}"
+    if file.covered is not None:
+        low, high = file.covered
+        yield "covered range", f"grey {low} to {high}"
+        if file.uncertainty_stops:
+            yield "error", _error(file.uncertainty_stops, file.covered, file.accurate or file.covered)
+    if file.residual_grey is not None:
+        yield "residual", f"{file.residual_grey:.2f} grey levels rms"
+    if file.times_checked is False:
+        yield "exposure times", "taken on trust: the noise of the images could not check them"
+
+
+def _error(uncertainty_stops: tuple[float, ...], covered: tuple[int, int], accurate: tuple[int, int]) -> str:
+    """What is stated: how well most grey levels are known, and all that were seen."""
+    well, all_seen = (SIGMAS * max(uncertainty_stops[low : high + 1]) for low, high in (accurate, covered))
+    low, high = accurate
+    rest = "" if accurate == covered else f", {all_seen:.2g} in the covered range"
+    return f"at most {well:.2g} stops from grey {low} to {high}{rest}, counted from grey {(low + high) // 2}"
+
+
+TOP = 255.0
+LEAST_STEP = 3e-5
+"""Just above what single precision, which those tools use, can distinguish below 255."""
+_SAME_STEP = 1.5 * LEAST_STEP
+
+
+def tum_table(response: ResponseFunction) -> str:
+    """One line of 256 numbers: the light of each grey level, strictly increasing from 0 to 255.
+
+    Grey levels that the response does not distinguish, up to the black level and from saturation on, get the least
+    step that keeps them apart.
+    """
+    greys = np.arange(GREY_LEVELS, dtype=np.float64)
+    light = TOP * response.light(greys) + LEAST_STEP * greys
+    return " ".join(f"{value:.7f}" for value in light * (TOP / light[-1])) + "\n"
+
+
+def is_tum_table(text: str) -> bool:
+    """Whether a text may be such a table: numbers, about as many as there are grey levels."""
+    words = text[: 40 * GREY_LEVELS].replace(",", " ").split()
+    return len(words) > GREY_LEVELS // 2 and all(word[0] in "+-.0123456789" for word in words)
+
+
+def read_tum_table(text: str) -> ResponseFunction:
+    """The response of such a table, in whatever unit its light is.
+
+    Raises
+    ------
+    ConfigurationError
+        When it has other than 256 numbers, or they do not rise.
+    """
+    words = text.replace(",", " ").split()
+    if len(words) != GREY_LEVELS:
+        raise ConfigurationError(f"has {len(words)} numbers: give 256, the light of each grey level")
+    try:
+        light = np.array([float(word) for word in words])
+    except ValueError as error:
+        raise ConfigurationError(f"holds what is no number ({quoted(str(error))}): give 256 numbers") from error
+    steps = np.diff(light)
+    if not np.isfinite(light).all() or not (steps >= 0).all():
+        grey = int(np.flatnonzero(~(steps >= 0))[0]) + 1 if np.isfinite(light).all() else 0
+        raise ConfigurationError(f"its numbers must rise from one grey level to the next, but do not at {grey}")
+    rising = np.flatnonzero(steps > _SAME_STEP * light[-1] / TOP)
+    if len(rising) == 0:
+        raise ConfigurationError("its numbers do not rise: calibrate again")
+    black, saturation = int(rising[0]), int(rising[-1]) + 1
+    light = light[: saturation + 1] - light[black]
+    light[: black + 1] = light[black + 1] / 2.0  # as `ResponseFunction.linear` has it
+    stops = np.log2(light / light[-1])
+    return ResponseFunction(np.append(stops, np.zeros(GREY_LEVELS - len(stops))), black, saturation)

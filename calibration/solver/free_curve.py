@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.solver.inverse_curve import InverseCurve, Misfit, octaves, residuals
+from calibration.solver.curves import InverseCurve, Misfit, octaves, residuals
 from calibration.solver.tones import Curve, Tones
 
 SMOOTHNESS = (1e4, 1e3, 1e2, 10.0, 1.0, 0.1)

@@ -1,30 +1,208 @@
-"""The response function of a camera from a sweep of exposures."""
+"""The response function of a camera from a sweep of exposures, and how far it may be off."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.response.solution import ResponseSolution
-from calibration.solver.exposure_offset import is_uniform
-from calibration.solver.families import FamilyFit, families, fit_family
-from calibration.solver.free_curve import fit_free
-from calibration.solver.inverse_curve import (
+from calibration.response.file import ResponseSolution
+from calibration.solver.curves import (
     Ends,
+    FamilyFit,
     InverseCurve,
+    Misfit,
     covered_greys,
+    families,
+    fit_family,
     octaves,
     residuals,
     residuals_from_others,
     usable,
 )
-from calibration.solver.sweep_fit import SweepFit
-from calibration.solver.tones import Tones, tones_by_exposure
+from calibration.solver.free_curve import FreeFit, fit_as_smooth, fit_free
+from calibration.solver.tones import Curve, Tones, tones_by_exposure
 from calibration.sources.sweep import Sweep
 from imaging.errors import ConfigurationError
 from imaging.response import GREY_LEVELS, ResponseFunction
+
+UNIFORM_STOPS = 1.0
+"""Parts of the scene that differ by less see the same light at no two exposures, and so do not link them."""
+
+SHARES = (-0.8, -0.4, -0.2, 0.0, 0.25, 0.5, 1.0, 2.0, 4.0, 6.0)
+"""Offsets tried, as shares of the shortest exposure that shows anything; the best is then refined."""
+
+REFINED = 8
+"""Golden sections, each of which leaves 0.62 of the range."""
+
+ALIKE = 1.25
+"""Medians of one image err together, which makes errors so much larger."""
+
+STEP = 0.1
+MOST_ERROR = 0.25
+"""Of the shortest exposure: the step at which an error is measured, and the largest that counts."""
+
+_GOLDEN = (np.sqrt(5.0) - 1.0) / 2.0
+
+
+def is_uniform(tones: Tones, within: NDArray[np.bool_], curve: InverseCurve) -> bool:
+    """Whether a scene has one brightness only: then grey levels cannot tell a curve from wrong exposure times."""
+    spans = [
+        np.ptp(np.percentile(curve.at(greys[seen]), [2, 98]))
+        for greys, seen in zip(tones.greys, within, strict=True)
+        if seen.mean() > 0.5
+    ]
+    return bool(spans) and float(np.median(spans)) < UNIFORM_STOPS
+
+
+def offset_changes(tones: Tones, within: NDArray[np.bool_], prior: InverseCurve) -> tuple[Curve, Curve]:
+    """How the curve changes (stops) with the offset that explains the medians best, and with a standard error of it.
+
+    Light seen at several exposures contradicts wrong times, so it takes a scene of more than one brightness. Light
+    that drifts may look like an offset, too.
+    """
+    shortest = float(np.exp2(tones.levels[within.any(axis=1)].min()))
+
+    def curve_of(share: float) -> InverseCurve:
+        return fit_as_smooth(tones.longer(share * shortest), within, prior)
+
+    def squares(share: float) -> float:
+        return Misfit.of(curve_of(share), tones.longer(share * shortest), within).size ** 2
+
+    best = int(np.argmin([squares(share) for share in SHARES]))
+    share = _least(squares, SHARES[max(best - 1, 0)], SHARES[min(best + 1, len(SHARES) - 1)])
+    step, least = STEP * (1.0 + share), squares(share)
+    rise = max((squares(share + step) + squares(share - step)) / 2.0 - least, 1e-6 * least, 1e-12)
+    error = min(ALIKE * step * float(np.sqrt(least / rise / within.sum())), MOST_ERROR * (1.0 + share))
+    found, other = curve_of(share).stops, curve_of(share + error).stops
+    return np.asarray(found - curve_of(0.0).stops), np.asarray(other - found)
+
+
+def _least(function: Callable[[float], float], low: float, high: float) -> float:
+    """Where between two values a function is least, by golden sections."""
+    inner = [high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)]
+    values = [function(each) for each in inner]
+    for _ in range(REFINED):
+        if values[0] < values[1]:
+            high, inner[1], values[1] = inner[1], inner[0], values[0]
+            inner[0] = high - _GOLDEN * (high - low)
+            values[0] = function(inner[0])
+        else:
+            low, inner[0], values[0] = inner[0], inner[1], values[1]
+            inner[1] = low + _GOLDEN * (high - low)
+            values[1] = function(inner[1])
+    return float(inner[int(np.argmin(values))])
+
+
+FOLDS = 8
+"""Fits without some exposures."""
+
+STUDENT = (12.71, 4.30, 3.18, 2.78, 2.57, 2.45, 2.36, 2.31)
+"""Student's t within which 95 % lie, by degrees of freedom from 1: few exposures hardly know their own errors."""
+
+COUNTED = 0.4
+"""Of the squares of what chance and the kind of curve do, with which the error covers simulated sweeps."""
+
+INTERPOLATED_GREY = 0.004
+"""Error of the curve between its nodes, in grey levels."""
+
+OF_OFFSET = 0.7
+"""So much of what the best offset changes is a standard error: if it is real, the curve is off by all of it."""
+
+UNVOUCHED = 4.0
+"""So much further off may a free curve be where a scene of one brightness lets wrong times bend it."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SweepFit:
+    """What was fitted to the tones of a sweep.
+
+    Attributes
+    ----------
+    tones, ends, within
+        The tones, where grey levels end, and which medians count.
+    simplest, free
+        The simplest family that explains the medians as well as any, and a curve of free shape.
+    explained
+        Whether that family explains them as well as the free curve.
+    uniform
+        Whether the scene has one brightness only, so that grey levels cannot tell a curve from wrong exposure times.
+    anchor
+        The node from which errors count, as only differences matter.
+    """
+
+    tones: Tones
+    ends: Ends
+    within: NDArray[np.bool_]
+    simplest: FamilyFit
+    free: FreeFit
+    explained: bool
+    uniform: bool
+    anchor: int
+
+    @property
+    def curve(self) -> InverseCurve:
+        """The response found."""
+        return self.simplest.curve if self.explained else self.free.curve
+
+    def errors_stops(self) -> Curve:
+        """Standard errors at the curve's nodes, shape (nodes,).
+
+        The formal error is that of a free curve, and says nothing of a family's, which bends less.
+        """
+        chance = self._left_out_stops() ** 2 + (0.0 if self.explained else self.free.errors_stops**2)
+        squares = COUNTED * (chance + self._model_stops() ** 2)
+        freedom = len(self.tones.levels) - 2
+        if freedom <= len(STUDENT):
+            squares = squares * (STUDENT[max(freedom, 1) - 1] / 2.0) ** 2
+        between = INTERPOLATED_GREY * self.curve.slope(self.curve.greys)
+        return np.asarray(np.sqrt(squares + self._offset_squares() + between**2))
+
+    def _left_out_stops(self) -> Curve:
+        """By how much the curve depends on single exposures: standard errors at its nodes.
+
+        The jackknife (Quenouille, Tukey): fits without every n-th exposure, n at most `FOLDS`.
+        """
+        tones, fit = self.tones, self.simplest
+        folds = min(len(tones.levels), FOLDS)
+        curves = []
+        for fold in range(folds):
+            kept = np.arange(len(tones.levels)) % folds != fold
+            part = replace(tones, levels=tones.levels[kept], greys=tones.greys[kept], errors=tones.errors[kept])
+            within = usable(part, self.ends)
+            if not within.any():
+                continue
+            if self.explained:
+                curve = fit_family(fit.family, part, self.ends, within, fit).curve
+            else:
+                curve = fit_as_smooth(part, within, fit.curve)
+            curves.append(self._from_anchor(curve.at(fit.curve.greys)))
+        if len(curves) < 2:
+            return np.zeros(len(fit.curve.greys))
+        return np.asarray(np.sqrt((len(curves) - 1) * np.var(curves, axis=0)))
+
+    def _model_stops(self) -> Curve:
+        """What the choice of the kind of curve may have done."""
+        difference = self._from_anchor(self.simplest.curve.stops - self.free.curve.stops)
+        if self.explained:
+            return difference
+        if self.uniform:
+            return UNVOUCHED * difference
+        few = len(self.tones.levels) < FOLDS
+        return np.maximum(np.abs(self.free.smoothed_stops), np.abs(difference) if few else 0.0)
+
+    def _offset_squares(self) -> Curve:
+        """What an offset of all exposures would do, squared."""
+        if self.uniform:
+            return np.zeros(len(self.curve.greys))
+        found, error = offset_changes(self.tones, self.within, self.simplest.curve)
+        return OF_OFFSET**2 * self._from_anchor(found) ** 2 + self._from_anchor(error) ** 2
+
+    def _from_anchor(self, stops: Curve) -> Curve:
+        return np.asarray(stops - stops[self.anchor])
+
 
 LINEAR_WITHIN_GREY = 0.4
 """Sensors are linear to about a percent: what a straight line explains this well (rms) counts as linear."""

@@ -1,4 +1,4 @@
-"""A sweep condensed: the grey levels of groups of pixels of similar radiance, in every shot."""
+"""A sweep condensed to the grey levels of pixels of similar radiance, and how well responses predict them."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.response.file import ResponseSolution
 from calibration.sources.sweep import Shot, Sweep
-from imaging.response import GREY_LEVELS
+from imaging.response import GREY_LEVELS, ResponseFunction, prediction_tables
 
 MAX_GROUPS = 400
 MIN_PIXELS = 12
@@ -143,3 +144,109 @@ def _medians(histogram: NDArray[np.intp]) -> tuple[Curve, Curve]:
     slope = np.maximum(right - left, 1e-3)
     # 2.0: standard error of a median of noise whose distribution has a logit of this slope.
     return crossing - first - 0.5 - left / slope, 2.0 / slope / np.sqrt(np.maximum(count, 1))
+
+
+MAX_DELTA_STOPS = 2.1
+"""Two stops, however cameras round exposure times: the daemon predicts no further."""
+CLIPPED_GREY = 3.0
+"""This close to black or saturation, noise is cut off on one side, which no curve can predict."""
+LEAST_PAIRS = 20
+"""Pairs of tones needed for a verdict."""
+
+Values = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Agreement:
+    """Grey levels of the same parts of the scene: predicted from another exposure, and seen; one entry per pair.
+
+    Attributes
+    ----------
+    delta_levels
+        The change of exposure level (stops) that was predicted over.
+    predicted, seen
+        Grey levels, not rounded.
+    """
+
+    delta_levels: Values
+    predicted: Values
+    seen: Values
+
+    @property
+    def enough(self) -> bool:
+        """Whether there was anything to compare."""
+        return len(self.seen) >= LEAST_PAIRS
+
+    @property
+    def residual_grey(self) -> float:
+        """Root mean square of what was seen minus what was predicted (grey levels)."""
+        return float(np.sqrt(np.mean((self.seen - self.predicted) ** 2)))
+
+    @property
+    def worst_grey(self) -> float:
+        """99th percentile of the deviations, as an amount (grey levels)."""
+        return float(np.percentile(np.abs(self.seen - self.predicted), 99))
+
+    @property
+    def range_grey(self) -> tuple[int, int]:
+        """The darkest and brightest grey level that was seen."""
+        return int(np.ceil(self.seen.min())), int(np.floor(self.seen.max()))
+
+    def near(self, delta_level: float) -> Agreement:
+        """The part predicted over about this change of level (stops), within a quarter of a stop."""
+        part = np.abs(self.delta_levels - delta_level) <= 0.25
+        return Agreement(self.delta_levels[part], self.predicted[part], self.seen[part])
+
+
+def agreement(response: ResponseFunction, tones: Tones) -> Agreement:
+    """Predict every exposure from every other within two stops, and from its neighbours however far they are."""
+    greys = tones.greys - tones.middle
+    parts = [(np.empty(0), np.empty(0), np.empty(0))]
+    for i, level in enumerate(tones.levels):
+        for j, other in enumerate(tones.levels):
+            if i != j and (abs(other - level) <= MAX_DELTA_STOPS or abs(i - j) == 1):
+                parts.append(_predict(response, greys[i], greys[j], other - level))
+    return Agreement(*(np.concatenate(values) for values in zip(*parts, strict=True)))
+
+
+def _predict(response: ResponseFunction, greys: Values, seen: Values, delta: float) -> tuple[Values, Values, Values]:
+    predicted = response.intensity(response.inverse_between(greys) + delta)
+    low, high = response.black_level + CLIPPED_GREY, response.saturation - CLIPPED_GREY
+    open_ends = np.logical_and.reduce([(low <= part) & (part <= high) for part in (greys, predicted, seen)])
+    return np.full(int(open_ends.sum()), delta), predicted[open_ends], seen[open_ends]
+
+
+DELTA_LEVELS = (-2.0, -1.0, -0.5, 0.5, 1.0, 2.0)
+SAME_GREY = 1.0
+"""Predictions that differ by less count as coming from the same response."""
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """By how many grey levels two cameras' predictions differ, entry by entry, where neither is clipped."""
+
+    rms_grey: float
+    worst_grey: float
+    worst_delta: float
+
+    def __str__(self) -> str:
+        alike = "they respond alike" if self.rms_grey <= SAME_GREY else "each needs its own file"
+        return (
+            f"left and right predict grey levels that differ by {self.rms_grey:.2f} rms, "
+            f"{self.worst_grey:.1f} at worst (at {self.worst_delta:+g} stops): {alike}"
+        )
+
+
+def compare(left: ResponseSolution, right: ResponseSolution) -> Comparison:
+    """Compare the predictions for changes of up to two stops, over the grey levels that both sweeps covered."""
+    one, other = (prediction_tables(solution.response, DELTA_LEVELS).astype(float) for solution in (left, right))
+    greys = np.arange(one.shape[1])
+    used = np.ones(one.shape, bool)
+    for solution, tables in ((left, one), (right, other)):
+        low, high = solution.covered
+        black, saturation = solution.response.black_level + CLIPPED_GREY, solution.response.saturation - CLIPPED_GREY
+        used &= (low <= greys) & (greys <= high) & (black < tables) & (tables < saturation)
+    difference = np.where(used, np.abs(one - other), 0.0)
+    worst = np.unravel_index(int(difference.argmax()), difference.shape)
+    rms = float(np.sqrt(np.sum(difference**2) / max(int(used.sum()), 1)))
+    return Comparison(rms, float(difference[worst]), DELTA_LEVELS[int(worst[0])])

@@ -7,9 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.response.facts import SIGMAS
-from calibration.response.file import Origin
-from calibration.response.solution import ResponseSolution
+from calibration.response.file import SIGMAS, Origin, ResponseSolution
 from calibration.result import Verdict, calibrate
 from evaluation.sweeps.simulated import SimulatedSweep
 from imaging.response import ResponseFunction

@@ -9,8 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.sources.sweep import Shot, Sweep
-from calibration.sources.sweep_plan import SweepPlan
+from calibration.sources.sweep import Shot, Sweep, SweepPlan
 from evaluation.sweeps.processing import GREEN, Processing, process_of
 from fake_camera.world.lighting import Change, Flicker, LightScript
 from imaging.exposure import ExposureLimits, ExposureSetting, linear_gain

@@ -4,10 +4,8 @@ import numpy as np
 import pytest
 
 from calibration.commands.check import judge_agreement, plan_check
-from calibration.response.solution import ResponseSolution
-from calibration.solver.agreement import agreement
-from calibration.solver.comparison import compare
-from calibration.solver.tones import tones_by_exposure
+from calibration.response.file import ResponseSolution
+from calibration.solver.tones import agreement, compare, tones_by_exposure
 from imaging.exposure import ExposureLimits, ExposureSetting
 from imaging.response import ResponseFunction
 from tests.calibration.made_up_camera import MadeUpCamera, gamma, linear, sweep

@@ -13,15 +13,18 @@ import pytest
 from rich.console import Console
 from rich.table import Table
 
-from calibration.commands import measure_latency, measure_noise
-from calibration.commands.measure_latency import latency_document, latency_table, when_it_shows
-from calibration.commands.measure_noise import noise_document, noise_table
-from calibration.document import CameraIdentity
-from calibration.findings import Finding
-from calibration.latency.write_effect import WriteEffect
-from calibration.noise.model import Estimate, NoiseModel
-from calibration.noise.photon_transfer import PhotonTransfer
-from calibration.noise.plan import default_gains_db, plan_noise
+from calibration.commands import measure_noise
+from calibration.commands.measure_noise import (
+    latency_document,
+    latency_table,
+    noise_document,
+    noise_table,
+    when_it_shows,
+)
+from calibration.document import CameraIdentity, Finding
+from calibration.latency import WriteEffect
+from calibration.noise.light_lines import Estimate, NoiseModel
+from calibration.noise.photon_transfer import PhotonTransfer, default_gains_db, plan_noise
 from calibration.response.file import Origin, ResponseFile
 from calibration.sources.session import session_setup
 from drivers.aravis import open_camera
@@ -295,7 +298,7 @@ def test_a_camera_lost_while_it_is_measured_is_clear_as_such(fake: FakeCamera, m
 def test_a_scene_too_dark_is_clear_once_and_without_a_table(fake: FakeCamera, monkeypatch: pytest.MonkeyPatch) -> None:
     dark = Finding("refused", "too_dark", "the scene is too dark")
     effects = [WriteEffect(quantity, {}, 0, None, None, (dark,)) for quantity in ("exposure", "gain")]
-    monkeypatch.setattr(measure_latency, "_measure", lambda *arguments: effects)
+    monkeypatch.setattr(measure_noise, "_measure_writes", lambda *arguments: effects)
     assert calibrate("latency", "--camera", fake.serial) == (1, "refused: the scene is too dark\n")
 
 

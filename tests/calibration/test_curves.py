@@ -7,17 +7,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration.solver.families import _responses, families, fit_family
-from calibration.solver.free_curve import _roughness
-from calibration.solver.inverse_curve import (
+from calibration.solver.curves import (
     Ends,
     InverseCurve,
+    _responses,
+    families,
+    fit_family,
     nodes,
     octaves,
     residuals,
     residuals_from_others,
     usable,
 )
+from calibration.solver.free_curve import _roughness
 from calibration.solver.tones import Tones, tones_by_exposure
 
 from .sweeps import TIMES_US, Bench

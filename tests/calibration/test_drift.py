@@ -7,8 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from calibration.response.drift import ENOUGH, ResponseWatch, followed_greys
-from calibration.response.refinement import LEAST_CHANGES, refine
+from calibration.response.drift import ENOUGH, LEAST_CHANGES, ResponseWatch, followed_greys, refine
 from fake_camera.imaging import ImageSettings
 from fake_camera.world.lighting import Change, LightScript
 from fake_camera.world.simulation import build_image_source

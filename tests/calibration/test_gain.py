@@ -9,8 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
-from calibration.gain.capture import FIRST_LOOKS, MOST_LOOKS, capture_gain
-from calibration.gain.solve import GainCurve, solve_gain
+from calibration.gain.solve import FIRST_LOOKS, MOST_LOOKS, GainCurve, capture_gain, solve_gain
 from calibration.sources.sweep import Shot
 from imaging.exposure import ExposureLimits, ExposureSetting, linear_gain
 

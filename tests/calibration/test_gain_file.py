@@ -4,8 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from calibration.document import CameraIdentity
-from calibration.findings import Finding
+from calibration.document import CameraIdentity, Finding
 from calibration.gain.file import GainFile
 from imaging.errors import ConfigurationError
 from imaging.exposure import GainScale

@@ -11,8 +11,7 @@ from PIL import Image
 from PIL.TiffImagePlugin import IFDRational
 
 from calibration.solver.solve import solve_response
-from calibration.sources.exposure_times import image_paths
-from calibration.sources.images import read_images
+from calibration.sources.images import image_paths, read_images
 from imaging.errors import ConfigurationError
 from tests.calibration.sweeps import TIMES_US, Bench
 

@@ -10,9 +10,8 @@ import pytest
 import yaml
 
 from calibration.geometry.file import check_pair, load_geometry
-from calibration.response.file import ResponseFile
-from calibration.response.tum import read_tum_table, tum_table
-from calibration.sources.exposure_times import timed_files
+from calibration.response.file import ResponseFile, read_tum_table, tum_table
+from calibration.sources.images import timed_files
 from calibration.vignetting.file import VignettingFile
 from imaging.errors import ConfigurationError
 from imaging.frames import SIDES

@@ -9,8 +9,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration.judges.motion import moved_share
 from calibration.judges.solution import judge_solution
+from calibration.judges.stillness import moved_share
 from calibration.judges.sweep import judge_sweep
 from calibration.solver.solve import solve_response
 from calibration.sources.sweep import Shot, Sweep

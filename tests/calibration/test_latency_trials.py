@@ -10,9 +10,8 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
-from calibration.latency import trials as trials_module
-from calibration.latency.trials import capture_latency
-from calibration.latency.write_effect import WriteEffect
+from calibration import latency as trials_module
+from calibration.latency import WriteEffect, capture_latency
 from calibration.sources import session as session_module
 from calibration.sources.session import Session
 from drivers.camera import CameraDescription

@@ -10,11 +10,10 @@ import pytest
 from numpy.typing import NDArray
 
 from calibration.judges.noise_witness import NoiseWitness, hear_noise
-from calibration.judges.stated_error import with_doubts
+from calibration.judges.solution import with_doubts
 from calibration.noise.photon_transfer import photon_transfer
 from calibration.report import facts
-from calibration.response.file import Origin
-from calibration.response.solution import ResponseSolution
+from calibration.response.file import Origin, ResponseSolution
 from calibration.result import Result, calibrate
 from calibration.solver.solve import solve_response, solve_tones
 from calibration.sources.sweep import Sweep

@@ -10,10 +10,8 @@ import numpy as np
 import pytest
 import yaml
 
-from calibration.document import CameraIdentity
-from calibration.findings import Finding
-from calibration.response.file import Origin, ResponseFile
-from calibration.response.solution import ResponseSolution
+from calibration.document import CameraIdentity, Finding
+from calibration.response.file import Origin, ResponseFile, ResponseSolution
 from imaging.errors import ConfigurationError
 from imaging.pixels import PixelFormat
 from imaging.python310 import UTC

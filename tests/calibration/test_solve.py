@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from calibration.judges.solution import judge_solution
 from calibration.judges.sweep import judge_sweep
-from calibration.response.solution import ResponseSolution
+from calibration.response.file import ResponseSolution
 from calibration.solver.solve import solve_response
 from calibration.sources.sweep import Shot, Sweep
 from imaging.errors import ConfigurationError

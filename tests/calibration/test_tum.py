@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calibration.response.tum import tum_table
+from calibration.response.file import tum_table
 from imaging.response import ResponseFunction
 
 GAMMA = ResponseFunction(2.2 * np.log2(np.maximum(np.arange(256), 0.5) / 255), 0, 255)

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from calibration.latency.write_effect import SeenFrame, Trial, write_effect
+from calibration.latency import SeenFrame, Trial, write_effect
 
 PERIOD_NS = 16_000_000
 OLD, NEW = 100.0, 50.0

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calibration.judges.motion import moved_share
+from calibration.judges.stillness import moved_share
 from calibration.solver.solve import solve_response
 from evaluation.sweeps.processing import Processing
 from evaluation.sweeps.score import scored

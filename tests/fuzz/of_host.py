@@ -50,17 +50,15 @@ from autoexpose_daemon.status.grounds import grounds_from_json, grounds_to_json
 from autoexpose_daemon.status.inputs.requests import Answer, Shot
 from autoexpose_daemon.status.panel import line_of
 from autoexpose_daemon.status.publishing import Consumers
-from calibration.document import CameraIdentity
-from calibration.findings import Finding
+from calibration.document import CameraIdentity, Finding
 from calibration.gain.file import GainFile
 from calibration.geometry.file import load_geometry
 from calibration.geometry.formats.ros import ros_yaml
 from calibration.response.file import Origin, ResponseFile
-from calibration.sources.exposure_times import timed_files
-from calibration.sources.images import read_images
+from calibration.sources.images import read_images, timed_files
 from calibration.vignetting.file import VignettingFile
 from drivers.genicam.image_format import decode_pixels
-from drivers.host import action_commands, gvcp
+from drivers.host import network
 from drivers.host.network import NetworkInterface, largest_socket_buffer_bytes
 from fake_camera.device.line0 import Line0
 from fake_camera.device.truth import TruthFile
@@ -84,11 +82,11 @@ LO = NetworkInterface("lo", (IPv4Interface("127.0.0.1/8"),), 65536, None)
 
 def discovery(data: bytes) -> None:
     """What a camera answers to a search, and to the question who controls it."""
-    camera = gvcp._read_identity(data, LO)
+    camera = network._read_identity(data, LO)
     if camera is not None:
         str(camera.reachable)
-    gvcp._parse(data, 1)
-    action_commands.refusal(data)
+    network._parse(data, 1)
+    network.refusal(data)
 
 
 def discovery_seeds() -> Iterator[bytes]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 SAME = {
     "autoexpose_daemon/control/registration.py: self.previous_level = 0.0: 0.0 -> 1.0":
         "not looked at before there is a frame to compare with",
-    "calibration/judges/light.py: unit = 2.0 * (times - times.min()) / max(float(np.ptp(times)), 1e-9) - 1.0: "
+    "calibration/judges/stillness.py: unit = 2.0 * (times - times.min()) / max(float(np.ptp(times)), 1e-9) - 1.0: "
     "2.0 -> 1.0":
         "other powers that span the same drifts: least squares explain as much",
     "calibration/noise/photon_transfer.py: model = _model(shots[0], line, lines, saturation_dn): 0 -> 1":
@@ -31,15 +31,15 @@ SLACK = {
 MARGINS = {
     "drivers/genicam/timeline.py: LATCH_ERROR_NS = 1_000_000: 1000000 -> 2000000":
         "jumps of clocks are far greater, and errors of latches, which only a busy machine makes, are less",
-    "calibration/judges/motion.py: "
+    "calibration/judges/stillness.py: "
     "table[response.saturation - 1 :] = GREY_LEVELS - 1  # clipped, and left out as such: 1 -> 2 (2)":
         "one more grey level left out as clipped",
-    "calibration/judges/motion.py: "
+    "calibration/judges/stillness.py: "
     "inside &= (blocks.min(axis=(1, 2)) > low + 2) & (blocks.max(axis=(1, 2)) < high - 2): 2 -> 3 (2)":
         "one more grey level left out as clipped",
-    "calibration/judges/exposures.py: AGREED_GREY = 2.0: 2.0 -> 1.0":
+    "calibration/judges/sweep.py: AGREED_GREY = 2.0: 2.0 -> 1.0":
         "repeats of steady sweeps agree to some tenths, and light that makes them differ by two grey levels is refused",
-    "calibration/judges/exposures.py: difference = "
+    "calibration/judges/sweep.py: difference = "
     "(other - one)[(one > one.min() + MID_GREY) & (one < one.max() - MID_GREY)]: one.max() - MID_GREY -> "
     "(one.max() + MID_GREY)":
         "auto gain makes noise fall by stops: clipped pixels, which have none, do not hide it",
@@ -49,7 +49,7 @@ MARGINS = {
 """Margins in what lies far apart: no case that can be told is near them."""
 
 TUNING = {
-    "calibration/response/refinement.py: "
+    "calibration/response/drift.py: "
     "return response.inverse_between(greys + 0.5) - response.inverse_between(greys - 0.5): "
     "greys + 0.5 -> (greys - 0.5)":
         "the weight of dark grey levels: tables err by 0.6 to 1.1 grey levels, not 0.5 to 1.0; 2.5 are asked for",

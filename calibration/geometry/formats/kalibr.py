@@ -11,9 +11,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from calibration.geometry.formats.lens import lens_of, model_of
-from calibration.geometry.formats.rig import Rig
-from calibration.geometry.formats.wide import EXTRA_NUMBERS
+from calibration.geometry.formats.rig import EXTRA_NUMBERS, Rig, lens_of, model_of
 from calibration.geometry.numbers import inverse_of, mapping, numbers, pose_of, required, size_of
 from documents.text import quoted
 from imaging.errors import ConfigurationError

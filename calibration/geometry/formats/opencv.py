@@ -10,11 +10,9 @@ from typing import Any, Final
 import cv2
 import numpy as np
 
-from calibration.geometry.formats.lens import MAY_BE_FISHEYE, lens_of, model_of
-from calibration.geometry.formats.rig import Rig
+from calibration.geometry.formats.rig import MAY_BE_FISHEYE, Rig, lens_of, model_of
 from calibration.geometry.formats.ros import camera_matrix, projection_matrix
-from calibration.geometry.numbers import is_rotation, numbers, pixels, size_of
-from calibration.geometry.plausible import check_plausible
+from calibration.geometry.numbers import check_plausible, is_rotation, numbers, pixels, size_of
 from imaging.errors import ConfigurationError
 from imaging.frames import SIDES, Side
 from imaging.geometry import CameraGeometry

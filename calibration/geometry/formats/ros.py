@@ -9,10 +9,8 @@ from typing import Any
 import numpy as np
 import yaml
 
-from calibration.geometry.formats.lens import MAY_BE_FISHEYE, lens_of, model_of
-from calibration.geometry.formats.rig import Rig
-from calibration.geometry.numbers import numbers, pixels, required, size_of
-from calibration.geometry.plausible import check_plausible
+from calibration.geometry.formats.rig import MAY_BE_FISHEYE, Rig, lens_of, model_of
+from calibration.geometry.numbers import check_plausible, numbers, pixels, required, size_of
 from documents.text import quoted
 from imaging.errors import ConfigurationError
 from imaging.frames import Side

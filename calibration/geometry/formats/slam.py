@@ -8,8 +8,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.geometry.formats.lens import lens_of, model_of
-from calibration.geometry.formats.rig import Rig
+from calibration.geometry.formats.rig import Rig, lens_of, model_of
 from calibration.geometry.formats.ros import read_camera
 from calibration.geometry.numbers import inverse_of, mapping, numbers, pixels, pose_of, required
 from documents.text import quoted

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import re
 
-from calibration.geometry.formats.lens import lens_of, model_of
-from calibration.geometry.formats.rig import Rig
+from calibration.geometry.formats.rig import Rig, lens_of, model_of
 from calibration.geometry.numbers import numbers, size_of
 from imaging.errors import ConfigurationError
 

@@ -8,8 +8,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.geometry.board import Board, BoardFinder
-from calibration.geometry.views import View
+from calibration.geometry.board import Board, BoardFinder, View
 from fake_camera.imaging import ImageSettings
 from fake_camera.world.lighting import Change, LightScript
 from fake_camera.world.render.renderer import Pinhole, Renderer

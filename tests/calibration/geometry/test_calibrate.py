@@ -12,11 +12,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from calibration.geometry.board import Board, BoardFinder, Corners
-from calibration.geometry.fit import common
-from calibration.geometry.result import GeometryResult, calibrate_geometry
-from calibration.geometry.score import overall, score
-from calibration.geometry.views import View, tilts
+from calibration.geometry.board import Board, BoardFinder, Corners, View, tilts
+from calibration.geometry.fit import GeometryResult, calibrate_geometry, common, overall, score
 from fake_camera.world.scene.board import BoardPath
 from imaging.frames import SIDES, Side
 from tests.calibration.geometry.shown import BASELINE_M, CENTRE_PX, FOCAL_PX, SIZE, shown, views

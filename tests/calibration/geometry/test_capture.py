@@ -9,7 +9,7 @@ from calibration.commands.measure_geometry import progress_text
 from calibration.geometry import capture as module
 from calibration.geometry.board import Board
 from calibration.geometry.capture import Capture
-from calibration.sources.pair import whole_grey8
+from calibration.sources.session import whole_grey8
 from fake_camera.world.scene.board import BoardPath
 from imaging.exposure import ExposureSetting
 from imaging.frames import Frame

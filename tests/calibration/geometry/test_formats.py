@@ -19,7 +19,7 @@ from calibration.geometry.file import check_pair, load_geometry
 from calibration.geometry.formats.kalibr import camchain_yaml
 from calibration.geometry.formats.read import read_rig
 from calibration.geometry.formats.ros import ros_yaml
-from calibration.geometry.plausible import baseline_note
+from calibration.geometry.numbers import baseline_note
 from imaging.errors import ConfigurationError
 from imaging.frames import SIDES
 from imaging.geometry import CameraGeometry

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from calibration.sources.sweep import Shot
-from calibration.vignetting.field import field_of
-from calibration.vignetting.look import Look
+from calibration.vignetting.field import Look, field_of
 from fake_camera.imaging import ImageSettings
 from fake_camera.world.sensor import Sensor, SensorModel, falloff
 from imaging.exposure import ExposureSetting

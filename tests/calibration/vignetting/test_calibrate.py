@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 
 from calibration.sources.sweep import Shot
-from calibration.vignetting.capture import bright_exposure_us, capture_looks
-from calibration.vignetting.field import Field, cells, field_of
-from calibration.vignetting.look import Look
+from calibration.vignetting.field import Field, Look, bright_exposure_us, capture_looks, cells, field_of
 from calibration.vignetting.result import calibrate_vignetting
 from fake_camera.imaging import ImageSettings
 from fake_camera.world.sensor import Sensor, SensorModel

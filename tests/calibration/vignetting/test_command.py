@@ -28,8 +28,8 @@ def pictures(tmp_path: Path) -> Path:
 
 @pytest.mark.wire
 def test_the_lens_of_a_colour_camera_is_measured_over_the_wire(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("calibration.vignetting.capture.PAUSE_S", 0.0)
-    monkeypatch.setattr("calibration.vignetting.capture.FRAMES", 2)
+    monkeypatch.setattr("calibration.vignetting.field.PAUSE_S", 0.0)
+    monkeypatch.setattr("calibration.vignetting.field.FRAMES", 2)
     light = tmp_path / "light.yaml"
     light.write_text("light: [{at_s: 0, lux: 300}]")
     serial, path = unique("VIG")[:15], tmp_path / "left.vignetting.yaml"

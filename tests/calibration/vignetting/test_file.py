@@ -10,8 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from calibration.document import CameraIdentity
-from calibration.findings import Finding
+from calibration.document import CameraIdentity, Finding
 from calibration.vignetting.file import VignettingFile
 from imaging.errors import ConfigurationError
 from imaging.python310 import UTC

@@ -1,1 +1,0 @@
-"""How many frames a write takes to show."""
