@@ -16,8 +16,7 @@ import numpy as np
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
-from autoexpose_daemon.config.document import Config
-from autoexpose_daemon.config.publish import PublishConfig
+from autoexpose_daemon.config.document import Config, PublishConfig
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.messages.keys import status_key
 from autoexpose_daemon.publish.publisher import Publisher

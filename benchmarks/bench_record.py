@@ -15,7 +15,7 @@ from mcap.writer import CompressionType
 
 from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.recording import file
-from autoexpose_daemon.recording.step import Step
+from autoexpose_daemon.recording.file import Step
 from fake_camera.imaging import ImageSettings
 from fake_camera.world.lighting import LightScript
 from fake_camera.world.simulation import build_image_source

@@ -24,8 +24,8 @@ from pathlib import Path
 from typing import Any, Literal, get_args
 
 from autoexpose_daemon.demo.options import SIZES, Transport
-from autoexpose_daemon.demo.rate import cores
 from autoexpose_daemon.demo.reference_step import reference_step_ms
+from autoexpose_daemon.demo.show import cores
 from drivers.genicam.link_share import USB3_MBPS, bytes_per_s, needed_bytes_per_s, usb_bytes_per_s
 from imaging.pixels import PIXEL_FORMATS, PixelFormat
 

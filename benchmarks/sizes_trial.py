@@ -20,12 +20,11 @@ from typing import cast
 
 from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
-from autoexpose_daemon.demo.fakes import FakeCameras, fake_cameras
+from autoexpose_daemon.demo.fakes import FakeCameras, cameras_on_bus, fake_cameras
 from autoexpose_daemon.demo.options import DemoOptions, Transport
 from autoexpose_daemon.demo.show import configuration
-from autoexpose_daemon.demo.usb_bus import cameras_on_bus
-from autoexpose_daemon.runtime.cameras import openers
 from autoexpose_daemon.runtime.daemon import Daemon
+from autoexpose_daemon.runtime.setup import openers
 from drivers.aravis import find_cameras
 from drivers.camera import Camera, IncompleteFrame
 from drivers.triggers.outcomes import LossReason

@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 
 from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.control.decision import Decision
-from autoexpose_daemon.runtime.cameras import openers
 from autoexpose_daemon.runtime.daemon import Daemon
+from autoexpose_daemon.runtime.setup import openers
 from drivers.aravis import AravisCamera
 from drivers.camera import Camera
 from fake_camera.device.device import Device

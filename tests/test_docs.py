@@ -10,7 +10,7 @@ import pytest
 
 from autoexpose_daemon.cli import app
 from autoexpose_daemon.control.policies.ids import POLICY_IDS
-from autoexpose_daemon.status.losses import losses
+from autoexpose_daemon.status.panel import losses
 from drivers.triggers.outcomes import LossReason
 from fake_camera.device.faults import GIGE, USB3
 from imaging.pixels import PixelFormat

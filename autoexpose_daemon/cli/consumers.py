@@ -48,8 +48,7 @@ def top(
 ) -> None:
     """Watch a running daemon, or all of them: state, exposure, losses, consumers, faults; Ctrl-C exits."""
     try:
-        from autoexpose_daemon.client.top import follow, show_once  # noqa: PLC0415  an extra
-        from autoexpose_daemon.client.top_all import follow_all, show_all_once  # noqa: PLC0415
+        from autoexpose_daemon.client.top import follow, follow_all, show_all_once, show_once  # noqa: PLC0415  an extra  # noqa: PLC0415
         from autoexpose_daemon.messages.zenoh_file import check_zenoh_file  # noqa: PLC0415
     except ImportError as error:
         raise AutoexposeError(f"{error.name} is missing: pip install 'autoexpose-daemon[publish]'") from error

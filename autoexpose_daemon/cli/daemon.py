@@ -17,13 +17,13 @@ from rich.console import Console
 from autoexpose_daemon.cli.signals import set_from_handler, stop_on_signals
 from autoexpose_daemon.control.policies.ids import POLICY_IDS, check_policy_id
 from autoexpose_daemon.recording import check_recording_extra
-from autoexpose_daemon.service.notify import Notifier
+from autoexpose_daemon.service.announcer import Notifier
 from imaging.errors import CameraError, ConfigurationError
 from imaging.exposure import ExposureSetting
 
 if TYPE_CHECKING:
     from autoexpose_daemon.config.document import Config
-    from autoexpose_daemon.recording.belief_strip import BeliefStrip
+    from autoexpose_daemon.recording.belief_plot import BeliefStrip
     from autoexpose_daemon.recording.recorder import Recorder
     from autoexpose_daemon.runtime.daemon import Daemon
 
@@ -60,8 +60,7 @@ def record(
 ) -> None:
     """Run the daemon and record what it sees and decides, until SIGTERM or Ctrl-C."""
     check_recording_extra()
-    from autoexpose_daemon.config.bracket import bracketed  # noqa: PLC0415
-    from autoexpose_daemon.config.load import load_config  # noqa: PLC0415
+    from autoexpose_daemon.config.load import bracketed, load_config  # noqa: PLC0415
     from autoexpose_daemon.recording.recorder import new_recorder  # noqa: PLC0415
 
     def load(path: Path) -> Config:
@@ -92,7 +91,7 @@ def replay(
 ) -> None:
     """Replay a recording: the recorded policy, bit for bit, or what another one would have decided."""
     check_recording_extra()
-    from autoexpose_daemon.recording.replay_report import report_replay  # noqa: PLC0415
+    from autoexpose_daemon.recording.replay import report_replay  # noqa: PLC0415
 
     if policy is not None:
         check_policy_id(policy)
@@ -108,7 +107,7 @@ def replay(
 
 def _belief_strip(path: Path, triggers: list[int]) -> BeliefStrip:
     try:
-        from autoexpose_daemon.recording.belief_strip import BeliefStrip  # noqa: PLC0415  takes a second, and an extra
+        from autoexpose_daemon.recording.belief_plot import BeliefStrip  # noqa: PLC0415  takes a second, and an extra
     except ImportError as error:
         needs = f"--show-belief needs {error.name}"
         raise ConfigurationError(f"{needs}: pip install 'autoexpose-daemon[sim]'") from error
@@ -136,11 +135,14 @@ def run_daemon(
 ) -> None:
     """Run the daemon with the live view, until SIGTERM or SIGINT; `load` reads its configuration, also again."""
     from autoexpose_daemon.config.load import load_config  # noqa: PLC0415
-    from autoexpose_daemon.runtime.cameras import openers  # noqa: PLC0415
     from autoexpose_daemon.runtime.daemon import Daemon  # noqa: PLC0415
+    from autoexpose_daemon.runtime.setup import openers  # noqa: PLC0415
     from autoexpose_daemon.service.last_exposure import LastExposure  # noqa: PLC0415
-    from autoexpose_daemon.service.outlets import add_outlets  # noqa: PLC0415
-    from autoexpose_daemon.service.service import Service, run_until_stopped  # noqa: PLC0415
+    from autoexpose_daemon.service.service import (  # noqa: PLC0415
+        Service,
+        add_outlets,
+        run_until_stopped,
+    )
 
     load = load or load_config
     stop, reload = threading.Event(), threading.Event()

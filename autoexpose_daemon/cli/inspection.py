@@ -46,7 +46,7 @@ def features(
     diff: Annotated[Path | None, typer.Option(help="Compare with the features of this configuration instead.")] = None,
 ) -> None:
     """Show what a camera's features are set to, as a configuration file."""
-    from autoexpose_daemon.doctor.camera_features import show_difference, show_features  # noqa: PLC0415
+    from autoexpose_daemon.doctor.camera_report import show_difference, show_features  # noqa: PLC0415
 
     if diff is None:
         show_features(serial, changed, save)
@@ -68,7 +68,7 @@ def check_config(
 
     config = load_config(file)
     if camera:
-        from autoexpose_daemon.runtime.cameras import refusals  # noqa: PLC0415
+        from autoexpose_daemon.runtime.setup import refusals  # noqa: PLC0415
 
         refused = [f"{file}: cameras.{side}: {error}" for side, error in refusals(config) if error is not None]
         if refused:

@@ -16,7 +16,7 @@ from autoexpose_daemon.config.request import new_request
 from autoexpose_daemon.config.section import LONGEST_NAME
 from autoexpose_daemon.messages.keys import LOOPBACK, check_rig_name, control_key
 from autoexpose_daemon.publish.session import Endpoints, SessionError, open_session
-from autoexpose_daemon.status.inputs.requests import Answer, Shot
+from autoexpose_daemon.status.inputs import Answer, Shot
 from documents.text import readable
 from imaging.errors import AutoexposeError
 from imaging.frames import Side

@@ -12,7 +12,7 @@ from autoexpose_daemon.client.control_client import ControlClient, Rectangle
 from autoexpose_daemon.control.policies.ids import POLICY_IDS
 from autoexpose_daemon.messages.keys import LOOPBACK, check_endpoints
 from autoexpose_daemon.messages.zenoh_file import check_zenoh_file
-from autoexpose_daemon.status.inputs.requests import Answer
+from autoexpose_daemon.status.inputs import Answer
 from autoexpose_daemon.status.panel import plain
 from imaging.errors import ConfigurationError
 

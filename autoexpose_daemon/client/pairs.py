@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autoexpose_daemon.control.decision import Decision
+from autoexpose_daemon.messages.client import ConsumerTally
 from autoexpose_daemon.messages.read import (
     ReceivedImage,
     decision_of,
@@ -21,7 +22,6 @@ from autoexpose_daemon.messages.read import (
     read_image,
     stamp_ns,
 )
-from autoexpose_daemon.messages.report import ConsumerTally
 from imaging.errors import ConfigurationError
 from imaging.frames import SIDES, Frame, Side, StereoPair
 from imaging.normalised import Bits, normalised

@@ -11,7 +11,9 @@ from types import TracebackType
 
 import zenoh
 
-from autoexpose_daemon.control.grounds import Grounds
+from autoexpose_daemon.control.decision import Grounds
+from autoexpose_daemon.messages.client import LARGEST_RESPONSE_BYTES, response_from_json
+from autoexpose_daemon.messages.inputs import LARGEST_REGISTRATION_BYTES, RegisteredView, read_registration
 from autoexpose_daemon.messages.keys import (
     LOOPBACK,
     check_rig_name,
@@ -22,11 +24,8 @@ from autoexpose_daemon.messages.keys import (
     status_key,
 )
 from autoexpose_daemon.messages.read import DamagedMessageError
-from autoexpose_daemon.messages.registration import LARGEST_REGISTRATION_BYTES, RegisteredView, read_registration
-from autoexpose_daemon.messages.response import LARGEST_RESPONSE_BYTES, response_from_json
 from autoexpose_daemon.publish.session import Endpoints, SessionHolder
-from autoexpose_daemon.status.document import LARGEST_STATUS_BYTES, Status
-from autoexpose_daemon.status.grounds import grounds_from_json
+from autoexpose_daemon.status.document import LARGEST_STATUS_BYTES, Status, grounds_from_json
 from imaging.frames import Side
 from imaging.python310 import Self
 from imaging.response import ResponseFunction

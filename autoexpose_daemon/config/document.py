@@ -3,16 +3,27 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Literal
+from pathlib import Path
+from typing import Annotated, Literal
 
-from pydantic import model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, PlainSerializer, field_validator, model_validator
 
-from autoexpose_daemon.config.cameras import CameraConfig, CamerasConfig
 from autoexpose_daemon.config.control import ControlConfig, ExposureConfig
-from autoexpose_daemon.config.motion import MotionConfig
-from autoexpose_daemon.config.publish import PublishConfig
-from autoexpose_daemon.config.said_of import said_of
-from autoexpose_daemon.config.section import Binning, LinkMbps, Name, PacketBytes, RateHz, Section
+from autoexpose_daemon.config.section import (
+    Binning,
+    ConnectionConfig,
+    ExposureCountUs,
+    FileName,
+    LinkMbps,
+    Name,
+    PacketBytes,
+    RateHz,
+    SampleAgeS,
+    Section,
+    said_of,
+)
+from autoexpose_daemon.messages.keys import LAST_ROS2_DOMAIN, LOOPBACK, ROUTER, check_key_expression, check_rig_name
+from autoexpose_daemon.messages.write import Stamp
 from calibration.gain.file import GainFile
 from calibration.geometry.file import check_camera, check_pair, load_geometry
 from calibration.geometry.numbers import baseline_note
@@ -20,12 +31,90 @@ from calibration.response.file import ResponseFile
 from calibration.vignetting.file import VignettingFile
 from drivers.camera import CameraDescription
 from drivers.genicam.trigger import ACTION, SOFTWARE
+from drivers.setup import FeatureSetting, as_list, parse_features
 from imaging.exposure import ExposureSetting, GainScale
 from imaging.frames import Side
 from imaging.geometry import CameraGeometry
 from imaging.pixels import PixelFormat
 from imaging.python310 import Self
 from imaging.response import ResponseFunction
+
+
+def _refuse_number(serial: object) -> object:
+    if isinstance(serial, int | float):  # as a number it may have lost leading zeros already
+        raise ValueError("is a number to YAML: put the serial in quotes, as `autoexpose list` shows it")
+    return serial
+
+
+Features = Annotated[tuple[FeatureSetting, ...], BeforeValidator(parse_features), PlainSerializer(as_list)]
+
+
+class CameraConfig(Section):
+    """One camera: its serial, its calibration files (without a response file it is linear), and features to set.
+
+    `exposure_count_us` are the microseconds in a count of an exposure time whose unit the camera does not give.
+    """
+
+    serial: Annotated[Name, BeforeValidator(_refuse_number)]
+    response: FileName | None = None
+    gain_calibration: FileName | None = None
+    calibration: FileName | None = None
+    vignetting: FileName | None = None
+    exposure_count_us: ExposureCountUs | None = None
+    features: Features = ()
+
+    def relative_to(self, folder: Path) -> Self:
+        """The same with the paths of its files relative to `folder`."""
+        files = {key: getattr(self, key) for key in ("response", "gain_calibration", "calibration", "vignetting")}
+        return self.model_copy(update={key: path and folder / path for key, path in files.items()})
+
+
+class CamerasConfig(Section):
+    """The cameras of the rig; a rig with one camera has only `left`."""
+
+    left: CameraConfig
+    right: CameraConfig | None = None
+
+    @model_validator(mode="after")
+    def _two_cameras_are_two(self) -> Self:
+        if self.right is None or self.right.serial.casefold() != self.left.serial.casefold():
+            return self
+        if self.right.serial == self.left.serial:
+            raise ValueError(f"left and right are the same camera, {self.left.serial}")
+        raise ValueError(
+            f"left and right differ only in case, {self.left.serial} and {self.right.serial}: give each serial "
+            "as `autoexpose list` shows it"
+        )
+
+
+class ImuConfig(ConnectionConfig):
+    """An IMU on zenoh: `sensor_msgs/msg/Imu` under a key, and how old a sample may be when a step is decided."""
+
+    key: Annotated[str, AfterValidator(check_key_expression)]
+    max_age_s: SampleAgeS = 0.1
+    connect: tuple[str, ...] = (ROUTER,)
+
+
+class MotionConfig(Section):
+    """Where the speed of the image comes from; without an IMU it is optical flow."""
+
+    imu: ImuConfig | None = None
+
+
+class PublishConfig(ConnectionConfig):
+    """How other processes get the frames; without this section they get none."""
+
+    rig: str = "rig"
+    listen: tuple[str, ...] = (LOOPBACK,)
+    stamp: Stamp = "middle"
+    ros2_domain: Annotated[int, Field(ge=0, le=LAST_ROS2_DOMAIN, strict=True)] | None = None
+
+    @field_validator("rig")
+    @classmethod
+    def _rig_is_a_name(cls, rig: str) -> str:
+        check_rig_name(rig)
+        return rig
+
 
 DEFAULT_START = ExposureSetting(2000.0, 0.0)
 """Right for an office, and six stops from either end of the range."""

@@ -1,19 +1,105 @@
-"""Reading a configuration file: YAML on disk, and one sentence for each mistake in it."""
+"""Reading a configuration file, and what it says of how to open each camera."""
 
 from __future__ import annotations
 
+import math
+import re
 from collections.abc import Mapping
 from pathlib import Path
 
 from pydantic import ValidationError
 
-from autoexpose_daemon.config.camera_setup import refuse_driven_features
-from autoexpose_daemon.config.cameras import CameraConfig
-from autoexpose_daemon.config.document import Config
-from autoexpose_daemon.config.mistakes import mistakes
+from autoexpose_daemon.config.control import BracketConfig
+from autoexpose_daemon.config.document import CameraConfig, Config
+from autoexpose_daemon.config.section import mistakes
 from documents.strict_yaml import load_mapping
 from documents.text import readable
+from drivers.genicam.features import refuse_driven
+from drivers.setup import CameraSetup, LinkShare, TriggerMode, TriggerSetup
 from imaging.errors import ConfigurationError
+from imaging.frames import Side
+
+
+def camera_setup(config: Config, side: Side) -> CameraSetup:
+    """How to open the camera of a side."""
+    return CameraSetup(
+        trigger=_trigger(config, side),
+        pixel_format=config.image.pixel_format,
+        binning=config.image.binning,
+        packet_size_bytes=config.transport.packet_size_bytes,
+        link_share=LinkShare(len(config.sides), config.transport.link_mbps) if config.transport.plan else None,
+        features=config.sides[side].features,
+        gain_scale=config.gain_scales[side],
+        exposure_count_us=config.sides[side].exposure_count_us,
+    )
+
+
+def refuse_driven_features(path: Path, config: Config) -> None:
+    """Raise ConfigurationError with a sentence for each feature in the file that the daemon drives itself."""
+    refused = [
+        f"{path}: cameras.{side}.features: {error}"
+        for side in config.sides
+        for error in refuse_driven(camera_setup(config, side))
+    ]
+    if refused:
+        raise ConfigurationError("\n".join(refused))
+
+
+def _trigger(config: Config, side: Side) -> TriggerSetup:
+    """In mode primary the left camera runs by its own clock, and its exposures trigger the right one."""
+    trigger = config.trigger
+    mode: TriggerMode
+    output_line = None
+    if trigger.mode != "primary":
+        mode = trigger.mode
+    elif side == "right":
+        mode = "external"
+    else:
+        mode, output_line = "free_run", trigger.output_line
+    return TriggerSetup(mode, trigger.line, trigger.rate_hz, config.exposure.max_time_us, output_line)
+
+
+_RANGE = re.compile(r"1:(\d{1,9}(?:\.\d+)?)")
+
+
+def bracketed(config: Config, bracket: bool, exposures: int | None, range_: str | None, keep: bool) -> Config:
+    """A configuration with the brackets that options ask for; without `bracket`, the configuration itself.
+
+    Parameters
+    ----------
+    config
+        What it is otherwise; its own brackets give what the options leave open.
+    bracket, exposures, range_, keep
+        The options; `range_` as in ``1:64``.
+
+    Raises
+    ------
+    ConfigurationError
+        Naming the option at fault.
+    """
+    if not bracket:
+        if exposures is not None or range_ is not None or keep:
+            raise ConfigurationError("--exposures, --range and --keep are for brackets: add --bracket")
+        return config
+    given: dict[str, object] = {} if exposures is None else {"exposures": exposures}
+    if range_ is not None:
+        given["range_stops"] = _stops(range_)
+    if keep:
+        given["keep"] = True
+    own = {} if config.control.bracket is None else config.control.bracket.model_dump()
+    try:
+        brackets = BracketConfig.model_validate({**own, **given})
+    except ValidationError as error:
+        raise ConfigurationError(f"--bracket: {mistakes(error, BracketConfig)[0]}") from error
+    return config.model_copy(update={"control": config.control.model_copy(update={"bracket": brackets})})
+
+
+def _stops(range_: str) -> float:
+    match = _RANGE.fullmatch(range_)
+    if match is None or float(match[1]) <= 1.0:
+        raise ConfigurationError(f"--range {range_} is no range: give 1:N, as in 1:64")
+    return math.log2(float(match[1]))
+
 
 _OPTIONAL = ("publish", "cameras.right", "control.bracket", "motion.imu")
 """Sections without which nothing is published, and so on."""

@@ -7,9 +7,16 @@ from typing import Annotated, Any, Final
 
 from pydantic import Field, ValidationError, field_validator, model_validator
 
-from autoexpose_daemon.config.area import AreaConfig
-from autoexpose_daemon.config.mistakes import mistakes
-from autoexpose_daemon.config.section import EvStops, ExposureTimeUs, GainDb, Name, Section, present_name
+from autoexpose_daemon.config.section import (
+    AreaConfig,
+    EvStops,
+    ExposureTimeUs,
+    GainDb,
+    Name,
+    Section,
+    mistakes,
+    present_name,
+)
 from autoexpose_daemon.control.policies.ids import check_policy_id
 from documents.text import readable
 from imaging.errors import ConfigurationError

@@ -1,29 +1,42 @@
-"""What all sections of the configuration have in common: known keys, numbers within bounds, printable names."""
+"""What sections of the configuration have in common: known keys, numbers within bounds, areas, words for mistakes."""
 
 from __future__ import annotations
 
+import difflib
 import logging
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import (
     AfterValidator,
     BaseModel,
     BeforeValidator,
     ConfigDict,
+    Field,
+    ValidationError,
     ValidatorFunctionWrapHandler,
     WrapValidator,
+    field_validator,
+    model_validator,
 )
+from pydantic_core import ErrorDetails
 
 from autoexpose_daemon.control.parameters import BRACKET_RANGES, RANGES
-from autoexpose_daemon.control.policies.removed import REMOVED
+from autoexpose_daemon.control.policies.ids import REMOVED
+from autoexpose_daemon.messages.keys import check_endpoints
+from autoexpose_daemon.messages.zenoh_file import check_zenoh_file
 from documents import bounds
-from documents.text import quoted
+from documents.text import quoted, shortened
+from imaging.errors import ConfigurationError
+from imaging.python310 import Self
 
 log = logging.getLogger(__name__)
 
 LONGEST_NAME = 64
+MOST_RECTANGLES = 256
 _LONGEST_PATH = 4096
 
 
@@ -103,3 +116,89 @@ class Section(BaseModel):
     """Unknown keys are errors: a misspelt limit must not silently mean no limit."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class RectangleConfig(Section):
+    """A rectangle in pixels of the camera's frames, `[x, y, width, height]`, and how much its pixels count."""
+
+    box: tuple[Pixel, Pixel, Extent, Extent]
+    weight: Weight = 1.0
+
+
+class AreaConfig(Section):
+    """What counts in the picture of one camera: rectangles, and everything else."""
+
+    rectangles: Annotated[tuple[RectangleConfig, ...], Field(max_length=MOST_RECTANGLES)] = ()
+    background_weight: Weight = 0.0
+
+
+def mistakes(error: ValidationError, model: type[BaseModel]) -> list[str]:
+    """A sentence for each thing that is wrong with data for a model, beginning with its key."""
+    return [_complaint(each, model) for each in error.errors()]
+
+
+def _complaint(error: ErrorDetails, model: type[BaseModel]) -> str:
+    key = ".".join(shortened(str(part)) for part in error["loc"])
+    if error["type"] == "extra_forbidden":
+        *parents, last = [str(part) for part in error["loc"]]
+        known = _keys_of(parents, model)
+        near = difflib.get_close_matches(last, known, n=1)
+        hint = f"did you mean {'.'.join([*parents, near[0]])}?" if near else f"known: {', '.join(known)}"
+        return f"{key}: unknown key; {hint}"
+    if error["type"] == "model_type" and key:
+        return f"{key}: is {'empty' if error['input'] is None else 'no section'}: give keys below it, or remove it"
+    if error["type"] == "missing":
+        return f"{key}: is missing"
+    message = error["msg"].removeprefix("Value error, ")
+    return f"{key + ': ' if key else ''}{message[0].lower()}{message[1:]}"
+
+
+def _keys_of(parents: list[str], model: type[BaseModel]) -> list[str]:
+    """The known keys below a path of keys, taken from the models themselves."""
+    for parent in parents:
+        if parent.isdecimal():  # a place in a list
+            continue
+        annotation: Any = model.model_fields[parent].annotation
+        candidates = [annotation, *getattr(annotation, "__args__", ())]
+        model = next(c for c in candidates if isinstance(c, type) and issubclass(c, BaseModel))
+    return list(model.model_fields)
+
+
+@contextmanager
+def said_of(key: str) -> Iterator[None]:
+    """Put a key in front of what a ConfigurationError says."""
+    try:
+        yield
+    except ConfigurationError as error:
+        raise ConfigurationError(f"{key}: {error}") from error
+
+
+class ConnectionConfig(Section):
+    """Endpoints for zenoh, or a zenoh configuration file instead."""
+
+    connect: tuple[str, ...] = ()
+    zenoh: FileName | None = None
+
+    @field_validator("listen", "connect", check_fields=False)
+    @classmethod
+    def _endpoints_are_endpoints(cls, endpoints: tuple[str, ...]) -> tuple[str, ...]:
+        check_endpoints(endpoints)
+        return endpoints
+
+    @model_validator(mode="after")
+    def _endpoints_stand_in_one_place(self) -> Self:
+        twice = [name for name in ("listen", "connect") if name in self.model_fields_set]
+        if self.zenoh is not None and twice:
+            raise ValueError(f"the zenoh configuration file names the endpoints: remove {' and '.join(twice)}")
+        return self
+
+    def relative_to(self, folder: Path, section: str) -> Self:
+        """The same with its file relative to `folder`; ConfigurationError names `section` if zenoh cannot use it."""
+        if self.zenoh is None:
+            return self
+        file = folder / self.zenoh
+        try:
+            check_zenoh_file(file)
+        except ConfigurationError as error:
+            raise ConfigurationError(f"{section}.zenoh: {error}") from error
+        return self.model_copy(update={"zenoh": file})

@@ -1,10 +1,78 @@
-"""What one step of the loop decides."""
+"""What one step of the loop decides, and what that rests on, for people to look at."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 from imaging.exposure import ExposureSetting
+from imaging.frames import Side
+
+
+@dataclass(frozen=True, slots=True)
+class SceneHistogram:
+    """What light the scene sends one camera, as far as is known, by log radiance in bins of `bin_stops`.
+
+    Radiance is in stops from what saturates at exposure level 0, so frames of level E are white from about -E on.
+
+    Attributes
+    ----------
+    start
+        Lower bound of the first bin, stops.
+    bin_stops
+        Width of a bin.
+    known
+        Share of the picture in each bin, as frames showed it.
+    guessed
+        Share in each bin of what no frame has shown, which is clipped: where it is expected to lie.
+    contrast
+        Squared contrast in each bin, known or expected, as a share of all: it makes light worth showing.
+    black, white
+        Radiance between which the newest frame shows it.
+    """
+
+    start: float
+    bin_stops: float
+    known: list[float]
+    guessed: list[float]
+    contrast: list[float]
+    black: float
+    white: float
+
+
+@dataclass(frozen=True, slots=True)
+class Grounds:
+    """What the latest decision of a policy that plans by a belief rests on.
+
+    Attributes
+    ----------
+    scenes
+        What each camera faces.
+    level
+        Exposure level of the newest frame, stops.
+    levels
+        Those that could be decided on, ascending.
+    worth
+        What a frame of each level would be worth by itself, as a share of the best.
+    value
+        What decides: the same, summed over the frames that are planned, if the first has this level and the best
+        follow, less what changes of brightness cost, and with what the first would reveal.
+    """
+
+    scenes: dict[Side, SceneHistogram]
+    level: float
+    levels: list[float]
+    worth: list[float]
+    value: list[float]
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether there is a worth and a value for each level, at least one."""
+        return 0 < len(self.levels) == len(self.worth) == len(self.value)
+
+    @property
+    def best_level(self) -> float:
+        """The level that is decided on, unless it is overridden: that of the largest value."""
+        return self.levels[self.value.index(max(self.value))]
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,8 +8,7 @@ from dataclasses import dataclass, replace
 from typing import ClassVar
 
 from autoexpose_daemon.control.balance import Balance, whole_periods_us
-from autoexpose_daemon.control.decision import Decision
-from autoexpose_daemon.control.grounds import Grounds
+from autoexpose_daemon.control.decision import Decision, Grounds
 from autoexpose_daemon.control.light_ahead import LightAhead
 from autoexpose_daemon.control.metrics.gradient import GradientMetric
 from autoexpose_daemon.control.override import NO_OVERRIDE, Compensation, Override
@@ -17,8 +16,7 @@ from autoexpose_daemon.control.parameters import FASTEST_TURN_RAD_S, REMEMBERED_
 from autoexpose_daemon.control.picture.image import median
 from autoexpose_daemon.control.picture.motion import FarnebackMotion, Motion, TileMotion
 from autoexpose_daemon.control.picture.region import Region
-from autoexpose_daemon.control.picture.steering import Steering
-from autoexpose_daemon.control.picture.tracking_memory import CellExposure
+from autoexpose_daemon.control.picture.steering import CellExposure, Steering
 from autoexpose_daemon.control.policies.flicker import FlickerWatch
 from autoexpose_daemon.control.policies.table import build_policy
 from autoexpose_daemon.control.policy import Look, Objective, Observation, PastStep, PolicySetup, Target

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autoexpose_daemon.control.balance import Balance, BlurNoiseBalance, ExposurePriority, FixedRatio, FlickerBalance
-from autoexpose_daemon.control.grounds import Grounds
+from autoexpose_daemon.control.decision import Grounds
 from autoexpose_daemon.control.light_ahead import LightAhead
 from autoexpose_daemon.control.metrics.gradient import GradientMetric, mean_signal
 from autoexpose_daemon.control.parameters import ControlParameters

@@ -13,8 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator
 from numpy.typing import NDArray
 
-from autoexpose_daemon.demo.analysis import LightStep, lost_pulses
-from autoexpose_daemon.demo.step_log import StepLog
+from autoexpose_daemon.demo.analysis import LightStep, StepLog, lost_pulses
 from autoexpose_daemon.demo.summary import Run
 
 _PICTURES = 8

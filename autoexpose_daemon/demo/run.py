@@ -12,9 +12,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from autoexpose_daemon.control.policies.ids import check_policy_id
-from autoexpose_daemon.demo.fakes import check_simulator, fake_cameras
+from autoexpose_daemon.demo.fakes import (
+    begin_again_on_fake_bus,
+    cameras_on_bus,
+    check_simulator,
+    fake_cameras,
+    folder_of_bus,
+    take_signals,
+)
 from autoexpose_daemon.demo.options import DemoOptions
-from autoexpose_daemon.demo.usb_bus import begin_again_on_fake_bus, cameras_on_bus, folder_of_bus, take_signals
 from autoexpose_daemon.recording import check_recording_extra
 from imaging.errors import ConfigurationError
 

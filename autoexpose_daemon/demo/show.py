@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import json
+import os
 import signal
 import tempfile
 import threading
@@ -17,27 +18,97 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Console
 
 from autoexpose_daemon.config.document import Config
-from autoexpose_daemon.demo.analysis import light_steps, pulses_in_window
-from autoexpose_daemon.demo.brackets import SENSOR, geometry_files
+from autoexpose_daemon.demo.analysis import StepLog, light_steps, pulses_in_window
 from autoexpose_daemon.demo.fakes import SERIALS, FakeCameras, newest_lux, read_pulses
 from autoexpose_daemon.demo.options import DemoOptions
-from autoexpose_daemon.demo.rate import RATES_HZ, cores, held_rate_hz, pairs_per_s, shortfall
 from autoexpose_daemon.demo.reference_step import reference_step_ms
-from autoexpose_daemon.demo.step_log import StepLog
 from autoexpose_daemon.demo.summary import Run, figures, in_words
-from autoexpose_daemon.runtime.cameras import openers
 from autoexpose_daemon.runtime.daemon import Daemon
+from autoexpose_daemon.runtime.setup import openers
 from autoexpose_daemon.service.logs import set_up_logging
-from autoexpose_daemon.service.outlets import add_outlets
-from autoexpose_daemon.service.service import Service
-from autoexpose_daemon.status.display import display
+from autoexpose_daemon.service.service import Service, add_outlets
+from autoexpose_daemon.status.panel import display
+from calibration.geometry.formats.ros import ros_yaml
 from drivers.aravis import find_cameras
 from imaging.errors import AutoexposeError
-from imaging.frames import Side
+from imaging.frames import SIDES, Side
+from imaging.geometry import CameraGeometry
 from imaging.pixels import PIXEL_FORMATS
 
 if TYPE_CHECKING:
     from autoexpose_daemon.recording.recorder import Recorder
+
+SENSOR = {"full_well_e": 22_000.0, "read_noise_e": 3.0}
+"""As `autoexpose calibrate noise` finds them."""
+
+_FOCAL_WIDTHS = 860 / 720
+_BASELINE_M = 0.08
+
+
+def geometry_files(width_height: tuple[int, int], folder: Path) -> dict[Side, dict[str, str]]:
+    """Write the geometry of both cameras; returns the keys for the configuration."""
+    return {side: _written(side, width_height, folder) for side in SIDES}
+
+
+def _written(side: Side, width_height: tuple[int, int], folder: Path) -> dict[str, str]:
+    width, height = width_height
+    focal_px, x, y = _FOCAL_WIDTHS * width, (width - 1) / 2, (height - 1) / 2
+    shift = -focal_px * _BASELINE_M if side == "right" else 0.0
+    k = (focal_px, 0.0, x, 0.0, focal_px, y, 0.0, 0.0, 1.0)
+    p = (focal_px, 0.0, x, shift, 0.0, focal_px, y, 0.0, 0.0, 0.0, 1.0, 0.0)
+    unturned = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
+    geometry = CameraGeometry(width, height, "plumb_bob", (0.0,) * 5, k, unturned, p)
+    file = folder / f"{side}.yaml"
+    file.write_text(ros_yaml(geometry, side), encoding="ascii")
+    return {"calibration": str(file)}
+
+
+RATES_HZ = (60.0, 30.0, 20.0, 10.0, 4.0, 2.0)
+"""The demo runs at the highest that this machine can sustain.
+
+Not at 5 Hz: over USB3 Vision Aravis 0.8.26 waits 0.2 s at a time for a frame, and may lose one that arrives between
+two waits (docs/usb3.md).
+"""
+
+_USABLE_SHARE = 0.85  # of the cores; the rest is for the terminal and the system
+_SENDING_S = 0.001  # a fake camera's time per frame apart from rendering: packets, clock, commands
+_DAEMON_S = 0.0085  # the daemon's time for a pair: half a core at 60 Hz, as measured on a slow machine
+_MEASURED_AT_BYTES = 720 * 540
+_QUOTA = Path("/sys/fs/cgroup/cpu.max")
+
+
+def cores(quota: Path = _QUOTA) -> float:
+    """How many cores this process may use, by its affinity and its container's quota (cgroup v2)."""
+    allowed = len(os.sched_getaffinity(0))
+    try:
+        share, period = quota.read_text().split()
+        return allowed if share == "max" else min(allowed, int(share) / int(period))
+    except (OSError, ValueError, ZeroDivisionError):
+        return allowed
+
+
+def pairs_per_s(frame_s: float, cores: float, image_bytes: int = _MEASURED_AT_BYTES) -> float:
+    """Pairs per second that two fake cameras, which need `frame_s` per frame, can make beside the daemon.
+
+    The time that sending and the daemon take is assumed to grow with a frame's `image_bytes`.
+    """
+    size = image_bytes / _MEASURED_AT_BYTES
+    camera_s = frame_s + size * _SENDING_S
+    return _USABLE_SHARE * min(cores / (2 * camera_s + size * _DAEMON_S), 1 / camera_s)
+
+
+def held_rate_hz(possible_hz: float) -> float:
+    """The highest rate that can be sustained, or the lowest of all."""
+    return next((rate_hz for rate_hz in RATES_HZ if rate_hz <= possible_hz), RATES_HZ[-1])
+
+
+def shortfall(possible_hz: float, rate_hz: float, asked: bool) -> str | None:
+    """What to say before the first frame if the machine is too slow, else None."""
+    renders = f"this machine renders {possible_hz:.0f} frames a second"
+    if rate_hz > possible_hz:
+        return f"{renders}: at {rate_hz:g} Hz the fake cameras will lose some"
+    return f"{renders}: showing {rate_hz:g} Hz" if not asked and rate_hz < RATES_HZ[0] else None
+
 
 _LONGEST_US = 7500.0
 _PICTURES = 80

@@ -9,14 +9,12 @@ from typing import Any
 from rich.table import Table
 from rich.text import Text
 
-from autoexpose_daemon.demo.analysis import LightStep, delay_frames, light_settings
+from autoexpose_daemon.demo.analysis import LightStep, StepLog, delay_frames, light_settings
 from autoexpose_daemon.demo.fakes import FakeCamera, Pulse
 from autoexpose_daemon.demo.options import DemoOptions
-from autoexpose_daemon.demo.step_log import StepLog
 from autoexpose_daemon.runtime.daemon import Daemon
-from autoexpose_daemon.status.counters import Counts, anomalies
-from autoexpose_daemon.status.durations import DURATIONS
-from autoexpose_daemon.status.losses import lost_in_words
+from autoexpose_daemon.status.counters import DURATIONS, Counts, anomalies
+from autoexpose_daemon.status.panel import lost_in_words
 
 _TRANSPORTS = {"gige": "GigE Vision", "usb3": "USB3 Vision"}
 

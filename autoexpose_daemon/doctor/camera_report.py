@@ -5,22 +5,206 @@ from __future__ import annotations
 import json
 import platform
 import re
+import signal
 import time
 import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
 from importlib.metadata import version
+from ipaddress import IPv4Interface
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import numpy as np
+import typer
+import yaml
 
-from autoexpose_daemon.doctor.facts import Facts
+from autoexpose_daemon.config.document import Config
+from autoexpose_daemon.config.load import load_config
 from autoexpose_daemon.doctor.need import Need
-from drivers.aravis import AravisCamera, FoundCamera, find_cameras, open_camera
-from drivers.setup import CameraSetup, TriggerSetup
-from imaging.errors import AutoexposeError, ConfigurationError
+from documents.text import readable
+from drivers.aravis import AravisCamera, FoundCamera, find_cameras, open_camera, open_nodes
+from drivers.genicam.dialect import gain_driven
+from drivers.genicam.features import advice, changed_from_default, differing, read_inventory
+from drivers.genicam.nodes import NodeMap
+from drivers.host import stream_filter
+from drivers.host.network import (
+    Control,
+    GigeCamera,
+    control_of,
+    find_interfaces,
+    largest_socket_buffer_bytes,
+    ptp_status_of,
+    search,
+    streamed_packet_bytes,
+)
+from drivers.host.usb import UsbFacts, find_usb
+from drivers.setup import CameraSetup, FeatureSetting, TriggerSetup, as_list
+from imaging.errors import AutoexposeError, CameraLostError, ConfigurationError
 from imaging.exposure import ExposureLimits, ExposureSetting
-from imaging.frames import Frame, SettingSource
+from imaging.frames import Frame, SettingSource, Side
+
+
+@dataclass(frozen=True, slots=True)
+class GigeFacts:
+    """GigE Vision cameras and what the host's network offers them.
+
+    `control` and `ptp`, the state of its PTP clock, are known for reachable cameras, `packet_bytes` for those that
+    stream at present; `failures` says why an interface could not be searched, `no_filter` why a stream cannot be
+    protected from other senders' packets.
+    """
+
+    cameras: tuple[GigeCamera, ...] = ()
+    control: Mapping[IPv4Interface, Control] = field(default_factory=dict)
+    ptp: Mapping[IPv4Interface, str | None] = field(default_factory=dict)
+    packet_bytes: Mapping[IPv4Interface, int] = field(default_factory=dict)
+    failures: Mapping[str, str] = field(default_factory=dict)
+    largest_socket_buffer_bytes: int | None = None
+    no_filter: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Facts:
+    """All facts that were found."""
+
+    usb: UsbFacts
+    gige: GigeFacts
+
+    @property
+    def serials(self) -> list[str]:
+        """Serial numbers of the cameras found, where known."""
+        found = [*(camera.serial for camera in self.usb.cameras), *(camera.serial for camera in self.gige.cameras)]
+        return sorted({serial for serial in found if serial is not None})
+
+
+def gather(root: Path = Path("/"), wanted: Collection[str] = ()) -> Facts:
+    """Gather the facts of the host, in about a second; files are read below `root`.
+
+    It takes three seconds if a GigE Vision camera of the `wanted` serial numbers is not found.
+    """
+    usb = find_usb(root)
+    found = search(find_interfaces(), wanted=set(wanted) - {camera.serial for camera in usb.cameras})
+    reachable = [camera.address for camera in found.cameras if camera.reachable]
+    return Facts(
+        usb=usb,
+        gige=GigeFacts(
+            cameras=found.cameras,
+            control={address: control_of(str(address.ip)) for address in reachable},
+            ptp={address: ptp_status_of(str(address.ip)) for address in reachable},
+            packet_bytes={
+                address: size for address in reachable if (size := streamed_packet_bytes(str(address.ip))) is not None
+            },
+            failures=found.failures,
+            largest_socket_buffer_bytes=largest_socket_buffer_bytes(root),
+            no_filter=stream_filter.why_not(),
+        ),
+    )
+
+
+_STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+_NO_CONFIGURATION = CameraSetup(TriggerSetup("external"))
+
+
+def show_features(serial: str, changed: bool, save: Path | None) -> None:
+    """Print what can be set on a camera, or what differs from its default user set, as a configuration; or save it.
+
+    Features that the daemon drives itself are left out.
+    """
+    with open_nodes(serial) as nodes:
+        inventory = read_inventory(nodes)
+        settings, lost = list(inventory.settings), list[FeatureSetting]()
+        if changed:
+            try:
+                with _undisturbed():
+                    settings, lost = changed_from_default(nodes, settings)
+            except CameraLostError as error:
+                raise CameraLostError(f"{error}; it may be left with its default user set") from error
+        free = _free(nodes, settings)
+    text = _configuration(serial, free)
+    if save is None:
+        typer.echo(text, nl=False)
+    else:
+        _write(save, text)
+        typer.echo(f"{save}: {len(free)} features of camera {serial}")
+    _tell("driven by the daemon, so left out", [setting.name for setting in settings if setting not in free])
+    _tell("cannot be read, so left out", inventory.unread)
+    _tell("tables, so left out", inventory.tables)
+    if changed:
+        _tell("the default user set was loaded for a moment, which may have reset these tables", inventory.tables)
+    if lost:
+        raise AutoexposeError(
+            f"camera {serial}: these could not be put back after its default user set was loaded: "
+            f"{', '.join(f'{setting.key}: {setting.value}' for setting in lost)}; switch it off and on"
+        )
+
+
+def show_difference(serial: str, file: Path) -> bool:
+    """Print where a camera differs from the features of a configuration file; True if there is no difference."""
+    config = load_config(file)
+    side = _side_of(serial, config, file)
+    last = {feature.key: feature for feature in config.sides[side].features}  # of equal keys the last counts
+    with open_nodes(serial) as nodes:
+        settings = [feature for feature in last.values() if nodes.kind(feature.name) != "command"]
+        found = differing(nodes, settings)
+    for setting, present in found:
+        has = "cannot be read" if present is None else f"is {_value(present)}"
+        typer.echo(readable(f"{setting.key} {has}, in {file} {_value(setting.value)}"))
+    if not found:
+        typer.echo(f"camera {serial} has all {len(settings)} features of cameras.{side} in {file}")
+    return not found
+
+
+def _side_of(serial: str, config: Config, file: Path) -> Side:
+    for side, camera in config.sides.items():
+        if camera.serial == serial:
+            return side
+    if len(config.sides) == 1:  # the features of another camera, such as its twin
+        return "left"
+    raise ConfigurationError(f"{file}: neither camera is {serial}: name a file with that camera, or with a single one")
+
+
+def _free(nodes: NodeMap, settings: Sequence[FeatureSetting]) -> list[FeatureSetting]:
+    """The features that the daemon does not drive."""
+    driven = gain_driven(nodes)
+    return [setting for setting in settings if advice(setting, _NO_CONFIGURATION, driven) is None]
+
+
+def _configuration(serial: str, features: Sequence[FeatureSetting]) -> str:
+    camera = {"serial": serial, "features": as_list(features)}
+    return yaml.safe_dump({"cameras": {"left": camera}}, sort_keys=False, allow_unicode=True, width=1000)
+
+
+def _write(file: Path, text: str) -> None:
+    try:
+        with file.open("x") as new:
+            new.write(text)
+    except OSError as error:
+        raise AutoexposeError(f"{file}: cannot be written ({error.strerror}): name a new file") from error
+
+
+def _value(value: object) -> str:
+    return yaml.safe_dump(value).removesuffix("...\n").strip()
+
+
+def _tell(what: str, names: Sequence[str]) -> None:
+    if names:
+        typer.echo(readable(f"{what}: {', '.join(dict.fromkeys(names))}"), err=True)
+
+
+@contextmanager
+def _undisturbed() -> Iterator[None]:
+    """Ctrl-C, SIGTERM and a closed terminal wait: the camera must not be left with its default user set."""
+    came: list[int] = []
+    former = {one: signal.signal(one, lambda number, _: came.append(number)) for one in _STOPPING}
+    try:
+        yield
+    finally:
+        for one, handler in former.items():
+            signal.signal(one, handler)
+        if came:
+            signal.raise_signal(came[0])
+
 
 FORMAT = "autoexpose-camera-report/1"
 WATCHED_S: Final = 20.0

@@ -1,18 +1,114 @@
-"""The doctor's examination of a host."""
+"""The doctor's examination of a host: from facts to findings, as text and as JSON."""
 
 from __future__ import annotations
 
+import json
+import textwrap
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict
 from pathlib import Path
 
 import typer
 from rich.console import Console
+from rich.text import Text
 
+from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.config.load import load_config
-from autoexpose_daemon.doctor.facts import gather
-from autoexpose_daemon.doctor.finding import Finding
-from autoexpose_daemon.doctor.judge import judge
-from autoexpose_daemon.doctor.need import Need
-from autoexpose_daemon.doctor.output import as_json, show, stops
+from autoexpose_daemon.doctor.camera_report import Facts, gather
+from autoexpose_daemon.doctor.judge_gige import judge_gige
+from autoexpose_daemon.doctor.judge_usb import judge_usb
+from autoexpose_daemon.doctor.need import Finding, Need, Severity
+from autoexpose_daemon.runtime.setup import refusals
+from imaging.errors import ConfigurationError
+from imaging.response import ResponseFunction
+
+
+def judge(facts: Facts, need: Need) -> list[Finding]:
+    """What the facts mean for a daemon with these needs."""
+    return [
+        *_missing(facts, need),
+        *_without_ptp(facts, need),
+        *judge_usb(facts.usb, need, facts.serials),
+        *judge_gige(facts.gige, need),
+    ]
+
+
+def _without_ptp(facts: Facts, need: Need) -> Iterator[Finding]:
+    for camera in facts.usb.cameras if need.ptp else ():
+        if need.wants(camera.serial):
+            sentence = f"{need.name(camera.serial)} is on USB3 Vision, where there is no PTP"
+            yield Finding("ptp", "stops", sentence, "trigger.mode: software   # in the configuration, or a wire")
+
+
+def _missing(facts: Facts, need: Need) -> Iterator[Finding]:
+    there = ", ".join(facts.serials) or "none"
+    for side, serial in need.serials.items():
+        if serial not in facts.serials:
+            yield Finding(
+                "camera-missing",
+                "stops",
+                f"{need.name(serial)} not found; cameras found: {there}",
+                f"autoexpose doctor   # after checking power, cable and cameras.{side}.serial",
+            )
+    if not need.serials and not (facts.usb.cameras or facts.gige.cameras):
+        yield Finding(
+            "camera-missing",
+            "stops",
+            "no camera found, neither USB3 Vision nor GigE Vision",
+            "autoexpose doctor   # after checking power and cables",
+        )
+
+
+def judge_features(config: Config) -> Iterator[Finding]:
+    """Open each camera as the daemon would, and close it again."""
+    for side, error in refusals(config):
+        camera = config.sides[side]
+        if error is None:
+            sentence = f"{side} camera {camera.serial} takes all {len(camera.features)} features"
+            yield Finding("features", "ok", sentence)
+        else:
+            yield Finding("features", "stops", f"{side} camera: {error}", f"autoexpose features {camera.serial}")
+
+
+def judge_policy(config: Config) -> Iterator[Finding]:
+    """Build it as the daemon would."""
+    limits, start = config.exposure.limits(), config.start
+    try:
+        from autoexpose_daemon.control.loop import ControlLoop  # noqa: PLC0415  needs the C extension
+
+        ControlLoop(config.control.policy, ResponseFunction.linear(), limits, start, config.control.parameters())
+    except ConfigurationError as error:
+        yield Finding("policy", "stops", str(error))
+
+
+_COLOURS: dict[Severity, str] = {"stops": "bold red", "warning": "yellow", "ok": "green"}
+_INDENT = 9
+
+
+def as_json(findings: Sequence[Finding]) -> str:
+    """All findings as a JSON document."""
+    return json.dumps({"stops": stops(findings), "findings": [asdict(finding) for finding in findings]}, indent=1)
+
+
+def stops(findings: Sequence[Finding]) -> bool:
+    """Whether the daemon would not run."""
+    return any(finding.severity == "stops" for finding in findings)
+
+
+def show(findings: Sequence[Finding], console: Console) -> None:
+    """Print each finding, with its fix unbroken on a line of its own, and a summary."""
+    for finding in findings:
+        lines = textwrap.wrap(finding.sentence, console.width - _INDENT, break_on_hyphens=False)
+        sentence = ("\n" + " " * _INDENT).join(lines)
+        severity = (f"{finding.severity:<{_INDENT}}", _COLOURS[finding.severity])
+        console.print(Text.assemble(severity, sentence), soft_wrap=True)
+        if finding.fix is not None:
+            console.print(Text(f"{'':{_INDENT}}$ {finding.fix}", "cyan"), soft_wrap=True)
+    count = Counter(finding.severity for finding in findings)
+    verdict = "The daemon would not run" if stops(findings) else "Nothing stops the daemon"
+    sums = ", ".join(f"{count[severity]} {severity}" for severity in _COLOURS)
+    console.print(Text(f"{verdict} ({sums})."), soft_wrap=True)
 
 
 def examine(config: Path | None, as_document: bool, report: Path | None = None) -> bool:
@@ -30,12 +126,12 @@ def examine(config: Path | None, as_document: bool, report: Path | None = None) 
         return True
     findings = judge(facts, need)
     if loaded is not None:
-        from autoexpose_daemon.doctor.judge_policy import judge_policy  # noqa: PLC0415  loads OpenCV
+        from autoexpose_daemon.doctor.examine import judge_policy  # noqa: PLC0415  loads OpenCV
 
         findings += judge_policy(loaded)
         findings += [Finding("calibration", "warning", note) for note in loaded.notes]
     if loaded is not None and not stops(findings) and any(camera.features for camera in loaded.sides.values()):
-        from autoexpose_daemon.doctor.judge_features import judge_features  # noqa: PLC0415  loads Aravis
+        from autoexpose_daemon.doctor.examine import judge_features  # noqa: PLC0415  loads Aravis
 
         findings += judge_features(loaded)
     if as_document:

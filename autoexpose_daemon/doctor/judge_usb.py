@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from itertools import groupby
 
-from autoexpose_daemon.doctor.finding import Finding
-from autoexpose_daemon.doctor.need import Need
+from autoexpose_daemon.doctor.need import Finding, Need
 from drivers.genicam.link_share import USB3_MBPS, usb_bytes_per_s
 from drivers.host.usb import UsbCamera, UsbFacts
 

@@ -1,10 +1,11 @@
-"""What the daemon will need from the host."""
+"""What the daemon will need from the host, and what the doctor reports."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Literal
 
 from autoexpose_daemon.config.document import Config, TriggerConfig
 from drivers.genicam.link_share import needed_bytes_per_s
@@ -12,6 +13,20 @@ from drivers.setup import FeatureSetting
 from imaging.frames import Side
 from imaging.pixels import PixelFormat
 from imaging.python310 import Self
+
+Severity = Literal["ok", "warning", "stops"]
+"""`stops`: the daemon would not run; `warning`: it would run, and may lose frames or fail for another user."""
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One finding in a sentence; `check` names what was checked, `fix` is the command that fixes it."""
+
+    check: str
+    severity: Severity
+    sentence: str
+    fix: str | None = None
+
 
 ASSUMED_WIDTH, ASSUMED_HEIGHT = 720, 540
 """A sensor's size is known only once a camera is open; this is the size of those this project is made for."""

@@ -1,4 +1,4 @@
-"""The keys under which a rig is found in zenoh."""
+"""The keys under which a rig is found in zenoh, and how its topics are offered in ROS 2."""
 
 from __future__ import annotations
 
@@ -6,7 +6,8 @@ import logging
 import re
 import time
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Literal
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final, Literal
 
 from drivers.log_throttle import LogThrottle
 from imaging.errors import ConfigurationError
@@ -127,3 +128,31 @@ def last_but(key: str, parts: int) -> str:
     """The part of a key that is followed by `parts` others; empty if it has none: anyone may send to `**`."""
     names = key.split("/")
     return names[-1 - parts] if parts < len(names) else ""
+
+
+@dataclass(frozen=True, slots=True)
+class OfferedQos:
+    """What a publisher offers to its subscribers.
+
+    Attributes
+    ----------
+    reliable
+        Lost messages are sent again; otherwise best effort.
+    depth
+        How many of the last messages are kept to be sent.
+    latched
+        Those are also sent to subscribers that join later ("transient local"); otherwise volatile.
+    """
+
+    reliable: bool
+    depth: int
+    latched: bool = False
+
+
+SENSOR_DATA: Final = OfferedQos(reliable=False, depth=5)
+"""For frames and what belongs to a frame, as camera drivers offer them."""
+
+DEFAULT: Final = OfferedQos(reliable=True, depth=10)
+
+LATCHED: Final = OfferedQos(reliable=True, depth=1, latched=True)
+"""For what is sent once and holds until it is sent again."""

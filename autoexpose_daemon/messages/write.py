@@ -6,16 +6,28 @@ import math
 import time
 from collections.abc import Container, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final, Literal
 
 import numpy as np
 
 from autoexpose_daemon.control.decision import Decision
-from autoexpose_daemon.messages.stamp import Stamp, moment_ns
 from autoexpose_daemon.messages.types import CAMERA_INFO, EXPOSURE_INFO, IMAGE, TYPESTORE, encoding, to_full_scale
 from imaging.frames import SIDES, Frame, Side, StereoPair
 from imaging.geometry import CameraGeometry
 from imaging.pixels import SAMPLES
+
+if TYPE_CHECKING:
+    from imaging.frames import Frame
+
+Stamp = Literal["start", "middle", "end"]
+
+_SHARES: dict[Stamp, float] = {"start": 0.0, "middle": 0.5, "end": 1.0}
+
+
+def moment_ns(frame: Frame, stamp: Stamp) -> int:
+    """That moment, CLOCK_MONOTONIC. A moving object is seen where it is in the middle of the exposure."""
+    return frame.host_time_ns + round(1e3 * _SHARES[stamp] * frame.setting.exposure_time_us)
+
 
 TOPICS = {"image": IMAGE, "camera_info": CAMERA_INFO, "exposure": EXPOSURE_INFO}
 """The messages for each frame: the last part of the key, and the message type."""

@@ -10,13 +10,33 @@ from pathlib import Path
 from urllib.parse import parse_qs
 
 from starlette.datastructures import MutableHeaders
-from starlette.requests import HTTPConnection, Request
+from starlette.exceptions import HTTPException
+from starlette.requests import ClientDisconnect, HTTPConnection, Request
 from starlette.responses import PlainTextResponse, RedirectResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from autoexpose_daemon.page.body import read_body
 from documents.files import read_regular
 from imaging.errors import ConfigurationError
+
+
+async def read_body(request: Request, longest: int) -> bytes:
+    """The body of a request.
+
+    Raises
+    ------
+    HTTPException
+        If it has more than `longest` bytes, or the client hung up before its end.
+    """
+    body = b""
+    try:
+        async for chunk in request.stream():
+            body += chunk
+            if len(body) > longest:
+                raise HTTPException(413, "too long\n")
+    except ClientDisconnect:
+        raise HTTPException(400, "incomplete\n") from None
+    return body
+
 
 COOKIE = "autoexpose_page"
 LEAST_TOKEN = 16

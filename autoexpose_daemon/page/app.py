@@ -1,29 +1,67 @@
-"""The page as an ASGI application: its routes, and the state behind them."""
+"""The page as an ASGI application: its routes, its buttons, and the state behind them."""
 
 from __future__ import annotations
 
 import asyncio
+import json
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
 from contextlib import asynccontextmanager
 from pathlib import Path
+from typing import Any, Final
 
 from starlette.applications import Starlette
 from starlette.requests import Request
-from starlette.responses import FileResponse, Response
+from starlette.responses import FileResponse, PlainTextResponse, Response
 from starlette.routing import Mount, Route, WebSocketRoute
 from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp
 from starlette.websockets import WebSocket
 
+from autoexpose_daemon.client.control_client import ControlClient
 from autoexpose_daemon.client.status_client import SILENT_S, StatusClient
 from autoexpose_daemon.control.policies.ids import POLICY_IDS
-from autoexpose_daemon.page.access import Access, Key
-from autoexpose_daemon.page.buttons import Buttons
-from autoexpose_daemon.page.history import History
+from autoexpose_daemon.page.access import Access, Key, read_body
 from autoexpose_daemon.page.live import serve_browser
 from autoexpose_daemon.page.metrics import CONTENT_TYPE, exposition
-from autoexpose_daemon.page.pair_views import PairViews
+from autoexpose_daemon.page.pair_views import History, PairViews
+from imaging.errors import AutoexposeError
+
+ASKED: Final = frozenset({"locked", "ev_stops", "policy", "reset"})
+"""What there are buttons for, as in `config.request.Request`; the rest is for `autoexpose ctl`."""
+
+NAME: Final = "page"
+"""Who asks, for the daemon's log."""
+
+_LONGEST: Final = 1024
+
+
+class Buttons:
+    """Passes requests on to the daemon, one at a time, as `autoexpose ctl` does."""
+
+    def __init__(self, rig: str, connect: Sequence[str]) -> None:
+        self._rig, self._connect = rig, connect
+        self._turn = asyncio.Lock()
+
+    async def ask(self, request: Request) -> Response:
+        """Answer one press: what was taken, or the sentence that says why nothing has changed."""
+        body = await read_body(request, _LONGEST)
+        try:
+            changes = json.loads(body)
+        except (ValueError, RecursionError):
+            changes = None
+        if not isinstance(changes, dict) or not changes or not changes.keys() <= ASKED:
+            return PlainTextResponse(f"give a JSON object with some of {', '.join(sorted(ASKED))}\n", 400)
+        try:
+            async with self._turn:
+                return PlainTextResponse(f"{await asyncio.to_thread(self._pass_on, changes)}\n")
+        except AutoexposeError as error:
+            return PlainTextResponse(f"{error}\n", 409)
+
+    def _pass_on(self, changes: dict[str, Any]) -> str:
+        with ControlClient(self._rig, self._connect, name=NAME) as control:
+            return control.ask(changes).requests.latest
+
 
 STATIC = Path(__file__).with_name("static")
 

@@ -6,15 +6,49 @@ import asyncio
 import time
 from collections.abc import Coroutine, Iterable, Sequence
 from contextlib import suppress
-from typing import Any
+from typing import Any, TypedDict
 
 from pydantic_core import to_json
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from autoexpose_daemon.client.status_client import StatusClient
-from autoexpose_daemon.page.history import LENGTH_S, History
-from autoexpose_daemon.page.pair_views import PairViews
-from autoexpose_daemon.page.tables import tables
+from autoexpose_daemon.page.pair_views import LENGTH_S, History, PairViews
+from autoexpose_daemon.status.counters import DURATIONS, Topic, counters
+from autoexpose_daemon.status.document import Status
+from autoexpose_daemon.status.panel import losses
+
+CountRow = tuple[str, int, bool]
+"""A label, a count, and whether the count should be 0."""
+
+DurationRow = tuple[str, float | None, float | None]
+"""A label, median and 99th percentile (ms)."""
+
+
+class Tables(TypedDict):
+    """Rows by the table that shows them."""
+
+    triggers: list[CountRow]
+    writes: list[CountRow]
+    latency: list[DurationRow]
+
+
+def tables(status: Status) -> Tables:
+    """The tables of a status."""
+    lost = [(f"lost {words}", count, is_fault) for words, count, is_fault in losses(status.lost)]
+    triggers = status.counts.pairs + sum(status.lost.values())
+    durations = ((duration.label, getattr(status, duration.field)) for duration in DURATIONS)
+    pairs, *others = _counts(status, "triggers")
+    return {
+        "triggers": [("triggers", triggers, False), pairs, *(lost or [("lost", 0, True)]), *others],
+        "writes": _counts(status, "writes"),
+        "latency": [(label, measured.p50_ms, measured.p99_ms) for label, measured in durations],
+    }
+
+
+def _counts(status: Status, topic: Topic) -> list[CountRow]:
+    rows = counters(status.counts)
+    return [(counter.label, count, counter.anomaly) for counter, count in rows if counter.topic == topic]
+
 
 CROWDED = 4001
 """The code that closes the web socket of one viewer too many; `page.js` has it, too."""

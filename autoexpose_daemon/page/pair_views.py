@@ -1,29 +1,148 @@
-"""Pictures and prediction curves of the newest pairs, made only while someone watches."""
+"""Pictures and curves of the newest pairs, made only while someone watches, and the last minutes in numbers."""
 
 from __future__ import annotations
 
 import asyncio
 import logging
+import math
 import os
+import struct
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections import deque
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from types import TracebackType
+from typing import Any
 
 import numpy as np
+from pydantic_core import to_json
 
 from autoexpose_daemon.client import ReceivedPair, StereoClient
 from autoexpose_daemon.client.status_client import StatusClient
-from autoexpose_daemon.control.grounds import Grounds
-from autoexpose_daemon.page.history import History
-from autoexpose_daemon.page.pair_message import pair_message
-from autoexpose_daemon.page.picture import DELTA_LEVELS, PictureMaker
+from autoexpose_daemon.control.decision import Decision, Grounds
+from autoexpose_daemon.messages.inputs import RegisteredView
+from autoexpose_daemon.page.picture import DELTA_LEVELS, Picture, PictureMaker
 from imaging.errors import ConfigurationError
-from imaging.frames import Side
+from imaging.exposure import ExposureSetting
+from imaging.frames import Frame, Side
 from imaging.python310 import Self
 from imaging.response import ResponseFunction
+
+BUCKET_S = 0.5
+"""Finer than a pixel of the chart; each bucket keeps its least and greatest value, so no spike is lost."""
+
+LENGTH_S = 300.0
+
+SERIES = (
+    "exposure_time_us", "gain_db", "level", "metric", "asked_time_us", "asked_gain_db", "asked_level",
+)  # fmt: skip
+"""The columns of a row: what pairs were taken with and measured, and what was requested."""
+
+Range = tuple[float, float] | None
+"""The least and the greatest value; None without any."""
+
+
+class _Bucket:
+    """Half a second."""
+
+    def __init__(self, start_s: float) -> None:
+        self.start_s = start_s
+        self.ranges: list[Range] = [None] * len(SERIES)
+
+    def add(self, values: Sequence[float | None]) -> None:
+        """Widen the ranges by one value of each series."""
+        for column, value in enumerate(values):
+            if value is not None and math.isfinite(value):
+                low, high = self.ranges[column] or (value, value)
+                self.ranges[column] = min(low, value), max(high, value)
+
+
+class History:
+    """Rows of the last five minutes, oldest first. Any thread may add or read."""
+
+    def __init__(self) -> None:
+        self._rows: deque[_Bucket] = deque(maxlen=round(LENGTH_S / BUCKET_S))
+        self._lock = threading.Lock()
+
+    def add(self, now_s: float, applied: ExposureSetting, decision: Decision | None) -> None:
+        """Add the setting of a pair and the decision on it; `now_s` is from CLOCK_MONOTONIC."""
+        asked = None if decision is None else decision.setting
+        values = (
+            applied.exposure_time_us,
+            applied.gain_db,
+            applied.level,
+            None if decision is None else decision.metric,
+            None if asked is None else asked.exposure_time_us,
+            None if asked is None else asked.gain_db,
+            None if asked is None else asked.level,
+        )
+        start_s = math.floor(now_s / BUCKET_S) * BUCKET_S
+        with self._lock:
+            if not self._rows or self._rows[-1].start_s < start_s:
+                self._rows.append(_Bucket(start_s))
+            self._rows[-1].add(values)
+
+    def since(self, time_s: float) -> list[tuple[Any, ...]]:
+        """Rows from `time_s` on: time (s), then the range of each of `SERIES`. The newest may still change."""
+        with self._lock:
+            return [(row.start_s, *row.ranges) for row in self._rows if row.start_s >= time_s]
+
+
+def pair_message(
+    pair: ReceivedPair, pictures: Mapping[Side, Picture], registered: RegisteredView | None = None
+) -> bytes:
+    """Length of the text (4 bytes, little-endian), the text in JSON, then the JPEGs in its order."""
+    frames = pair.stereo.frames
+    text = {
+        "trigger": pair.trigger,
+        "pictures": [_described(side, frames[side], picture) for side, picture in pictures.items()],
+        "decision": None if pair.decision is None else _decided(pair.decision),
+        "registered": None if registered is None else _registered(registered),
+    }
+    head = to_json(text, inf_nan_mode="null")
+    return b"".join([struct.pack("<I", len(head)), head, *(picture.jpeg for picture in pictures.values())])
+
+
+def _described(side: Side, frame: Frame, picture: Picture) -> dict[str, Any]:
+    return {
+        "side": side,
+        "jpeg_bytes": len(picture.jpeg),
+        "frame_width": picture.width,
+        "exposure_time_us": frame.setting.exposure_time_us,
+        "gain_db": frame.setting.gain_db,
+        "metric": picture.metric,
+        "saturated_share": picture.saturated_share,
+        "black_share": picture.black_share,
+    }
+
+
+def _decided(decision: Decision) -> dict[str, Any]:
+    return {
+        "reason": decision.reason,
+        "exposure_time_us": decision.setting.exposure_time_us,
+        "gain_db": decision.setting.gain_db,
+        "level": decision.level,
+        "metric": decision.metric,
+        "saturated_share": decision.saturated_share,
+        "black_share": decision.black_share,
+        "motion_px": decision.motion_px,
+    }
+
+
+def _registered(view: RegisteredView) -> dict[str, Any]:
+    return {
+        "distance_m": view.distance_m,
+        "length_m": view.length_m,
+        "local_map": view.local_map,
+        "shift_px": view.shift_px,
+        "matches": [view.x_px.tolist(), view.y_px.tolist(), view.shifts_px.tolist(), view.agreed.tolist()],
+        "forward_m_s": view.forward_m_s,
+        "turn_rad_s": view.turn_rad_s,
+        "stopped": view.stopped,
+    }
+
 
 log = logging.getLogger(__name__)
 

@@ -1,7 +1,8 @@
-"""The page's process, from its options to Ctrl-C."""
+"""The page's process, from its options to Ctrl-C, and its connections, which end."""
 
 from __future__ import annotations
 
+import asyncio
 import ipaddress
 import logging
 import math
@@ -15,12 +16,41 @@ from pathlib import Path
 
 import uvicorn
 from rich.console import Console
+from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from autoexpose_daemon.page.access import Key, is_loopback, read_token
 from autoexpose_daemon.page.app import page_app
-from autoexpose_daemon.page.connection import Connection
 from autoexpose_daemon.service.logs import set_up_logging
 from imaging.errors import AutoexposeError, ConfigurationError
+
+ASKS_S = 10.0
+"""For so long a connection takes requests; then it ends, or as soon as the present one is answered."""
+LASTS_S = 60.0
+"""After so long it is cut, whatever it does."""
+MOST_CONNECTIONS = 500
+"""Half of the 1024 files that a process may have open: beyond those, nobody could connect, and the log would fill."""
+
+
+class Connection(H11Protocol):
+    """One of a browser or a script; web sockets begin as one and are then no longer."""
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        """As in uvicorn, but one too many is cut."""
+        super().connection_made(transport)
+        if len(self.connections) > MOST_CONNECTIONS:
+            transport.abort()
+            return
+        self.loop.call_later(ASKS_S, self._end)
+        self.loop.call_later(LASTS_S, self._cut)
+
+    def _end(self) -> None:
+        if self.transport.get_protocol() is self and not self.transport.is_closing():
+            self.shutdown()
+
+    def _cut(self) -> None:
+        if self.transport.get_protocol() is self:
+            self.transport.abort()
+
 
 log = logging.getLogger(__name__)
 

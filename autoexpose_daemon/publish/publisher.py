@@ -9,13 +9,22 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import Future
 from types import TracebackType
 
 import zenoh
+from zenoh.handlers import Handler
 
-from autoexpose_daemon.config.publish import PublishConfig
-from autoexpose_daemon.control.decision import Decision
+from autoexpose_daemon.config.document import PublishConfig
+from autoexpose_daemon.control.decision import Decision, Grounds
 from autoexpose_daemon.control.picture.tracked_cells import TrackedCells
+from autoexpose_daemon.messages.client import LARGEST_REPORT_BYTES, ConsumerTally
+from autoexpose_daemon.messages.inputs import (
+    LARGEST_LIGHT_BYTES,
+    LARGEST_TRACKING_BYTES,
+    read_light_ahead,
+    read_tracked_cells,
+)
 from autoexpose_daemon.messages.keys import (
     CONSUMER_NAME,
     consumer_key,
@@ -26,21 +35,49 @@ from autoexpose_daemon.messages.keys import (
     light_ahead_key,
     tracking_key,
 )
-from autoexpose_daemon.messages.light import LARGEST_LIGHT_BYTES, read_light_ahead
-from autoexpose_daemon.messages.report import LARGEST_REPORT_BYTES, ConsumerTally
-from autoexpose_daemon.messages.tracked_cells import LARGEST_TRACKING_BYTES, read_tracked_cells
 from autoexpose_daemon.messages.write import TOPICS, MessageWriter, realtime_offset_ns
-from autoexpose_daemon.publish.control import WAITING_REQUESTS, Ask, ControlDoor
-from autoexpose_daemon.publish.grounds import WAITING_QUERIES, Explain, GroundsDoor
-from autoexpose_daemon.publish.refusal import reading
+from autoexpose_daemon.publish.inbound import WAITING_REQUESTS, Ask, ControlDoor
 from autoexpose_daemon.publish.ros2_keys import Attachments, Ros2Node
-from autoexpose_daemon.publish.session import Endpoints, SessionHolder
-from autoexpose_daemon.runtime.inputs.foretold_light import ForetoldLight
-from autoexpose_daemon.runtime.inputs.tracking import Tracking
-from autoexpose_daemon.status.publishing import DropReason, PublishTally
+from autoexpose_daemon.publish.session import Endpoints, SessionHolder, reading
+from autoexpose_daemon.runtime.inputs import ForetoldLight, Tracking
+from autoexpose_daemon.status.document import grounds_to_json
+from autoexpose_daemon.status.telemetry import DropReason, PublishTally
 from imaging.frames import Side, StereoPair
 from imaging.geometry import CameraGeometry
-from imaging.python310 import Self
+from imaging.python310 import FutureTimeoutError, Self
+
+Explain = Callable[[], Future[Grounds | None]]
+"""Asks control, which answers between two pairs."""
+
+WAITING_QUERIES = 4
+
+_PERIOD_S = 0.25
+"""Control spends some milliseconds on an answer: at most four times a second, however many ask."""
+
+_PATIENCE_S = 1.0
+
+
+class GroundsDoor:
+    """Answers queries for the key `autoexpose/<rig>/grounds`, except while control does not respond."""
+
+    def __init__(self, explain: Explain) -> None:
+        self._explain = explain
+        self._made = b""
+        self._made_s = -_PERIOD_S
+
+    def serve(self, queries: zenoh.Queryable[Handler[zenoh.Query]]) -> None:
+        """Answer queries until the session closes."""
+        with contextlib.suppress(zenoh.ZError):  # the session was closed
+            while True:
+                with queries.recv() as query, contextlib.suppress(FutureTimeoutError):
+                    query.reply(query.key_expr, self._newest())
+
+    def _newest(self) -> bytes:
+        if time.monotonic() - self._made_s >= _PERIOD_S:
+            self._made = grounds_to_json(self._explain().result(_PATIENCE_S))
+            self._made_s = time.monotonic()
+        return self._made
+
 
 log = logging.getLogger(__name__)
 

@@ -11,7 +11,7 @@ import hashlib
 import struct
 from dataclasses import dataclass
 
-from autoexpose_daemon.messages.qos import SENSOR_DATA, OfferedQos
+from autoexpose_daemon.messages.keys import SENSOR_DATA, OfferedQos
 from autoexpose_daemon.messages.types import TYPESTORE, dds_name
 
 _NODE_ID = 0

@@ -1,20 +1,24 @@
-"""Sessions of zenoh, which stay on this machine unless configured otherwise: opened, retried and closed."""
+"""Sessions of zenoh, which stay on this machine unless configured otherwise; malformed messages are refused."""
 
 from __future__ import annotations
 
 import contextlib
 import json
+import logging
 import threading
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 import zenoh
 from zenoh.handlers import FifoChannel, Handler, RingChannel
 
 from autoexpose_daemon.messages.keys import check_endpoints
+from autoexpose_daemon.messages.read import DamagedMessageError
+from documents.text import readable
+from drivers.log_throttle import LogThrottle
 from imaging.errors import AutoexposeError
 
 LARGEST_MESSAGE_BYTES = 64 << 20
@@ -236,3 +240,30 @@ def _configuration(mode: str, endpoints: Endpoints) -> zenoh.Config:
         if config.get_json(key) == default.get_json(key):  # the file leaves it open
             config.insert_json5(key, json.dumps(value))
     return config
+
+
+log = logging.getLogger(__name__)
+
+_SAID_S = 60.0
+
+_Read = TypeVar("_Read")
+
+
+def reading(read: Callable[[bytes], _Read], take: Callable[[_Read], object], refuse: Callable[[], object]) -> Take:
+    """Hands what `read` makes of each message to `take`.
+
+    `refuse` is called if that raises `DamagedMessageError`, which is logged once a minute.
+    """
+    throttle = LogThrottle(_SAID_S)
+
+    def take_message(key: str, data: bytes) -> None:
+        try:
+            message = read(data)
+        except DamagedMessageError as error:
+            refuse()
+            if throttle.due("refused", time.monotonic_ns()):
+                log.warning("a message under %s is refused: %s", key, readable(str(error)))
+        else:
+            take(message)
+
+    return take_message

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import base64
+import binascii
+import json
 import os
 import platform
 import sys
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -13,16 +18,137 @@ import cv2
 import numpy as np
 from mcap.writer import CompressionType, Writer
 
+from autoexpose_daemon.control.decision import Decision
+from autoexpose_daemon.control.light_ahead import LightAhead
 from autoexpose_daemon.control.loop import STATE_FORMAT, ControlSetup
-from autoexpose_daemon.control.override import NO_OVERRIDE
+from autoexpose_daemon.control.override import NO_OVERRIDE, Override
+from autoexpose_daemon.control.picture.steering import Steering
 from autoexpose_daemon.control.snapshot import Plain, plain
-from autoexpose_daemon.messages.qos import DEFAULT, LATCHED, SENSOR_DATA
-from autoexpose_daemon.messages.stamp import Stamp
+from autoexpose_daemon.messages.keys import DEFAULT, LATCHED, SENSOR_DATA
 from autoexpose_daemon.messages.types import IMAGE, TYPESTORE, definition
-from autoexpose_daemon.messages.write import TOPICS, MessageWriter, realtime_offset_ns
+from autoexpose_daemon.messages.write import TOPICS, MessageWriter, Stamp, realtime_offset_ns
 from autoexpose_daemon.recording import rosbag2
-from autoexpose_daemon.recording.plain_json import to_json
-from autoexpose_daemon.recording.step import RecordingError, Step
+from imaging.errors import AutoexposeError
+from imaging.frames import Side, StereoPair
+from imaging.geometry import CameraGeometry
+
+_DTYPES = ("uint8", "int16", "float32", "float64")
+_KEYS = {"dtype", "shape", "base64"}
+
+
+def to_json(data: Plain) -> str:
+    """JSON on one line; floats in the shortest form that reads back the same, as `json` writes them."""
+    return json.dumps(data, default=_array_to_json, separators=(",", ":"))
+
+
+def from_json(text: str) -> Any:
+    """What `to_json` was given.
+
+    Raises
+    ------
+    ValueError
+        For text that `to_json` would not write.
+    """
+    try:
+        return json.loads(text, object_hook=_array_from_json)
+    except RecursionError:
+        raise ValueError("it is nested too deeply") from None
+
+
+def _array_to_json(array: object) -> dict[str, Any]:
+    if not isinstance(array, np.ndarray) or array.dtype.name not in _DTYPES:
+        raise TypeError(f"{type(array).__name__} is not an array of {', '.join(_DTYPES)}")
+    little_endian = array.astype(array.dtype.newbyteorder("<"), copy=False)
+    encoded = base64.b64encode(little_endian.tobytes()).decode()
+    return {"dtype": array.dtype.name, "shape": list(array.shape), "base64": encoded}
+
+
+def _array_from_json(members: dict[str, Any]) -> Any:
+    if set(members) != _KEYS:
+        return members
+    try:
+        if members["dtype"] not in _DTYPES:
+            raise ValueError(f"an array of {members['dtype']}")
+        content = base64.b64decode(members["base64"], validate=True)
+        dtype = np.dtype(members["dtype"])
+        return np.frombuffer(content, dtype.newbyteorder("<")).astype(dtype).reshape(members["shape"])
+    except (TypeError, OverflowError, binascii.Error) as error:
+        raise ValueError(f"a damaged array: {error}") from None
+
+
+class RecordingError(AutoexposeError):
+    """A recording cannot be written or read; the message names the file."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Step:
+    """One step of control.
+
+    Attributes
+    ----------
+    sequence
+        Counts the steps of control: a gap is what the recorder dropped.
+    cameras
+        How many cameras the rig has.
+    pair
+        What control looked at. A gap in its `trigger` without one in `sequence` means pairs that never reached control.
+    decision
+        What control decided.
+    angular_rate_rad_s
+        How fast the camera turned; None: control was not given it, and used optical flow.
+    light_ahead
+        What control knew of an earlier drive; None: nothing.
+    override
+        What overrode the policy.
+    requests
+        What was requested of control since the step before, and who asked.
+    steering
+        Where consumers were known to track; None: nothing was known.
+    calibrations
+        Geometry of the calibrated cameras, in CameraInfo; a replay needs none.
+    stamp_ns
+        Of a step that was read: the stamp of its messages, CLOCK_REALTIME.
+    """
+
+    sequence: int
+    cameras: int
+    pair: StereoPair
+    decision: Decision
+    angular_rate_rad_s: float | None = None
+    light_ahead: LightAhead | None = None
+    override: Override = NO_OVERRIDE
+    requests: tuple[str, ...] = ()
+    steering: Steering | None = None
+    calibrations: Mapping[Side, CameraGeometry] = field(default_factory=dict)
+    stamp_ns: int = 0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Setup:
+    """A new control loop, which makes the steps that follow.
+
+    Attributes
+    ----------
+    control
+        What the loop is built from.
+    made_with
+        The software that made the decisions, with versions.
+    """
+
+    control: ControlSetup
+    made_with: dict[str, str]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class State:
+    """The state of the control loop after the step before it, `ControlLoop.state`."""
+
+    control: Plain
+
+
+Item = Setup | Step | State
+"""In the order of the file: a setup, its first step, the state after it, more steps, the next state, ..."""
+
 
 CONTROL, SETUP, MOTION, LIGHT, STATE = "control", "setup", "motion", "light", "state"
 OVERRIDE, REQUESTS, STEERING = "override", "requests", "steering"

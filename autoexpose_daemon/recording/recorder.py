@@ -15,14 +15,12 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from autoexpose_daemon.config.document import Config
-from autoexpose_daemon.config.publish import PublishConfig
+from autoexpose_daemon.config.document import Config, PublishConfig
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.loop import ControlLoop, ControlSetup
 from autoexpose_daemon.control.snapshot import Plain
-from autoexpose_daemon.messages.stamp import Stamp
-from autoexpose_daemon.recording.file import RecordingFile
-from autoexpose_daemon.recording.step import RecordingError, Step
+from autoexpose_daemon.messages.write import Stamp
+from autoexpose_daemon.recording.file import RecordingError, RecordingFile, Step
 from drivers.log_throttle import LogThrottle
 from imaging.frames import Side, StereoPair
 from imaging.geometry import CameraGeometry

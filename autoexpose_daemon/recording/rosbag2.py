@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from autoexpose_daemon.messages.qos import OfferedQos
+from autoexpose_daemon.messages.keys import OfferedQos
 
 OFFERED_QOS: Final = "offered_qos_profiles"
 """Key in a channel's metadata: YAML that says how the topic was offered, so that `ros2 bag play` offers it that way."""

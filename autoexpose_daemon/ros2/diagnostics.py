@@ -8,7 +8,7 @@ from typing import Any
 from autoexpose_daemon.messages.types import DIAGNOSTICS, TYPESTORE, header, serialise
 from autoexpose_daemon.status.counters import anomalies
 from autoexpose_daemon.status.document import CameraStatus, Status
-from autoexpose_daemon.status.losses import lost_in_words
+from autoexpose_daemon.status.panel import lost_in_words
 from autoexpose_daemon.status.states import State
 
 OK, WARN, ERROR, STALE = range(4)

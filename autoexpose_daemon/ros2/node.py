@@ -16,7 +16,7 @@ from cyclonedds.util import duration
 from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
 
-from autoexpose_daemon.messages.qos import DEFAULT, LATCHED, SENSOR_DATA, OfferedQos
+from autoexpose_daemon.messages.keys import DEFAULT, LATCHED, SENSOR_DATA, OfferedQos
 from autoexpose_daemon.messages.types import TYPESTORE
 from autoexpose_daemon.ros2.domain import Domain
 from autoexpose_daemon.ros2.idl import dds_type

@@ -9,7 +9,7 @@ from autoexpose_daemon.control.light_ahead import LightAhead
 from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.override import NO_OVERRIDE, Override
 from autoexpose_daemon.control.picture.steering import Steering
-from autoexpose_daemon.runtime.tuning import Tuning
+from autoexpose_daemon.runtime.setup import Tuning
 from drivers.camera import CameraDescription
 from drivers.rig.events import CameraReady
 from imaging.exposure import ExposureLimits

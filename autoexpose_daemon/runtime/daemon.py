@@ -18,14 +18,12 @@ import numpy as np
 
 from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.config.request import Request
-from autoexpose_daemon.control.grounds import Grounds
+from autoexpose_daemon.control.decision import Grounds
 from autoexpose_daemon.control.loop import ControlLoop
-from autoexpose_daemon.runtime.inputs.foretold_light import ForetoldLight
-from autoexpose_daemon.runtime.inputs.tracking import Tracking
-from autoexpose_daemon.runtime.outlet import Outlet
-from autoexpose_daemon.runtime.rig_control import RigControl
-from autoexpose_daemon.runtime.tuning import Tuning
-from autoexpose_daemon.status.inputs.requests import Answer
+from autoexpose_daemon.runtime.inputs import ForetoldLight, Tracking
+from autoexpose_daemon.runtime.rig_control import Outlet, RigControl
+from autoexpose_daemon.runtime.setup import Tuning
+from autoexpose_daemon.status.inputs import Answer
 from drivers.camera import Camera
 from drivers.host.linux import come_first, share_one_heap
 from drivers.rig.events import RigEvent
@@ -215,3 +213,29 @@ class Daemon:
         while not self._rig.events.empty():  # only this thread takes events out
             events.append(self._rig.events.get_nowait())
         return events
+
+
+class ControlThread:
+    """Runs a daemon until it is asked to stop; `error` is what ended it earlier."""
+
+    def __init__(self, daemon: Daemon) -> None:
+        self.error: BaseException | None = None
+        self._daemon = daemon
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="control")
+        self._thread.start()
+
+    def ask_to_stop(self) -> None:
+        """Begin to stop: the cameras are freed first."""
+        self._stop.set()
+
+    def ended(self, timeout_s: float) -> bool:
+        """Wait up to `timeout_s` for it to end; returns whether it has."""
+        self._thread.join(timeout_s)
+        return not self._thread.is_alive()
+
+    def _run(self) -> None:
+        try:
+            self._daemon.run(self._stop)
+        except BaseException as error:
+            self.error = error

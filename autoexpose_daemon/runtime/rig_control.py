@@ -1,7 +1,4 @@
-"""Control of a rig: decides on the pairs of its record, has the cameras written, and delivers pairs and decisions.
-
-No threads and no waiting here: the thread with the rig's events calls `RigControl.take`.
-"""
+"""Control of a rig: decides on the pairs of its record, has the cameras written, delivers pairs and decisions."""
 
 from __future__ import annotations
 
@@ -10,19 +7,17 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from typing import Protocol
 
-from autoexpose_daemon.config.document import Config
-from autoexpose_daemon.config.publish import PublishConfig
+from autoexpose_daemon.config.document import Config, PublishConfig
 from autoexpose_daemon.config.request import Request
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.light_ahead import LightAhead
-from autoexpose_daemon.messages.stamp import Stamp, moment_ns
+from autoexpose_daemon.messages.write import Stamp, moment_ns
 from autoexpose_daemon.runtime.active_loop import ActiveLoop
-from autoexpose_daemon.runtime.inputs.tracking import Tracking
-from autoexpose_daemon.runtime.outlet import Outlet
-from autoexpose_daemon.runtime.requests.in_force import Requests
+from autoexpose_daemon.runtime.inputs import Tracking
+from autoexpose_daemon.runtime.requests import Requests
 from autoexpose_daemon.runtime.rig_health import RigHealth
-from autoexpose_daemon.runtime.tuning import Tuning
-from autoexpose_daemon.status.inputs.requests import Answer
+from autoexpose_daemon.runtime.setup import Tuning
+from autoexpose_daemon.status.inputs import Answer
 from autoexpose_daemon.status.telemetry import Telemetry
 from drivers.rig.events import CameraReady, RigEvent, WriteFailed, Written
 from drivers.rig.supervision import Slots
@@ -30,6 +25,10 @@ from drivers.triggers.host import HostTriggers, PtpTriggers, ReadoutTimes, Softw
 from drivers.triggers.record import RigRecord
 from imaging.exposure import ExposureSetting
 from imaging.frames import Side, StereoPair
+
+Outlet = Callable[[StereoPair, Decision | None], None]
+"""Called with every pair and the decision on it (None: a newer pair arrived first), on the control thread, so it must
+return at once. One that is a context manager is open while the daemon runs."""
 
 
 class Cameras(Protocol):

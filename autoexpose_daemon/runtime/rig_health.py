@@ -1,16 +1,14 @@
-"""The health of a rig's cameras: what their events reveal, counted in telemetry, logged, and kept as complaints."""
+"""The health of a rig's cameras: what their events reveal, counted, logged, and kept until it is over."""
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Collection, Mapping
 
 from autoexpose_daemon.config.document import Config
-from autoexpose_daemon.runtime.complaints import Complaints
-from autoexpose_daemon.runtime.frame_watch import FrameWatch
 from autoexpose_daemon.runtime.response_drift import ResponseDrift
-from autoexpose_daemon.runtime.stuck import StuckStreams
-from autoexpose_daemon.runtime.tuning import Tuning
+from autoexpose_daemon.runtime.setup import Tuning
 from autoexpose_daemon.status.states import ADJUSTED, START_PATIENCE_NS
 from autoexpose_daemon.status.telemetry import GONE, Telemetry
 from drivers.camera import IncompleteFrame
@@ -27,11 +25,178 @@ from drivers.rig.events import (
     Written,
 )
 from drivers.triggers.host import HostTriggers
+from drivers.triggers.rate import HOST_RATE_TOLERANCE, RATE_TOLERANCE, RateWatch
 from drivers.triggers.record import RigRecord
+from drivers.triggers.writes import EffectWatch
 from imaging.errors import AutoexposeError
-from imaging.frames import Frame, Side, StereoPair
+from imaging.frames import Doubt, Frame, Side, StereoPair
 
 log = logging.getLogger(__name__)
+
+Kind = str
+"""The kind of trouble, such as "refused"; a camera has one complaint of each kind at a time."""
+
+
+class Complaints:
+    """Keeps the complaints of a rig; `present` is read by other threads."""
+
+    def __init__(self, present: dict[tuple[Side, Kind], str]) -> None:
+        self.present = present
+        self._logged: set[tuple[Side, Kind, str]] = set()
+
+    def begin(self, side: Side, kind: Kind, sentence: str) -> None:
+        """Something is wrong: logged when it begins, not at every repetition."""
+        if (side, kind) not in self.present:
+            self._log(side, kind, sentence)
+
+    def change(self, side: Side, kind: Kind, sentence: str) -> None:
+        """The same, but each new sentence is logged."""
+        if (side, kind, sentence) in self._logged:
+            self.present[side, kind] = sentence
+        else:
+            self._logged.add((side, kind, sentence))
+            self._log(side, kind, sentence)
+
+    def judge(self, side: Side, kind: Kind, sentence: str | None) -> None:
+        """The current verdict; None: nothing is wrong. A new sentence is logged."""
+        if sentence is None:
+            self.end(side, kind)
+        elif self.present.get((side, kind)) != sentence:
+            self._log(side, kind, sentence)
+
+    def end(self, side: Side, kind: Kind) -> None:
+        """It is over, if it ever began."""
+        if self.present.pop((side, kind), None) is not None:
+            self._logged = {logged for logged in self._logged if logged[:2] != (side, kind)}
+
+    def end_all(self, side: Side) -> None:
+        """The camera is replaced or gone."""
+        for complained, kind in list(self.present):
+            if complained == side:
+                self.end(side, kind)
+
+    def _log(self, side: Side, kind: Kind, sentence: str) -> None:
+        self.present[side, kind] = sentence
+        log.warning("%s camera: %s", side, sentence)
+
+
+INCOMPLETE_FRAMES = 20
+"""This many in a row are no coincidence."""
+
+_INCOMPLETE = "all its frames arrive incomplete: check its cable, and network or USB for what they can carry"
+_NO_METADATA = "its frames no longer say how they were taken: their exposure is inferred from when it was written"
+
+
+class FrameWatch:
+    """Checks every complete frame; counts in `telemetry`, complains in `complaints`."""
+
+    def __init__(self, telemetry: Telemetry, complaints: Complaints, record: RigRecord, config: Config) -> None:
+        self._telemetry = telemetry
+        self._complaints = complaints
+        self._record = record
+        tolerance = HOST_RATE_TOLERANCE if config.trigger.by_host else RATE_TOLERANCE
+        self._rates = RateWatch(config.trigger.rate_hz, config.trigger_sources, tolerance)
+        self._effects = {side: EffectWatch() for side in config.sides}
+        self._with_metadata: set[Side] = set()
+        self._incomplete: Counter[Side] = Counter()
+
+    def refused(self, side: Side) -> None:
+        """A camera refused a setting, and may have taken part of it."""
+        self._effects[side].gone()
+
+    def frame(self, side: Side, frame: Frame) -> None:
+        """The next complete frame of a camera."""
+        self._incomplete[side] = 0
+        self._complaints.end(side, "incomplete")
+        self._complaints.judge(side, "rate", self._rates.frame(side, frame))
+        self._complaints.judge(side, "effect", self._effects[side].frame(frame, self._record.history(side)))
+        self._telemetry.counts.frames_off_setting = sum(watch.frames_off_setting for watch in self._effects.values())
+        if frame.setting_source == "chunk":
+            self._with_metadata.add(side)
+            self._complaints.end(side, "metadata")
+        elif side in self._with_metadata:
+            self._telemetry.counts.frames_without_exposure_metadata += 1
+            self._complaints.begin(side, "metadata", _NO_METADATA)
+
+    def doubt(self, side: Side, doubt: Doubt) -> None:
+        """A camera's numbers or time stamps are not believed: told with any complete frame, and once."""
+        self._telemetry.counts.clock_jumps += doubt.kind == "jump"
+        log.warning("%s camera: %s", side, doubt.sentence)
+
+    def incomplete(self, side: Side) -> None:
+        """A frame of a camera arrived with holes."""
+        self._incomplete[side] += 1
+        if self._incomplete[side] >= INCOMPLETE_FRAMES:
+            self._complaints.begin(side, "incomplete", _INCOMPLETE)
+
+    def silent(self, side: Side) -> None:
+        """A camera sends no frames: complaints about them end."""
+        self._rates.gone(side)
+        self._incomplete[side] = 0
+        for kind in ("rate", "incomplete"):
+            self._complaints.end(side, kind)
+
+    def gone(self, side: Side) -> None:
+        """The camera is lost: everything is judged afresh when it returns."""
+        self._rates.gone(side)
+        self._effects[side].gone()
+        self._incomplete[side] = 0
+        self._with_metadata.discard(side)
+
+
+FIRST_PAUSE_NS = 3_000_000_000
+LONGEST_PAUSE_NS = 600_000_000_000
+"""How long a camera is silent before the first attempt; the pause doubles each time, since reopening does not help if
+its trigger wire is cut."""
+
+FLOWING_NS = 500_000_000
+PERIODS = 10.0
+"""At low rates: another camera has sent a frame within this many periods, and this one has missed more."""
+
+BESIDE_ANOTHER = "sends no frames while the other one does"
+LIKE_ALL = "sends no frames"
+
+
+class StuckStreams:
+    """Decides when to reopen a camera; for one thread.
+
+    Parameters
+    ----------
+    period_s
+        Between two triggers.
+    needs_pulses
+        Whether triggers come from elsewhere: if no camera sends anything, they may have stopped.
+    """
+
+    def __init__(self, period_s: float, *, needs_pulses: bool) -> None:
+        self._periods_ns, self._needs_pulses = PERIODS * period_s * 1e9, needs_pulses
+        self._arrived_ns: dict[Side, int] = {}
+        self._due_ns: dict[Side, float] = {}
+        self._pause_ns: dict[Side, float] = {}
+
+    def arrived(self, side: Side, now_ns: int) -> None:
+        """A frame has arrived, complete or not."""
+        self._arrived_ns[side] = now_ns
+
+    def reasons(self, cameras: Mapping[Side, str], now_ns: int, untriggered: Collection[Side] = ()) -> dict[Side, str]:
+        """Which cameras to reopen now, and why; those that are not triggered yet cannot be stuck."""
+        flowing_ns = max(FLOWING_NS, self._periods_ns)
+        flowing = {side for side, last_ns in self._arrived_ns.items() if now_ns - last_ns < flowing_ns}
+        stuck: dict[Side, str] = {}
+        for side, camera in cameras.items():
+            if side in flowing:
+                self._pause_ns.pop(side, None)
+            stopped = self._needs_pulses and not flowing
+            if side in flowing or stopped or camera == GONE or side in untriggered:
+                self._due_ns.pop(side, None)
+                continue
+            pause_ns = self._pause_ns.setdefault(side, max(FIRST_PAUSE_NS, 2 * self._periods_ns))
+            if now_ns >= self._due_ns.setdefault(side, now_ns + pause_ns):
+                stuck[side] = BESIDE_ANOTHER if flowing else LIKE_ALL
+                del self._due_ns[side]
+                self._pause_ns[side] = min(2 * pause_ns, LONGEST_PAUSE_NS)
+        return stuck
+
 
 _SILENCE_LOG_PAUSE_S = 60.0  # a trigger much slower than configured makes each frame end a silence
 

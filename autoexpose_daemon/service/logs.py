@@ -10,7 +10,7 @@ from types import TracebackType
 from rich.console import Console
 from rich.logging import RichHandler
 
-from autoexpose_daemon.status.fault_log import fault_log
+from autoexpose_daemon.status.describe import fault_log
 from documents.text import readable
 
 log = logging.getLogger(__name__)

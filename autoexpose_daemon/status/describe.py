@@ -1,27 +1,66 @@
-"""The status of a daemon, from its telemetry and configuration."""
+"""The status of a daemon, from its telemetry, configuration and latest faults."""
 
 from __future__ import annotations
 
 import copy
+import logging
 import time
+from collections import deque
 from dataclasses import replace
 
-from autoexpose_daemon.config.document import Config
-from autoexpose_daemon.config.publish import PublishConfig
+from autoexpose_daemon.config.document import Config, PublishConfig
+from autoexpose_daemon.status.counters import DURATIONS
 from autoexpose_daemon.status.document import (
     VERSION,
     CameraStatus,
     DurationStatus,
+    Fault,
     PublishStatus,
     RecorderStatus,
     Status,
 )
-from autoexpose_daemon.status.durations import DURATIONS
-from autoexpose_daemon.status.fault_log import fault_log
-from autoexpose_daemon.status.publishing import PublishTally
 from autoexpose_daemon.status.states import Expectation, Health, judge
-from autoexpose_daemon.status.telemetry import GONE, DurationSamples, Telemetry
+from autoexpose_daemon.status.telemetry import GONE, DurationSamples, PublishTally, Telemetry
+from documents.text import readable
 from imaging.frames import Side
+
+KEPT_FAULTS = 50
+LONGEST_TEXT = 500
+"""Characters of a fault; the rest is cut off."""
+
+
+class FaultLog(logging.Handler):
+    """Keeps the last log records at WARNING and above, one line each."""
+
+    def __init__(self) -> None:
+        super().__init__(logging.WARNING)
+        self._faults: deque[Fault] = deque(maxlen=KEPT_FAULTS)
+
+    @property
+    def faults(self) -> tuple[Fault, ...]:
+        """Oldest first."""
+        return tuple(self._faults.copy())  # an atomic copy: other threads append
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Keep a record."""
+        try:
+            text = readable(" ".join(record.getMessage().split()))
+        except Exception:  # a message that does not fit its arguments must not stop the log
+            self.handleError(record)
+            return
+        self._faults.append(Fault(round(record.created, 3), record.levelname, text[:LONGEST_TEXT]))
+
+
+def fault_log() -> FaultLog:
+    """The fault log of this process; it starts listening at the first call."""
+    root = logging.getLogger()
+    for handler in root.handlers:
+        if isinstance(handler, FaultLog):
+            return handler
+    handler = FaultLog()
+    root.addHandler(handler)
+    return handler
+
 
 _STARTED_NS = time.monotonic_ns()  # start of the process, a second late: imports come first
 

@@ -8,17 +8,34 @@ from typing import Annotated
 
 from pydantic import AfterValidator, Field, TypeAdapter, ValidationError
 
-from autoexpose_daemon.control.decision import Decision
-from autoexpose_daemon.messages.report import ConsumerTally
+from autoexpose_daemon.control.decision import Decision, Grounds
+from autoexpose_daemon.messages.client import ConsumerTally
 from autoexpose_daemon.status.counters import Count, Counts
-from autoexpose_daemon.status.inputs.imu import ImuTally
-from autoexpose_daemon.status.inputs.light import LightTally
-from autoexpose_daemon.status.inputs.requests import RequestTally
-from autoexpose_daemon.status.inputs.tracking import TrackingTally
+from autoexpose_daemon.status.inputs import ImuTally, LightTally, RequestTally, TrackingTally
 from autoexpose_daemon.status.states import Health, State
 from drivers.camera import PtpState
 from imaging.exposure import ExposureSetting
 from imaging.frames import Side
+
+LARGEST_GROUNDS_BYTES = 1 << 16
+"""Four times what those of two cameras take."""
+
+_GROUNDS: TypeAdapter[Grounds | None] = TypeAdapter(Grounds | None)
+
+
+def grounds_to_json(grounds: Grounds | None) -> bytes:
+    """The message; there are none if the policy has no belief."""
+    return _GROUNDS.dump_json(grounds)
+
+
+def grounds_from_json(data: bytes) -> Grounds | None:
+    """What is in a message; None, too, if that is damaged."""
+    try:
+        grounds = _GROUNDS.validate_json(data) if len(data) <= LARGEST_GROUNDS_BYTES else None
+    except ValidationError:
+        return None
+    return grounds if grounds is not None and grounds.is_whole else None
+
 
 VERSION = 1
 """Changes when a field changes its meaning, not when a field is added."""

@@ -1,20 +1,55 @@
-"""A daemon's status for people: a table for terminals, a line for the log."""
+"""A daemon's status for people: a live table in terminals, lines for the log."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import logging
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 
+from rich.console import Console
+from rich.live import Live
+from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
-from autoexpose_daemon.status.counters import anomalies
+from autoexpose_daemon.status.counters import DURATIONS, anomalies
 from autoexpose_daemon.status.document import CameraStatus, DurationStatus, PublishStatus, Status
-from autoexpose_daemon.status.durations import DURATIONS
-from autoexpose_daemon.status.inputs.imu import ImuTally
-from autoexpose_daemon.status.inputs.light import LightTally
-from autoexpose_daemon.status.losses import lost_in_words
+from autoexpose_daemon.status.inputs import ImuTally, LightTally
 from autoexpose_daemon.status.states import State
+from drivers.triggers.outcomes import LossReason
 from imaging.exposure import ExposureSetting
+
+_EDGES: dict[str, str] = {
+    LossReason.STARTUP: "before every camera was open",
+    LossReason.SHUTDOWN: "at the end",
+}
+"""The losses of every start and every end, which need no investigation."""
+_FAULTS: dict[str, str] = {
+    LossReason.LEFT_MISSING: "without the left frame",
+    LossReason.RIGHT_MISSING: "without the right frame",
+    LossReason.BOTH_MISSING: "without either frame",
+    LossReason.INCOMPLETE: "with an incomplete frame",
+    LossReason.NOT_GIVEN: "not triggered in time",
+    LossReason.TRIGGER_IGNORED: "ignored by a camera",
+    LossReason.CAMERA_GONE: "while a camera was gone",
+    LossReason.STALE: "seen too late",
+}
+
+
+def losses(lost: Mapping[str, int]) -> Iterator[tuple[str, int, bool]]:
+    """Each reason that has cost triggers: in words, how many, and whether it is a fault."""
+    for reason, count in lost.items():
+        if count:
+            yield _EDGES.get(reason) or _FAULTS.get(reason, reason), count, reason not in _EDGES
+
+
+def lost_in_words(lost: Mapping[str, int], note: str = "") -> str:
+    """Losses by reason, those of start and end separately; `note` goes after the faults."""
+    faults = ", ".join(f"{count} {words}" for words, count, is_fault in losses(lost) if is_fault)
+    edges = ", ".join(f"{count} {words}" for words, count, is_fault in losses(lost) if not is_fault)
+    return "; ".join([(faults or "none") + note, *([edges] if edges else [])])
+
 
 COLOURS = {State.STARTING: "cyan", State.EXPOSING: "green", State.DEGRADED: "yellow", State.FAILED: "red"}
 _LEVELS = (4.0, 18.0)  # stops: 16 us without gain, 8 ms with 30 dB
@@ -150,3 +185,43 @@ def _bar(level: float) -> str:
     low, high = _LEVELS
     filled = round(_BAR_WIDTH * min(max((level - low) / (high - low), 0.0), 1.0))
     return "\u2588" * filled + "\u2591" * (_BAR_WIDTH - filled)
+
+
+log = logging.getLogger(__name__)
+
+_FIRST_LINE_S = 5.0
+_LONGEST_PAUSE_S = 3600.0  # a log that is kept for months
+
+
+Show = Callable[[Callable[[], Status]], None]
+"""Takes a function that returns the status; it is called only when the status is shown."""
+
+
+@contextmanager
+def display(console: Console, title: Callable[[], str]) -> Iterator[Show]:
+    """A function that shows the status: in a panel in a terminal, else in log lines at growing intervals.
+
+    `title` is called each time the panel is drawn.
+    """
+    started_s = time.monotonic()
+    if console.is_terminal:
+        with Live(console=console, auto_refresh=False, transient=False) as live:
+
+            def show(read: Callable[[], Status]) -> None:
+                status = read()
+                heading = f"{title()}, {time.monotonic() - started_s:.0f} s"
+                colour = COLOURS[status.state]
+                live.update(Panel(table_of(status), title=heading, expand=False, border_style=colour), refresh=True)
+
+            yield show
+    else:
+        next_s, pause_s = started_s + _FIRST_LINE_S, _FIRST_LINE_S
+
+        def say(read: Callable[[], Status]) -> None:
+            nonlocal next_s, pause_s
+            if time.monotonic() >= next_s:
+                pause_s = min(2 * pause_s, _LONGEST_PAUSE_S)
+                next_s = time.monotonic() + pause_s
+                log.info("%s", line_of(read()))
+
+        yield say

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from autoexpose_daemon.control.metrics.entropy import entropy
-from autoexpose_daemon.control.metrics.entropy_weighted_gradient import entropy_weighted_gradient
 from autoexpose_daemon.control.metrics.gradient import GradientMetric
-from autoexpose_daemon.control.metrics.gradient_statistics import median_gradient
 from autoexpose_daemon.control.metrics.quality import CombinedQuality
+from autoexpose_daemon.control.metrics.weighted_gradients import entropy, entropy_weighted_gradient, median_gradient
 from autoexpose_daemon.control.picture.image import ImagePreparation
 from evaluation.odometry.stereo import images
 from evaluation.odometry.stereo_matching import StereoMatcher

@@ -9,8 +9,8 @@ from pathlib import Path
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.loop import ControlSetup
 from autoexpose_daemon.control.parameters import Bracketing
+from autoexpose_daemon.recording.file import RecordingError, Setup, State, Step
 from autoexpose_daemon.recording.read import Recording
-from autoexpose_daemon.recording.step import RecordingError, Setup, State, Step
 from evaluation.rejudge.drive import Drive, watched
 from imaging.frames import Side, StereoPair
 from imaging.geometry import CameraGeometry

@@ -13,8 +13,7 @@ from zipfile import ZIP_STORED, ZipFile, ZipInfo
 import numpy as np
 from numpy.typing import NDArray
 
-from autoexpose_daemon.control.policies.learned.learnt_range import AXES, MARGIN, LearntRange
-from autoexpose_daemon.control.policies.learned.net import WEIGHTS_FORMAT
+from autoexpose_daemon.control.policies.learned.net import AXES, MARGIN, WEIGHTS_FORMAT, LearntRange
 from imaging.errors import AutoexposeError
 
 Arrays = dict[str, NDArray[Any]]

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from autoexpose_daemon.control.loop import ControlLoop
-from autoexpose_daemon.demo.analysis import LightStep, light_steps
+from autoexpose_daemon.demo.analysis import LightStep, StepRecord, light_steps
 from autoexpose_daemon.demo.fakes import Pulse
-from autoexpose_daemon.demo.step_log import StepRecord
 from fake_camera.imaging import ImageSettings, ImageSource
 from fake_camera.world.lighting import LightScript
 from fake_camera.world.simulation import build_image_source

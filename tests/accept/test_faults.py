@@ -21,7 +21,7 @@ import pytest
 
 from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.demo.fakes import read_pulses
-from autoexpose_daemon.runtime.tuning import Tuning
+from autoexpose_daemon.runtime.setup import Tuning
 from autoexpose_daemon.status.counters import anomalies
 from autoexpose_daemon.status.states import Expectation, judge
 from calibration.response.file import ResponseFile

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from autoexpose_daemon.config.publish import PublishConfig
+from autoexpose_daemon.config.document import PublishConfig
 from tests import REPOSITORY
 from tests.autoexpose_daemon.publish.steps import endpoint, publishing
 

@@ -16,7 +16,7 @@ from typing import Any
 
 import pytest
 
-from autoexpose_daemon.config.publish import PublishConfig
+from autoexpose_daemon.config.document import PublishConfig
 from autoexpose_daemon.messages.keys import LAST_ROS2_DOMAIN
 from autoexpose_daemon.messages.types import (
     CAMERA_INFO,

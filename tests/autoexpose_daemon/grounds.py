@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from autoexpose_daemon.control.grounds import Grounds, SceneHistogram
+from autoexpose_daemon.control.decision import Grounds, SceneHistogram
 
 GROUNDS = Grounds(
     scenes={

@@ -15,7 +15,7 @@ from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.recording.recorder import Recorder
 from autoexpose_daemon.runtime.daemon import Daemon
-from autoexpose_daemon.service.outlets import add_outlets
+from autoexpose_daemon.service.service import add_outlets
 from drivers.camera import Camera
 from imaging.errors import CameraLostError
 from imaging.exposure import ExposureSetting

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from autoexpose_daemon.control.decision import Decision
-from autoexpose_daemon.messages.report import ConsumerTally
+from autoexpose_daemon.messages.client import ConsumerTally
 from autoexpose_daemon.status.counters import Counts
 from autoexpose_daemon.status.document import (
     VERSION,
@@ -14,9 +14,7 @@ from autoexpose_daemon.status.document import (
     RecorderStatus,
     Status,
 )
-from autoexpose_daemon.status.inputs.imu import ImuTally
-from autoexpose_daemon.status.inputs.requests import Bounds, RequestTally
-from autoexpose_daemon.status.inputs.tracking import TrackingTally
+from autoexpose_daemon.status.inputs import Bounds, ImuTally, RequestTally, TrackingTally
 from autoexpose_daemon.status.states import State
 from drivers.camera import PtpState
 from imaging.exposure import ExposureSetting

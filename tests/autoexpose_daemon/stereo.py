@@ -18,9 +18,9 @@ from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.demo.analysis import pulses_in_window
 from autoexpose_daemon.demo.fakes import read_pulses
-from autoexpose_daemon.runtime.cameras import openers
 from autoexpose_daemon.runtime.daemon import Daemon
-from autoexpose_daemon.service.outlets import add_outlets
+from autoexpose_daemon.runtime.setup import openers
+from autoexpose_daemon.service.service import add_outlets
 from autoexpose_daemon.status.describe import describe
 from autoexpose_daemon.status.panel import line_of
 from fake_camera.usb3.run import CAMERAS_VARIABLE

@@ -20,7 +20,7 @@ import yaml
 from autoexpose_daemon.cli import main
 from autoexpose_daemon.cli.daemon import _explaining
 from autoexpose_daemon.cli.signals import stop_on_signals
-from autoexpose_daemon.service.notify import Notifier
+from autoexpose_daemon.service.announcer import Notifier
 from calibration.document import CameraIdentity
 from calibration.response.file import Origin, ResponseFile
 from imaging.errors import AutoexposeError, ConfigurationError, NodeError, UnsupportedCameraError
@@ -118,7 +118,7 @@ def test_top_without_a_daemon_is_one_sentence_that_says_what_is_needed(
 def test_top_of_all_rigs_is_checked_before_it_looks_for_them(
     within: Within, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr("autoexpose_daemon.client.top_all._PATIENCE_S", 0.1)
+    monkeypatch.setattr("autoexpose_daemon.client.top._PATIENCE_S", 0.1)
     at, missing = f"tcp/{loopback_address()}:7448", tmp_path / "zenoh.json5"
     refusals = {
         ("--rig", "scout"): "--all shows every rig: leave out --all or --rig scout",

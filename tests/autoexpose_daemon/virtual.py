@@ -10,7 +10,7 @@ from typing import Any
 
 from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.control.decision import Decision
-from autoexpose_daemon.runtime.tuning import Tuning
+from autoexpose_daemon.runtime.setup import Tuning
 from autoexpose_daemon.status.counters import counters
 from autoexpose_daemon.status.states import Health
 from autoexpose_daemon.status.telemetry import Telemetry

@@ -33,23 +33,21 @@ from autoexpose_daemon.control.loop import ControlSetup
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from autoexpose_daemon.control.snapshot import parse, plain
 from autoexpose_daemon.demo.fakes import read_pulses
-from autoexpose_daemon.messages.report import ConsumerTally
-from autoexpose_daemon.messages.response import response_from_json, response_to_json, vignetting_from_json
+from autoexpose_daemon.messages.client import ConsumerTally, response_from_json, response_to_json, vignetting_from_json
 from autoexpose_daemon.messages.write import Message
 from autoexpose_daemon.page.access import Access, Key
-from autoexpose_daemon.page.history import History
 from autoexpose_daemon.page.metrics import exposition
+from autoexpose_daemon.page.pair_views import History
 from autoexpose_daemon.page.picture import PictureMaker
-from autoexpose_daemon.recording.plain_json import from_json, to_json
+from autoexpose_daemon.recording.file import from_json, to_json
 from autoexpose_daemon.recording.read import Recording
 from autoexpose_daemon.recording.replay import Replay
-from autoexpose_daemon.runtime.tuning import Tuning
+from autoexpose_daemon.runtime.setup import Tuning
 from autoexpose_daemon.service.last_exposure import FORMAT, LastExposure
-from autoexpose_daemon.status.document import Status
-from autoexpose_daemon.status.grounds import grounds_from_json, grounds_to_json
-from autoexpose_daemon.status.inputs.requests import Answer, Shot
+from autoexpose_daemon.status.document import Status, grounds_from_json, grounds_to_json
+from autoexpose_daemon.status.inputs import Answer, Shot
 from autoexpose_daemon.status.panel import line_of
-from autoexpose_daemon.status.publishing import Consumers
+from autoexpose_daemon.status.telemetry import Consumers
 from calibration.document import CameraIdentity, Finding
 from calibration.gain.file import GainFile
 from calibration.geometry.file import load_geometry

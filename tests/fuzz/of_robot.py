@@ -9,10 +9,7 @@ import numpy as np
 from autoexpose_daemon.control.light_ahead import LightSeries
 from autoexpose_daemon.control.picture.tracked_cells import TrackedCells
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
-from autoexpose_daemon.messages.light import light_ahead
-from autoexpose_daemon.messages.registration import registration
-from autoexpose_daemon.messages.robot import odometry, twist, twist_stamped
-from autoexpose_daemon.messages.tracked_cells import tracked_cells
+from autoexpose_daemon.messages.inputs import light_ahead, odometry, registration, tracked_cells, twist, twist_stamped
 from autoexpose_daemon.navigation.maps.adaptation import adapt
 from autoexpose_daemon.navigation.store import MapFile, MapInfo, TaughtPlace
 from autoexpose_daemon.navigation.views.features import Features

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from autoexpose_daemon.messages.light import read_light_ahead
+from autoexpose_daemon.messages.inputs import (
+    read_light_ahead,
+    read_odometry,
+    read_registration,
+    read_tracked_cells,
+    read_velocity,
+)
 from autoexpose_daemon.messages.read import DamagedMessageError, read_angular_rate
-from autoexpose_daemon.messages.registration import read_registration
-from autoexpose_daemon.messages.robot import read_odometry, read_velocity
-from autoexpose_daemon.messages.tracked_cells import read_tracked_cells
 from autoexpose_daemon.navigation.store import MapError
-from autoexpose_daemon.recording.step import RecordingError
+from autoexpose_daemon.recording.file import RecordingError
 from fake_camera.device.faults import FaultError
 from fake_camera.device.line0 import WireError
 from imaging.errors import AutoexposeError, ConfigurationError

@@ -11,9 +11,8 @@ from types import MappingProxyType, SimpleNamespace
 from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.runtime.daemon import silence_s
-from autoexpose_daemon.runtime.outlet import Outlet
-from autoexpose_daemon.runtime.rig_control import RigControl
-from autoexpose_daemon.runtime.tuning import Tuning
+from autoexpose_daemon.runtime.rig_control import Outlet, RigControl
+from autoexpose_daemon.runtime.setup import Tuning
 from autoexpose_daemon.status.states import Expectation, Health, State, judge
 from drivers.rig.events import RigEvent
 from drivers.rig.supervision import Slots, Supervisor

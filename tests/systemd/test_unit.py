@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from autoexpose_daemon.config.document import PublishConfig
 from autoexpose_daemon.config.load import load_config
-from autoexpose_daemon.config.publish import PublishConfig
 from drivers.host.linux import NICENESS
 from tests import REPOSITORY
 

@@ -8,9 +8,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from autoexpose_daemon.control.metrics.entropy import entropy
 from autoexpose_daemon.control.metrics.gradient import gradient_weights
-from autoexpose_daemon.control.metrics.gradient_statistics import gradient_magnitude
+from autoexpose_daemon.control.metrics.weighted_gradients import entropy, gradient_magnitude
 from imaging.response import GREY_LEVELS
 
 HOMOGENEOUS_SHARE = 0.10

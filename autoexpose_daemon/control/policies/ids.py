@@ -3,10 +3,18 @@
 from __future__ import annotations
 
 import difflib
+from collections.abc import Mapping
+from typing import Final
 
-from autoexpose_daemon.control.policies.removed import REMOVED
 from documents.text import quoted
 from imaging.errors import ConfigurationError
+
+REMOVED: Final[Mapping[str, Mapping[str, str]]] = {
+    "policy": {"metric-map": "belief", "fisher-map": "belief"},
+    "motion": {"dis": "tiles"},
+}
+"""By key of the configuration: names, and what takes their place."""
+
 
 DEFAULT_POLICY = "belief"
 

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from autoexpose_daemon.demo.navigate.robot import COMMAND, JOYSTICK, ODOMETRY, STANDSTILL, DemoRobot, Step
 from autoexpose_daemon.demo.navigate.track import ASIDE_M, LENGTH_M, RADIUS_M, TURNED_RAD, Place
-from autoexpose_daemon.messages.registration import RegisteredView
+from autoexpose_daemon.messages.inputs import RegisteredView
 from imaging.errors import AutoexposeError
 
 TAUGHT_LUX = 150.0

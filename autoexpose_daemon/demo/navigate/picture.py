@@ -11,9 +11,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from autoexpose_daemon.demo.analysis import StepLog
 from autoexpose_daemon.demo.navigate.lessons import Lap
 from autoexpose_daemon.demo.navigate.track import LENGTH_M, RADIUS_M
-from autoexpose_daemon.demo.step_log import StepLog
 
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7")
 

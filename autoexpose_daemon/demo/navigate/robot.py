@@ -12,9 +12,15 @@ import zenoh
 
 from autoexpose_daemon.demo.navigate.control_line import ControlLine
 from autoexpose_daemon.demo.navigate.track import Place, Vehicle
+from autoexpose_daemon.messages.inputs import (
+    RegisteredView,
+    Velocity,
+    odometry,
+    read_registration,
+    read_velocity,
+    twist,
+)
 from autoexpose_daemon.messages.keys import registration_key
-from autoexpose_daemon.messages.registration import RegisteredView, read_registration
-from autoexpose_daemon.messages.robot import Velocity, odometry, read_velocity, twist
 from autoexpose_daemon.publish.session import Endpoints, SessionHolder, open_session
 from imaging.python310 import Self
 

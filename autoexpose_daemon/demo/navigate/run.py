@@ -16,7 +16,7 @@ from rich.console import Console
 from rich.table import Table
 
 from autoexpose_daemon.config.document import Config
-from autoexpose_daemon.demo.analysis import light_steps, pulses_in_window
+from autoexpose_daemon.demo.analysis import StepLog, light_steps, pulses_in_window
 from autoexpose_daemon.demo.fakes import FakeCameras, read_pulses
 from autoexpose_daemon.demo.navigate.control_line import ControlLine
 from autoexpose_daemon.demo.navigate.lessons import LIGHTS, Lap, Lessons
@@ -25,13 +25,11 @@ from autoexpose_daemon.demo.navigate.track import LENGTH_M
 from autoexpose_daemon.demo.options import DemoOptions
 from autoexpose_daemon.demo.reference_step import reference_step_ms
 from autoexpose_daemon.demo.show import REFERENCE_REPEATS, check_account, configuration, start
-from autoexpose_daemon.demo.step_log import StepLog
 from autoexpose_daemon.demo.summary import Run, figures, in_words
 from autoexpose_daemon.messages.keys import LOOPBACK
-from autoexpose_daemon.runtime.cameras import openers
 from autoexpose_daemon.runtime.daemon import Daemon
-from autoexpose_daemon.service.outlets import add_outlets
-from autoexpose_daemon.service.service import Service
+from autoexpose_daemon.runtime.setup import openers
+from autoexpose_daemon.service.service import Service, add_outlets
 from imaging.errors import AutoexposeError
 
 OTHER_POLICY = "fixed"

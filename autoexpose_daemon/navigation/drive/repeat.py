@@ -12,8 +12,8 @@ import numpy as np
 from autoexpose_daemon.client import ReceivedPair, StereoClient
 from autoexpose_daemon.client.status_client import StatusClient
 from autoexpose_daemon.control.light_ahead import LightSeries
-from autoexpose_daemon.control.policies.removed import REMOVED
-from autoexpose_daemon.messages.registration import RegisteredView
+from autoexpose_daemon.control.policies.ids import REMOVED
+from autoexpose_daemon.messages.inputs import RegisteredView
 from autoexpose_daemon.navigation.drive.light_trail import LightTrail
 from autoexpose_daemon.navigation.drive.motion import STANDSTILL, Velocity
 from autoexpose_daemon.navigation.drive.progress import Progress

@@ -12,20 +12,19 @@ from types import TracebackType
 
 import zenoh
 
-from autoexpose_daemon.messages.qos import DEFAULT
-from autoexpose_daemon.messages.robot import (
+from autoexpose_daemon.messages.inputs import (
     LARGEST_ROBOT_MESSAGE_BYTES,
     read_odometry,
     read_velocity,
     twist,
     twist_stamped,
 )
+from autoexpose_daemon.messages.keys import DEFAULT
 from autoexpose_daemon.messages.types import ODOMETRY, TWIST, TWIST_STAMPED
 from autoexpose_daemon.navigation.drive.motion import Pose, Velocity
 from autoexpose_daemon.navigation.drive.odometer import SPEED_NS, Odometer
-from autoexpose_daemon.publish.refusal import reading
 from autoexpose_daemon.publish.ros2_keys import Attachments, Ros2Node, key_of_topic
-from autoexpose_daemon.publish.session import Endpoints, SessionHolder
+from autoexpose_daemon.publish.session import Endpoints, SessionHolder, reading
 from imaging.python310 import Self
 
 log = logging.getLogger(__name__)

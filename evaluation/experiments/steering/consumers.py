@@ -13,9 +13,8 @@ from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.light_ahead import LightAhead
 from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.override import NO_OVERRIDE, Override
-from autoexpose_daemon.control.picture.steering import Steering
+from autoexpose_daemon.control.picture.steering import CellExposure, Steering, TrackingMemory
 from autoexpose_daemon.control.picture.tracked_cells import COLUMNS, ROWS, TrackedCells, count_by_cell
-from autoexpose_daemon.control.picture.tracking_memory import CellExposure, TrackingMemory
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from evaluation.odometry.stereo import prepared
 from imaging.exposure import ExposureLimits, ExposureSetting

@@ -17,7 +17,7 @@ from rich.table import Table
 
 from autoexpose_daemon.client.status_client import StatusClient
 from autoexpose_daemon.client.top import Sparklines, follow, no_status, show_once, sparkline
-from autoexpose_daemon.config.publish import PublishConfig
+from autoexpose_daemon.config.document import PublishConfig
 from autoexpose_daemon.messages.keys import status_key
 from autoexpose_daemon.publish.publisher import Publisher
 from autoexpose_daemon.status.document import Fault, Status

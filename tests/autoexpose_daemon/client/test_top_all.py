@@ -13,12 +13,10 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from autoexpose_daemon.client.fleet import Condition, RigLine
-from autoexpose_daemon.client.fleet_client import FleetClient
+from autoexpose_daemon.client.fleet import Condition, FleetClient, RigLine
 from autoexpose_daemon.client.status_client import StatusClient
-from autoexpose_daemon.client.top import show_once
-from autoexpose_daemon.client.top_all import follow_all, panel_of, show_all_once, summary, table_of
-from autoexpose_daemon.config.publish import PublishConfig
+from autoexpose_daemon.client.top import follow_all, panel_of_all, show_all_once, show_once, summary, table_of_all
+from autoexpose_daemon.config.document import PublishConfig
 from autoexpose_daemon.messages.keys import status_key
 from autoexpose_daemon.publish.publisher import Publisher
 from autoexpose_daemon.publish.session import Endpoints, open_session
@@ -72,7 +70,7 @@ def test_a_rig_is_one_line() -> None:
         line("stopped", Condition.ENDED),
         line("fine"),
     ]
-    rows = [" ".join(row.split()) for row in printed(table_of(lines)).splitlines()]
+    rows = [" ".join(row.split()) for row in printed(table_of_all(lines)).splitlines()]
     assert rows == [
         "rig state pairs/s lost last minute exposure why",
         "broken failed, 12 s ago 3 1000 us, 6.0 dB no such camera",
@@ -86,14 +84,14 @@ def test_a_rig_is_one_line() -> None:
 
 def test_what_a_stranger_writes_commands_no_terminal_and_breaks_no_line() -> None:
     hostile = line("x" * 100, Condition.DEGRADED, "\x1b]0;gone\x07 [red]away[/red]\n\r" + "\u4e2d" * 400)
-    text = printed(table_of([hostile]), width=160)
+    text = printed(table_of_all([hostile]), width=160)
     assert "?]0;gone? [red]away[/red]" in text
     assert "\x1b" not in text
     assert len(text.splitlines()) == 2
 
 
 def test_a_narrow_terminal_shortens_the_reasons_first() -> None:
-    rows = printed(table_of([line("dumper_2", Condition.DEGRADED, "no triggers " * 20)]), width=80).splitlines()
+    rows = printed(table_of_all([line("dumper_2", Condition.DEGRADED, "no triggers " * 20)]), width=80).splitlines()
     assert len(rows) == 2
     assert rows[1].startswith("dumper_2  degraded     60.0     3         0.4%  1000 us, 6.0 dB  no trig")
 
@@ -103,7 +101,7 @@ def test_a_low_terminal_shows_the_worst_and_counts_the_rest() -> None:
     for number in range(30):
         assert client.fleet.take(f"rig_{number}", rig(f"rig_{number}"), 0.0)
     assert client.fleet.take("worst", rig("worst", State.FAILED), 0.0)
-    text = printed(panel_of(client, 10))
+    text = printed(panel_of_all(client, 10))
     assert len(text.splitlines()) == 10
     assert "worst" in text
     assert "26 more, none of them worse" in text
@@ -111,7 +109,7 @@ def test_a_low_terminal_shows_the_worst_and_counts_the_rest() -> None:
 
 @pytest.mark.wire
 def test_the_rigs_of_all_endpoints_are_printed_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("autoexpose_daemon.client.top_all._ROUND_S", 0.5)
+    monkeypatch.setattr("autoexpose_daemon.client.top._ROUND_S", 0.5)
     first, second, nowhere = endpoint(), endpoint(), endpoint()
     screen, console = screen_of(terminal=False)
     with daemon(rig("scout", State.DEGRADED, "no triggers"), first), daemon(rig("mule"), second):
@@ -123,7 +121,7 @@ def test_the_rigs_of_all_endpoints_are_printed_once(monkeypatch: pytest.MonkeyPa
 
 @pytest.mark.wire
 def test_a_file_of_zenoh_has_the_endpoints(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("autoexpose_daemon.client.top_all._ROUND_S", 0.1)
+    monkeypatch.setattr("autoexpose_daemon.client.top._ROUND_S", 0.1)
     at = endpoint()
     file = tmp_path / "zenoh.json5"
     file.write_text(json.dumps({"connect": {"endpoints": [at]}}))
@@ -136,7 +134,7 @@ def test_a_file_of_zenoh_has_the_endpoints(tmp_path: Path, monkeypatch: pytest.M
 
 
 def test_nobody_there_is_said_in_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("autoexpose_daemon.client.top_all._PATIENCE_S", 0.1)
+    monkeypatch.setattr("autoexpose_daemon.client.top._PATIENCE_S", 0.1)
     at = endpoint()
     with pytest.raises(AutoexposeError, match=f"no answer from {at}: is a daemon"):
         show_all_once([at], None, screen_of()[1], threading.Event())
@@ -186,7 +184,7 @@ def test_a_router_may_allow_statuses_alone(tmp_path: Path) -> None:
 @pytest.mark.wire
 def test_a_router_that_goes_and_comes_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """What is on the robot goes on meanwhile."""
-    monkeypatch.setattr("autoexpose_daemon.client.top_all.FleetClient", lambda *args: FleetClient(*args, SILENT_S))
+    monkeypatch.setattr("autoexpose_daemon.client.top.FleetClient", lambda *args: FleetClient(*args, SILENT_S))
     far, near, other = endpoint(), endpoint(), endpoint()
     file = router_file(tmp_path, far)
     screen, console = screen_of()

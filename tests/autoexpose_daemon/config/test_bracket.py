@@ -4,8 +4,8 @@ import math
 
 import pytest
 
-from autoexpose_daemon.config.bracket import bracketed
 from autoexpose_daemon.config.document import Config
+from autoexpose_daemon.config.load import bracketed
 from autoexpose_daemon.control.parameters import Bracketing
 from imaging.errors import ConfigurationError
 

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from autoexpose_daemon.control.decision import Decision
-from autoexpose_daemon.control.grounds import Grounds, SceneHistogram
+from autoexpose_daemon.control.decision import Decision, Grounds, SceneHistogram
 from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.policies.belief.optics import DARK_DN
 from imaging.exposure import ExposureSetting

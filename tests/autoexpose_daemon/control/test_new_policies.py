@@ -13,11 +13,9 @@ from numpy.typing import NDArray
 
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.loop import ControlLoop
-from autoexpose_daemon.control.metrics.entropy import entropy
-from autoexpose_daemon.control.metrics.entropy_weighted_gradient import entropy_weighted_gradient
 from autoexpose_daemon.control.metrics.gradient import GradientMetric
-from autoexpose_daemon.control.metrics.gradient_statistics import SoftPercentile
 from autoexpose_daemon.control.metrics.quality import CombinedQuality
+from autoexpose_daemon.control.metrics.weighted_gradients import SoftPercentile, entropy, entropy_weighted_gradient
 from autoexpose_daemon.control.picture.image import ImagePreparation
 from autoexpose_daemon.control.policies.published.mehta2020 import next_level
 from imaging.exposure import ExposureSetting

@@ -16,7 +16,7 @@ from autoexpose_daemon.control.parameters import ControlParameters, MotionId
 from autoexpose_daemon.control.picture.region import Rectangle, Region
 from autoexpose_daemon.control.policies.ids import POLICY_IDS
 from autoexpose_daemon.control.snapshot import Plain, parse, plain
-from autoexpose_daemon.recording.plain_json import from_json, to_json
+from autoexpose_daemon.recording.file import from_json, to_json
 from imaging.exposure import ExposureLimits, ExposureSetting
 from imaging.frames import Frame, Side, StereoPair
 from imaging.response import ResponseFunction

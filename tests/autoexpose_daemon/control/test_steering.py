@@ -17,7 +17,17 @@ from autoexpose_daemon.control.metrics.contrast import contrast
 from autoexpose_daemon.control.override import Override
 from autoexpose_daemon.control.parameters import ControlParameters
 from autoexpose_daemon.control.picture.image import ImagePreparation
-from autoexpose_daemon.control.picture.steering import STEERING_SHARE, WEIGHT_STOPS, Steering
+from autoexpose_daemon.control.picture.steering import (
+    FORGOTTEN_S,
+    FRESH_S,
+    MOST_CONSUMERS,
+    STEERING_SHARE,
+    WEIGHT_STOPS,
+    CellExposure,
+    Steering,
+    TrackingMemory,
+    favours,
+)
 from autoexpose_daemon.control.picture.tracked_cells import (
     CELLS,
     COLUMNS,
@@ -25,14 +35,6 @@ from autoexpose_daemon.control.picture.tracked_cells import (
     ROWS,
     TrackedCells,
     count_by_cell,
-)
-from autoexpose_daemon.control.picture.tracking_memory import (
-    FORGOTTEN_S,
-    FRESH_S,
-    MOST_CONSUMERS,
-    CellExposure,
-    TrackingMemory,
-    favours,
 )
 from autoexpose_daemon.control.policies.belief.scene_belief import BIN
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY, POLICY_IDS

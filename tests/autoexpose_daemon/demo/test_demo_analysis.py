@@ -14,6 +14,8 @@ from matplotlib.figure import Figure
 from autoexpose_daemon.demo.analysis import (
     LightSetting,
     LightStep,
+    StepLog,
+    StepRecord,
     delay_frames,
     frames_to_settle,
     frames_to_steady,
@@ -24,7 +26,6 @@ from autoexpose_daemon.demo.analysis import (
 )
 from autoexpose_daemon.demo.fakes import Pulse
 from autoexpose_daemon.demo.plot import draw, headline, mark_losses
-from autoexpose_daemon.demo.step_log import StepLog, StepRecord
 from drivers.triggers.outcomes import Tally
 from imaging.exposure import ExposureSetting
 from imaging.python310 import exp2

@@ -14,11 +14,17 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from autoexpose_daemon.demo.fakes import FakeCamera, newest_lux, read_pulses
+from autoexpose_daemon.demo.fakes import (
+    FOLDER_VARIABLE,
+    FakeCamera,
+    begin_again_on_fake_bus,
+    newest_lux,
+    read_pulses,
+    take_signals,
+)
 from autoexpose_daemon.demo.options import SIZES, DemoOptions, Transport
-from autoexpose_daemon.demo.rate import cores, held_rate_hz, pairs_per_s, shortfall
 from autoexpose_daemon.demo.run import run_demo
-from autoexpose_daemon.demo.usb_bus import FOLDER_VARIABLE, begin_again_on_fake_bus, take_signals
+from autoexpose_daemon.demo.show import cores, held_rate_hz, pairs_per_s, shortfall
 from fake_camera.imaging import ImageSettings, Pixels
 from fake_camera.warm_up import frame_s
 from fake_camera.world.sensor import SIZES as simulated_sizes

@@ -10,11 +10,10 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from autoexpose_daemon.demo.analysis import LightStep
+from autoexpose_daemon.demo.analysis import LightStep, StepLog
 from autoexpose_daemon.demo.options import DemoOptions
-from autoexpose_daemon.demo.step_log import StepLog
 from autoexpose_daemon.demo.summary import Run, figures, in_words
-from autoexpose_daemon.status.losses import lost_in_words
+from autoexpose_daemon.status.panel import lost_in_words
 from autoexpose_daemon.status.telemetry import Telemetry
 from drivers.triggers.outcomes import Tally
 

@@ -16,13 +16,10 @@ import pytest
 from rich.console import Console
 
 from autoexpose_daemon.config.document import Config
-from autoexpose_daemon.doctor.facts import Facts, GigeFacts
-from autoexpose_daemon.doctor.finding import Finding, Severity
-from autoexpose_daemon.doctor.judge import judge
+from autoexpose_daemon.doctor.camera_report import Facts, GigeFacts
+from autoexpose_daemon.doctor.examine import as_json, judge, judge_policy, show
 from autoexpose_daemon.doctor.judge_gige import judge_gige
-from autoexpose_daemon.doctor.judge_policy import judge_policy
-from autoexpose_daemon.doctor.need import Need
-from autoexpose_daemon.doctor.output import as_json, show
+from autoexpose_daemon.doctor.need import Finding, Need, Severity
 from drivers.genicam import link_share
 from drivers.host.network import SOCKET_BUFFER_BYTES, Control, GigeCamera, NetworkInterface
 from drivers.host.usb import DeviceNode, Process, UsbCamera, UsbFacts, find_usb

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from autoexpose_daemon.messages.registration import RegisteredView
+from autoexpose_daemon.messages.inputs import RegisteredView
 
 
 def registered_view(distance_m: float = 3.5, shift_px: float | None = 12.0) -> RegisteredView:

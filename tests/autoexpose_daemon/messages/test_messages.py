@@ -22,9 +22,8 @@ from autoexpose_daemon.messages.read import (
     read_exposure_info,
     read_image,
 )
-from autoexpose_daemon.messages.stamp import Stamp
 from autoexpose_daemon.messages.types import EXPOSURE_INFO, TYPESTORE, definition
-from autoexpose_daemon.messages.write import LAST_STAMP_NS, TOPICS, Message, MessageWriter, realtime_offset_ns
+from autoexpose_daemon.messages.write import LAST_STAMP_NS, TOPICS, Message, MessageWriter, Stamp, realtime_offset_ns
 from imaging.exposure import ExposureSetting
 from imaging.frames import Frame, Side, StereoPair
 from imaging.geometry import CameraGeometry

@@ -8,14 +8,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from autoexpose_daemon.messages.read import DamagedMessageError
-from autoexpose_daemon.messages.registration import (
+from autoexpose_daemon.messages.inputs import (
     FURTHEST_SHIFT_PX,
     MOST_MATCHES,
     RegisteredView,
     read_registration,
     registration,
 )
+from autoexpose_daemon.messages.read import DamagedMessageError
 from tests.autoexpose_daemon.messages.registered_view import registered_view
 
 finite = st.floats(allow_nan=False, allow_infinity=False, width=32)

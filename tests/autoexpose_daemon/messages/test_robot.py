@@ -7,8 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from autoexpose_daemon.control.parameters import FASTEST_TURN_RAD_S
-from autoexpose_daemon.messages.read import DamagedMessageError
-from autoexpose_daemon.messages.robot import (
+from autoexpose_daemon.messages.inputs import (
     FASTEST_M_S,
     FURTHEST_M,
     odometry,
@@ -17,6 +16,7 @@ from autoexpose_daemon.messages.robot import (
     twist,
     twist_stamped,
 )
+from autoexpose_daemon.messages.read import DamagedMessageError
 from autoexpose_daemon.navigation.drive.motion import STANDSTILL, Pose, Velocity
 
 velocities = st.builds(

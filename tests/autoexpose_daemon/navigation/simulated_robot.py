@@ -11,15 +11,15 @@ from types import TracebackType
 import numpy as np
 import zenoh
 
-from autoexpose_daemon.config.publish import PublishConfig
+from autoexpose_daemon.config.document import PublishConfig
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
+from autoexpose_daemon.messages.client import response_to_json
+from autoexpose_daemon.messages.inputs import odometry, read_velocity, twist
 from autoexpose_daemon.messages.keys import response_key, status_key
-from autoexpose_daemon.messages.response import response_to_json
-from autoexpose_daemon.messages.robot import odometry, read_velocity, twist
 from autoexpose_daemon.navigation.drive.motion import STANDSTILL, Pose, Velocity
 from autoexpose_daemon.publish.publisher import Publisher
 from autoexpose_daemon.publish.session import Endpoints, open_session
-from autoexpose_daemon.runtime.inputs.foretold_light import ForetoldLight
+from autoexpose_daemon.runtime.inputs import ForetoldLight
 from imaging.frames import SIDES, Frame, StereoPair
 from imaging.python310 import Self
 from imaging.response import ResponseFunction

@@ -8,7 +8,7 @@ import time
 import pytest
 import zenoh
 
-from autoexpose_daemon.messages.robot import odometry, read_velocity, twist
+from autoexpose_daemon.messages.inputs import odometry, read_velocity, twist
 from autoexpose_daemon.messages.types import ODOMETRY, TWIST
 from autoexpose_daemon.navigation.drive.motion import STANDSTILL, Pose, Velocity
 from autoexpose_daemon.navigation.drive.robot import Robot, RobotKeys

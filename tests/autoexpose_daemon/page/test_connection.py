@@ -15,8 +15,8 @@ from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response
 from starlette.routing import Route
 
-from autoexpose_daemon.page import connection
-from autoexpose_daemon.page.connection import Connection
+from autoexpose_daemon.page import serve as connection
+from autoexpose_daemon.page.serve import Connection
 from tests.autoexpose_daemon.publish.steps import wait_until
 
 pytestmark = pytest.mark.wire

@@ -3,7 +3,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from autoexpose_daemon.page.history import BUCKET_S, LENGTH_S, SERIES, History
+from autoexpose_daemon.page.pair_views import BUCKET_S, LENGTH_S, SERIES, History
 from imaging.exposure import ExposureSetting
 from tests.autoexpose_daemon.publish.steps import DECISION
 

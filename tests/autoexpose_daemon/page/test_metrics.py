@@ -10,7 +10,7 @@ from prometheus_client.core import Metric
 from prometheus_client.parser import text_string_to_metric_families
 
 from autoexpose_daemon.config.document import Config
-from autoexpose_daemon.messages.report import LAST_COUNT, ConsumerTally
+from autoexpose_daemon.messages.client import LAST_COUNT, ConsumerTally
 from autoexpose_daemon.page.metrics import exposition
 from autoexpose_daemon.status.describe import describe
 from autoexpose_daemon.status.document import Status

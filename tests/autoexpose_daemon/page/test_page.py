@@ -17,12 +17,10 @@ import pytest
 from websockets.sync.client import connect
 
 from autoexpose_daemon.client import StereoClient
-from autoexpose_daemon.config.publish import PublishConfig
-from autoexpose_daemon.control.decision import Decision
-from autoexpose_daemon.control.grounds import Grounds
+from autoexpose_daemon.config.document import PublishConfig
+from autoexpose_daemon.control.decision import Decision, Grounds
+from autoexpose_daemon.messages.client import ConsumerTally, response_to_json
 from autoexpose_daemon.messages.keys import response_key, status_key
-from autoexpose_daemon.messages.report import ConsumerTally
-from autoexpose_daemon.messages.response import response_to_json
 from autoexpose_daemon.page.metrics import CONTENT_TYPE
 from autoexpose_daemon.page.pair_views import MOST_VIEWERS
 from autoexpose_daemon.publish.publisher import Publisher

@@ -14,8 +14,7 @@ import pytest
 from autoexpose_daemon.client import ReceivedPair
 from autoexpose_daemon.client.status_client import StatusClient
 from autoexpose_daemon.page import pair_views
-from autoexpose_daemon.page.history import History
-from autoexpose_daemon.page.pair_views import PairViews
+from autoexpose_daemon.page.pair_views import History, PairViews
 from tests.autoexpose_daemon.publish.steps import DECISION, PATIENCE_S, pair
 
 

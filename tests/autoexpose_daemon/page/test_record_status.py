@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from autoexpose_daemon.page import app
-from autoexpose_daemon.page.history import BUCKET_S, History
+from autoexpose_daemon.page.pair_views import BUCKET_S, History
 from tests.autoexpose_daemon.statuses import EXPOSING
 
 AGE_S = 0.9

@@ -10,11 +10,10 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from autoexpose_daemon.config.publish import PublishConfig
+from autoexpose_daemon.config.document import PublishConfig
 from autoexpose_daemon.control.decision import Decision
-from autoexpose_daemon.publish.grounds import Explain
-from autoexpose_daemon.publish.publisher import Publisher, Tell
-from autoexpose_daemon.status.publishing import DropReason
+from autoexpose_daemon.publish.publisher import Explain, Publisher, Tell
+from autoexpose_daemon.status.telemetry import DropReason
 from imaging.exposure import ExposureSetting
 from imaging.frames import Frame, StereoPair
 from tests.fakes import loopback_address

@@ -11,7 +11,7 @@ from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.config.load import load_config
 from autoexpose_daemon.messages.keys import LOOPBACK
 from autoexpose_daemon.runtime.daemon import Daemon
-from autoexpose_daemon.service.outlets import add_outlets
+from autoexpose_daemon.service.service import add_outlets
 from imaging.errors import ConfigurationError
 
 LEFT = "cameras: {left: {serial: A}}\n"
@@ -85,7 +85,7 @@ def test_without_zenoh_the_daemon_goes_on_and_says_so(
     really_import = builtins.__import__
 
     def without_zenoh(name: str, *rest: Any) -> Any:
-        if name in ("autoexpose_daemon.publish.publisher", "autoexpose_daemon.publish.imu"):
+        if name in ("autoexpose_daemon.publish.publisher", "autoexpose_daemon.publish.inbound"):
             raise ModuleNotFoundError("No module named 'zenoh'", name="zenoh")
         return really_import(name, *rest)
 

@@ -18,18 +18,18 @@ from zenoh.handlers import FifoChannel
 from autoexpose_daemon import cli
 from autoexpose_daemon.client import ReceivedPair, StereoClient
 from autoexpose_daemon.client.control_client import ControlClient
-from autoexpose_daemon.config.publish import PublishConfig
+from autoexpose_daemon.config.document import PublishConfig
 from autoexpose_daemon.config.request import LARGEST_REQUEST_BYTES, Request
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from autoexpose_daemon.messages.keys import control_key
-from autoexpose_daemon.publish import control as control_module
-from autoexpose_daemon.publish.control import WAITING_REQUESTS, ControlDoor
+from autoexpose_daemon.publish import inbound as control_module
+from autoexpose_daemon.publish.inbound import WAITING_REQUESTS, ControlDoor
 from autoexpose_daemon.publish.publisher import Publisher
 from autoexpose_daemon.publish.session import Endpoints, open_session
 from autoexpose_daemon.recording.recorder import ContinuousRecorder
 from autoexpose_daemon.runtime.daemon import Daemon
 from autoexpose_daemon.status.describe import describe
-from autoexpose_daemon.status.inputs.requests import LARGEST_ANSWER_BYTES, Answer, RequestTally, Shot
+from autoexpose_daemon.status.inputs import LARGEST_ANSWER_BYTES, Answer, RequestTally, Shot
 from autoexpose_daemon.status.panel import line_of
 from imaging.errors import AutoexposeError, ConfigurationError
 from imaging.exposure import ExposureSetting

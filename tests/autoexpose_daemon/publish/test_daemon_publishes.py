@@ -15,7 +15,7 @@ from autoexpose_daemon.client import StereoClient
 from autoexpose_daemon.messages.read import read_exposure_info
 from autoexpose_daemon.messages.types import CAMERA_INFO, TYPESTORE
 from autoexpose_daemon.publish.session import Endpoints, open_session
-from autoexpose_daemon.runtime.tuning import Tuning
+from autoexpose_daemon.runtime.setup import Tuning
 from tests.autoexpose_daemon.publish.steps import PATIENCE_S, endpoint, wait_until
 from tests.autoexpose_daemon.scripted import SHAPE, config, scripted_daemon
 from tests.calibration.geometry.pairs import small_ros

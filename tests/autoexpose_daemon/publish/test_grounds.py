@@ -7,10 +7,10 @@ from concurrent.futures import Future
 import pytest
 
 from autoexpose_daemon.client.status_client import StatusClient
-from autoexpose_daemon.config.publish import PublishConfig
-from autoexpose_daemon.control.grounds import Grounds
+from autoexpose_daemon.config.document import PublishConfig
+from autoexpose_daemon.control.decision import Grounds
 from autoexpose_daemon.publish.publisher import Publisher
-from autoexpose_daemon.status.grounds import grounds_from_json, grounds_to_json
+from autoexpose_daemon.status.document import grounds_from_json, grounds_to_json
 from tests.autoexpose_daemon.grounds import GROUNDS
 from tests.autoexpose_daemon.publish.steps import endpoint, nothing, wait_until
 from tests.autoexpose_daemon.scripted import scripted_daemon

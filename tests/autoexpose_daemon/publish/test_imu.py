@@ -16,14 +16,13 @@ import zenoh
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from autoexpose_daemon.config.motion import ImuConfig
-from autoexpose_daemon.config.publish import PublishConfig
+from autoexpose_daemon.config.document import ImuConfig, PublishConfig
 from autoexpose_daemon.messages.keys import check_key_expression
 from autoexpose_daemon.messages.types import IMU, TYPESTORE
-from autoexpose_daemon.publish.imu import LARGEST_IMU_BYTES, ImuSubscriber
+from autoexpose_daemon.publish.inbound import LARGEST_IMU_BYTES, ImuSubscriber
 from autoexpose_daemon.publish.session import Endpoints, open_session
 from autoexpose_daemon.recording.recorder import ContinuousRecorder
-from autoexpose_daemon.runtime.inputs.angular_rate import AngularRate
+from autoexpose_daemon.runtime.inputs import AngularRate
 from autoexpose_daemon.status.counters import Counts
 from autoexpose_daemon.status.describe import describe
 from autoexpose_daemon.status.document import Status
@@ -160,7 +159,7 @@ def test_control_goes_by_the_imu_and_without_it_by_flow_and_says_so(
     imu = {"key": KEY, "connect": [at], "max_age_s": 0.5}
     control = {"policy": "neves2009", "focal_length_px": 600}
     with (
-        caplog.at_level(logging.INFO, "autoexpose_daemon.runtime.inputs.angular_rate"),
+        caplog.at_level(logging.INFO, "autoexpose_daemon.runtime.inputs"),
         ContinuousRecorder(file, 600, PublishConfig()) as recorder,
         scripted_daemon(recorder, control=control, motion={"imu": imu}) as (daemon, _, seen),
     ):

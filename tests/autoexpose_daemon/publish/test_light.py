@@ -12,10 +12,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from autoexpose_daemon.client import StereoClient
-from autoexpose_daemon.config.publish import PublishConfig
+from autoexpose_daemon.config.document import PublishConfig
 from autoexpose_daemon.control.light_ahead import LightSeries
+from autoexpose_daemon.messages.inputs import LARGEST_LIGHT_BYTES, light_ahead, read_light_ahead
 from autoexpose_daemon.messages.keys import light_ahead_key
-from autoexpose_daemon.messages.light import LARGEST_LIGHT_BYTES, light_ahead, read_light_ahead
 from autoexpose_daemon.messages.read import DamagedMessageError
 from autoexpose_daemon.publish.session import Endpoints, open_session
 from autoexpose_daemon.recording.recorder import ContinuousRecorder

@@ -17,14 +17,13 @@ import pytest
 
 from autoexpose_daemon.client import StereoClient
 from autoexpose_daemon.client.status_client import StatusClient
-from autoexpose_daemon.config.publish import PublishConfig
+from autoexpose_daemon.config.document import PublishConfig
 from autoexpose_daemon.messages import keys
-from autoexpose_daemon.messages.report import ConsumerTally
-from autoexpose_daemon.messages.response import response_to_json
+from autoexpose_daemon.messages.client import ConsumerTally, response_to_json
 from autoexpose_daemon.messages.write import MessageWriter
 from autoexpose_daemon.publish.publisher import MAILBOX_PAIRS, Publisher
 from autoexpose_daemon.publish.session import Endpoints, open_session
-from autoexpose_daemon.status.publishing import DropReason, PublishTally
+from autoexpose_daemon.status.telemetry import DropReason, PublishTally
 from drivers.log_throttle import LogThrottle
 from imaging.errors import ConfigurationError
 from imaging.response import ResponseFunction

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 import zenoh
 
-from autoexpose_daemon.config.publish import PublishConfig
+from autoexpose_daemon.config.document import PublishConfig
 from autoexpose_daemon.messages.read import read_exposure_info, read_image
 from tests.autoexpose_daemon.publish.router import router
 from tests.autoexpose_daemon.publish.steps import PATIENCE_S, endpoint, publishing, wait_until

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from autoexpose_daemon.messages.qos import DEFAULT, LATCHED
+from autoexpose_daemon.messages.keys import DEFAULT, LATCHED
 from autoexpose_daemon.messages.types import CAMERA_INFO, EXPOSURE_INFO, IMAGE, ODOMETRY, TWIST, TYPESTORE
 from autoexpose_daemon.publish.ros2_keys import Attachments, Ros2Node, Ros2Topic, key_of_topic
 

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from autoexpose_daemon.client import StereoClient
-from autoexpose_daemon.config.publish import PublishConfig
+from autoexpose_daemon.config.document import PublishConfig
 from autoexpose_daemon.publish.session import Endpoints, SessionError, open_session
 from tests.autoexpose_daemon.publish.consumer import consumer
 from tests.autoexpose_daemon.publish.router import router

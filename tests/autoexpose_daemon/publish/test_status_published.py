@@ -8,14 +8,12 @@ import threading
 import pytest
 
 from autoexpose_daemon.client.status_client import StatusClient
-from autoexpose_daemon.config.document import Config
-from autoexpose_daemon.config.publish import PublishConfig
+from autoexpose_daemon.config.document import Config, PublishConfig
 from autoexpose_daemon.messages.keys import status_key
 from autoexpose_daemon.publish.publisher import Publisher
 from autoexpose_daemon.publish.session import Endpoints, open_session
 from autoexpose_daemon.runtime.daemon import Daemon
-from autoexpose_daemon.service.outlets import add_outlets
-from autoexpose_daemon.service.service import Service
+from autoexpose_daemon.service.service import Service, add_outlets
 from autoexpose_daemon.status.describe import describe
 from autoexpose_daemon.status.document import Status
 from autoexpose_daemon.status.states import State

@@ -22,18 +22,15 @@ from mcap.writer import Writer
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from autoexpose_daemon.config.document import Config
-from autoexpose_daemon.config.publish import PublishConfig
+from autoexpose_daemon.config.document import Config, PublishConfig
 from autoexpose_daemon.control.light_ahead import LightAhead
 from autoexpose_daemon.control.picture.steering import Steering
 from autoexpose_daemon.control.picture.tracked_cells import CELLS
 from autoexpose_daemon.messages.types import CAMERA_INFO, EXPOSURE_INFO, TYPESTORE
-from autoexpose_daemon.recording.file import METADATA, RESERVE_BYTES, RecordingFile
+from autoexpose_daemon.recording.file import METADATA, RESERVE_BYTES, Item, RecordingError, RecordingFile, Step
 from autoexpose_daemon.recording.read import Recording
 from autoexpose_daemon.recording.recorder import ContinuousRecorder, LastSecondsRecorder, new_recorder
-from autoexpose_daemon.recording.replay import Replay
-from autoexpose_daemon.recording.replay_report import report_replay
-from autoexpose_daemon.recording.step import Item, RecordingError, Step
+from autoexpose_daemon.recording.replay import Replay, report_replay
 from imaging.frames import Frame, StereoPair
 from imaging.geometry import CameraGeometry
 from imaging.pixels import SAMPLES, PixelFormat

@@ -30,8 +30,8 @@ from rosbags.interfaces import (
 from rosbags.rosbag2 import Reader
 
 from autoexpose_daemon.messages.types import CAMERA_INFO, IMAGE, TYPESTORE
+from autoexpose_daemon.recording.file import Step
 from autoexpose_daemon.recording.read import Recording
-from autoexpose_daemon.recording.step import Step
 from tests.autoexpose_daemon.recording.runs import VirtualRun, record, replayed
 
 STEPS = 6

@@ -12,9 +12,9 @@ from pathlib import Path
 
 import pytest
 
+from autoexpose_daemon.recording.file import Setup, State, Step
 from autoexpose_daemon.recording.read import Recording
-from autoexpose_daemon.recording.replay_report import report_replay
-from autoexpose_daemon.recording.step import Setup, State, Step
+from autoexpose_daemon.recording.replay import report_replay
 from tests.autoexpose_daemon.service.service_process import AUTOEXPOSE, PATIENCE_S, running_service
 from tests.autoexpose_daemon.stereo import stereo_cameras
 from tests.fakes import FakeCamera

@@ -9,14 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from autoexpose_daemon.config.publish import PublishConfig
+from autoexpose_daemon.config.document import PublishConfig
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY, POLICY_IDS
 from autoexpose_daemon.recording import recorder as recorder_module
-from autoexpose_daemon.recording.file import RecordingFile
+from autoexpose_daemon.recording.file import RecordingFile, Setup, State, Step
 from autoexpose_daemon.recording.read import Recording
 from autoexpose_daemon.recording.recorder import ContinuousRecorder, LastSecondsRecorder
-from autoexpose_daemon.recording.replay_report import report_replay
-from autoexpose_daemon.recording.step import Setup, State, Step
+from autoexpose_daemon.recording.replay import report_replay
 from imaging.frames import Side, StereoPair
 from imaging.vignetting import Vignetting
 from tests.autoexpose_daemon.recording.runs import SHAPE, VirtualRun, record, replayed

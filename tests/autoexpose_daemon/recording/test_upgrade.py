@@ -15,8 +15,8 @@ from autoexpose_daemon.control.loop import ControlLoop, ControlSetup
 from autoexpose_daemon.control.parameters import Bracketing, ControlParameters
 from autoexpose_daemon.control.policies.belief.policy import Belief
 from autoexpose_daemon.control.snapshot import parse, plain
-from autoexpose_daemon.recording.plain_json import from_json, to_json
-from autoexpose_daemon.recording.upgrade import upgraded_light, upgraded_setup, upgraded_state
+from autoexpose_daemon.recording.file import from_json, to_json
+from autoexpose_daemon.recording.read import upgraded_light, upgraded_setup, upgraded_state
 from imaging.frames import SIDES
 from imaging.response import ResponseFunction
 from tests.autoexpose_daemon.recording.runs import LIMITS, START, VirtualRun

@@ -19,7 +19,7 @@ from cyclonedds.topic import Topic
 from cyclonedds.util import duration
 from rosbags.typesys import Stores, get_typestore
 
-from autoexpose_daemon.config.publish import PublishConfig
+from autoexpose_daemon.config.document import PublishConfig
 from autoexpose_daemon.messages.keys import LAST_ROS2_DOMAIN, frame_key
 from autoexpose_daemon.messages.types import BOOL, DIAGNOSTICS, EXPOSURE_INFO, IMAGE, STRING, TYPESTORE
 from autoexpose_daemon.publish.session import Endpoints, open_session

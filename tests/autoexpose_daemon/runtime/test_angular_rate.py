@@ -6,8 +6,8 @@ import logging
 
 import pytest
 
-from autoexpose_daemon.config.motion import ImuConfig
-from autoexpose_daemon.runtime.inputs.angular_rate import AngularRate
+from autoexpose_daemon.config.document import ImuConfig
+from autoexpose_daemon.runtime.inputs import AngularRate
 from autoexpose_daemon.status.counters import Counts
 
 STEP_NS = 16_666_666
@@ -92,7 +92,7 @@ def test_no_rate_is_shown_beside_the_reason_why_none_is_used(imu: Imu, monkeypat
     """The status is read on another thread, which may look while the reason is being logged."""
     seen = []
     monkeypatch.setattr(
-        "autoexpose_daemon.runtime.inputs.angular_rate.log.warning",
+        "autoexpose_daemon.runtime.inputs.log.warning",
         lambda *_: seen.append((bool(imu.rate.tally.trouble), imu.rate.tally.angular_rate_rad_s)),
     )
     imu.ask(1, 1.0)

@@ -6,7 +6,7 @@ import logging
 
 import pytest
 
-from autoexpose_daemon.runtime.complaints import Complaints
+from autoexpose_daemon.runtime.rig_health import Complaints
 
 
 @pytest.fixture

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from autoexpose_daemon.runtime.stuck import FIRST_PAUSE_NS
+from autoexpose_daemon.runtime.rig_health import FIRST_PAUSE_NS
 from calibration.response.file import ResponseFile
 from imaging.errors import ConfigurationError
 from imaging.response import ResponseFunction

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from autoexpose_daemon.control.light_ahead import WIDEST_SPREAD_FRAMES, WINDOW_FRAMES, LightSeries
-from autoexpose_daemon.runtime.inputs.foretold_light import MOST_AGE_S, ForetoldLight
+from autoexpose_daemon.runtime.inputs import OLDEST_LIGHT_S, ForetoldLight
 
 RATE_HZ = 50.0
 CAME_NS = 7_000_000_000
@@ -47,7 +47,7 @@ def test_what_is_old_or_vague_or_was_never_told_is_not_used() -> None:
     assert ForetoldLight(RATE_HZ, clock)(CAME_NS) is None
     assert told(clock, spread_s=1.01 * WIDEST_SPREAD_FRAMES / RATE_HZ)(CAME_NS) is None
     light = told(clock)
-    clock.now_ns = CAME_NS + round(MOST_AGE_S * 1e9)
+    clock.now_ns = CAME_NS + round(OLDEST_LIGHT_S * 1e9)
     assert light(clock.now_ns) is not None
     clock.now_ns += 1
     assert light(clock.now_ns) is None

@@ -7,8 +7,8 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
+from autoexpose_daemon.status.counters import DURATIONS
 from autoexpose_daemon.status.document import DurationStatus, Status
-from autoexpose_daemon.status.durations import DURATIONS
 from autoexpose_daemon.status.telemetry import DurationSamples, Telemetry
 from drivers.rig.events import Written
 from drivers.triggers.writes import Command

@@ -14,10 +14,9 @@ from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.light_ahead import LightAhead
 from autoexpose_daemon.control.override import NO_OVERRIDE, Override
 from autoexpose_daemon.runtime.active_loop import ActiveLoop
-from autoexpose_daemon.runtime.requests.in_force import Requests
-from autoexpose_daemon.runtime.requests.shot import PendingShot
-from autoexpose_daemon.runtime.tuning import Tuning
-from autoexpose_daemon.status.inputs.requests import Answer, RequestTally
+from autoexpose_daemon.runtime.requests import PendingShot, Requests
+from autoexpose_daemon.runtime.setup import Tuning
+from autoexpose_daemon.status.inputs import Answer, RequestTally
 from drivers.camera import CameraDescription
 from drivers.rig.events import CameraGone, CameraReady
 from imaging.errors import AutoexposeError, ConfigurationError

@@ -7,11 +7,10 @@ from pathlib import Path
 import pytest
 
 from autoexpose_daemon.config.load import load_config
-from autoexpose_daemon.runtime import cameras
-from autoexpose_daemon.runtime.cameras import openers
+from autoexpose_daemon.runtime import setup as cameras
 from autoexpose_daemon.runtime.daemon import Daemon
 from autoexpose_daemon.runtime.rig_control import RigControl
-from autoexpose_daemon.runtime.tuning import Tuning
+from autoexpose_daemon.runtime.setup import Tuning, openers
 from calibration import document
 from calibration.response.file import ResponseFile
 from drivers.rig.events import CameraGone, CameraReady

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from autoexpose_daemon.config.document import Config
-from autoexpose_daemon.runtime.frame_watch import INCOMPLETE_FRAMES
 from autoexpose_daemon.runtime.rig_control import RigControl
+from autoexpose_daemon.runtime.rig_health import INCOMPLETE_FRAMES
 from autoexpose_daemon.status.describe import describe
 from autoexpose_daemon.status.panel import newest_setting
 from drivers.camera import CameraDescription, IncompleteFrame, RefusedPackets

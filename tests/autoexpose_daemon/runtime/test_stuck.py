@@ -6,7 +6,13 @@ from itertools import pairwise
 
 import pytest
 
-from autoexpose_daemon.runtime.stuck import BESIDE_ANOTHER, FIRST_PAUSE_NS, LIKE_ALL, LONGEST_PAUSE_NS, StuckStreams
+from autoexpose_daemon.runtime.rig_health import (
+    BESIDE_ANOTHER,
+    FIRST_PAUSE_NS,
+    LIKE_ALL,
+    LONGEST_PAUSE_NS,
+    StuckStreams,
+)
 from autoexpose_daemon.status.telemetry import GONE
 from imaging.frames import Side
 

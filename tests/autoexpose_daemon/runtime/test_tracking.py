@@ -7,9 +7,9 @@ import logging
 import numpy as np
 import pytest
 
+from autoexpose_daemon.control.picture.steering import FORGOTTEN_S, MOST_CONSUMERS, CellExposure
 from autoexpose_daemon.control.picture.tracked_cells import COLUMNS, ROWS, TrackedCells
-from autoexpose_daemon.control.picture.tracking_memory import FORGOTTEN_S, MOST_CONSUMERS, CellExposure
-from autoexpose_daemon.runtime.inputs.tracking import APART_NS, MOST_AGE_S, MOST_WAITING, Tracking
+from autoexpose_daemon.runtime.inputs import APART_NS, MOST_WAITING, OLDEST_REPORT_S, Tracking
 from imaging.frames import Side
 
 SECOND = 1_000_000_000
@@ -58,7 +58,7 @@ def test_a_report_on_a_frame_that_control_has_seen_steers() -> None:
         (NOW_NS + APART_NS + 1, "future"),
         (NOW_NS + (1 << 62), "future"),
         (NOW_NS - 59 * PERIOD_NS, None),
-        (NOW_NS - round(MOST_AGE_S * SECOND) - 1, "stale"),
+        (NOW_NS - round(OLDEST_REPORT_S * SECOND) - 1, "stale"),
         (-(1 << 62), "stale"),
     ],
 )

@@ -11,8 +11,8 @@ import pytest
 from rich.console import Console
 
 from autoexpose_daemon.config.document import Config
+from autoexpose_daemon.page.live import tables
 from autoexpose_daemon.page.metrics import exposition
-from autoexpose_daemon.page.tables import tables
 from autoexpose_daemon.status.counters import Counts, counters
 from autoexpose_daemon.status.describe import describe
 from autoexpose_daemon.status.document import Status

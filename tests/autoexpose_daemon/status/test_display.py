@@ -10,9 +10,8 @@ from rich.console import Console
 
 from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.status.describe import describe
-from autoexpose_daemon.status.display import display
 from autoexpose_daemon.status.document import Status
-from autoexpose_daemon.status.panel import table_of
+from autoexpose_daemon.status.panel import display, table_of
 from autoexpose_daemon.status.telemetry import Telemetry
 from tests.autoexpose_daemon.statuses import EXPOSING
 
@@ -28,7 +27,7 @@ def test_without_a_terminal_the_log_gets_a_line_ever_more_seldom(
 ) -> None:
     caplog.set_level(logging.INFO)
     now_s = 0
-    monkeypatch.setattr("autoexpose_daemon.status.display.time.monotonic", lambda: now_s)
+    monkeypatch.setattr("autoexpose_daemon.status.panel.time.monotonic", lambda: now_s)
     said_s: list[int] = []
     with display(Console(file=io.StringIO()), str) as show:
         for now_s in range(12 * 3600):

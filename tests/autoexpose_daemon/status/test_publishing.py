@@ -8,12 +8,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from autoexpose_daemon.config.document import Config
-from autoexpose_daemon.messages.report import LARGEST_REPORT_BYTES, LAST_COUNT, ConsumerTally
+from autoexpose_daemon.messages.client import LARGEST_REPORT_BYTES, LAST_COUNT, ConsumerTally
 from autoexpose_daemon.status.describe import describe
 from autoexpose_daemon.status.panel import line_of
-from autoexpose_daemon.status.publishing import GONE_NS, MOST_KNOWN, MOST_LISTED, Consumers, DropReason, PublishTally
 from autoexpose_daemon.status.states import Expectation, State, judge
-from autoexpose_daemon.status.telemetry import Telemetry
+from autoexpose_daemon.status.telemetry import (
+    GONE_NS,
+    MOST_KNOWN,
+    MOST_LISTED,
+    Consumers,
+    DropReason,
+    PublishTally,
+    Telemetry,
+)
 
 CONFIG = Config.model_validate({"cameras": {"left": {"serial": "L"}}})
 COUNT = st.integers(0, LAST_COUNT)

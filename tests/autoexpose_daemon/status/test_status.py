@@ -15,15 +15,16 @@ from hypothesis import strategies as st
 
 from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.control.decision import Decision
-from autoexpose_daemon.messages.report import LAST_COUNT, ConsumerTally
-from autoexpose_daemon.messages.response import (
+from autoexpose_daemon.messages.client import (
     LARGEST_RESPONSE_BYTES,
+    LAST_COUNT,
+    ConsumerTally,
     response_from_json,
     response_to_json,
     vignetting_from_json,
 )
 from autoexpose_daemon.status.counters import Counts
-from autoexpose_daemon.status.describe import describe
+from autoexpose_daemon.status.describe import KEPT_FAULTS, LONGEST_TEXT, FaultLog, describe
 from autoexpose_daemon.status.document import (
     LARGEST_STATUS_BYTES,
     VERSION,
@@ -33,11 +34,9 @@ from autoexpose_daemon.status.document import (
     RecorderStatus,
     Status,
 )
-from autoexpose_daemon.status.fault_log import KEPT_FAULTS, LONGEST_TEXT, FaultLog
 from autoexpose_daemon.status.panel import duration_text
-from autoexpose_daemon.status.publishing import MOST_LISTED
 from autoexpose_daemon.status.states import State
-from autoexpose_daemon.status.telemetry import DurationSamples, Telemetry
+from autoexpose_daemon.status.telemetry import MOST_LISTED, DurationSamples, Telemetry
 from drivers.triggers.record import RigRecord
 from imaging.exposure import ExposureLimits, ExposureSetting
 from imaging.frames import Frame, StereoPair

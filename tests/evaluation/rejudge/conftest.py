@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from autoexpose_daemon.control.parameters import Bracketing
-from autoexpose_daemon.recording.file import RecordingFile
-from autoexpose_daemon.recording.step import Step
+from autoexpose_daemon.recording.file import RecordingFile, Step
 from evaluation.experiments.rejudge.rehearsal import simulated_geometries, simulated_setup
 from evaluation.odometry.lap import odometry_stage
 from evaluation.stage.delayed_loop import DelayedLoop

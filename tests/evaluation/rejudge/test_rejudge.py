@@ -14,7 +14,7 @@ import typer
 from typer.testing import CliRunner, Result
 
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
-from autoexpose_daemon.recording.replay_report import report_replay
+from autoexpose_daemon.recording.replay import report_replay
 from calibration.geometry.formats.ros import ros_yaml
 from evaluation.odometry.lap import lap
 from evaluation.rejudge.contest import recommended

@@ -1,15 +1,19 @@
-"""How the light will have changed by the time a decision shows: ramps continue, and periods repeat."""
+"""How the light will have changed by the time a decision shows: by its own pattern, and by an earlier drive."""
 
 from __future__ import annotations
 
+import itertools
+import math
 import statistics
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
+from autoexpose_daemon.control.light_ahead import SPREADS, UNPROVEN, WINDOW_FRAMES, LightAhead
 from autoexpose_daemon.control.metrics.extension import extension as _native
 
 HISTORY = 96
@@ -90,3 +94,105 @@ class Forecast:
         recent = [self.changes[-frame] for frame in range(1, RAMP_FRAMES + 1)]
         ramp = min(recent) > RAMP_SLOPE or max(recent) < -RAMP_SLOPE
         return statistics.median(recent) if ramp else 0.0
+
+
+SMOOTHED_FRAMES = 5
+"""Changes are compared by their sums over so many frames: two drives see the same change a frame or two apart."""
+
+SCALE_STOPS = 0.5
+"""Scale of the difference between foretold and seen changes of light; its distribution has long tails (Laplace)."""
+
+FORGOTTEN_FRAMES = 300
+"""After five seconds at 60 Hz without a series, what the last one foretold says nothing about the next."""
+
+LEAST_BELIEF, MOST_BELIEF = 0.05, 0.95
+
+NARROWEST_FRAMES = 0.5
+
+
+@dataclass(slots=True)
+class Foresight:
+    """Weighs what an earlier drive saw against light that follows its own recent pattern.
+
+    Where exactly the rig is on the route is not known, so each place it may be at is a hypothesis. How well it explains
+    when the light of the last second changed, and by how much, gives its probability, and all of them against unchanged
+    light give the belief.
+
+    Attributes
+    ----------
+    belief
+        Probability that the series foretells the light, from what it foretold so far.
+    untold_frames
+        Since the latest series.
+    here, places
+        Indices in the latest series at which the rig may be, and their probabilities, which sum to 1; not kept from one
+        frame to the next.
+    """
+
+    STATE: ClassVar[tuple[str, ...]] = ("belief", "untold_frames")
+
+    belief: float = UNPROVEN
+    untold_frames: int = 0
+    here: NDArray[np.int64] = field(default_factory=lambda: np.zeros(1, np.int64))
+    places: NDArray[np.float64] = field(default_factory=lambda: np.ones(1))
+
+    def rest(self) -> None:
+        """A frame without a series. After a while, the next series is of another drive."""
+        self.untold_frames += 1
+        if self.untold_frames >= FORGOTTEN_FRAMES:
+            self.belief = UNPROVEN
+
+    def weigh(self, ahead: LightAhead, changes: Collection[float]) -> float:
+        """The probability that what the earlier drive saw comes again; sets that of each place, `places`.
+
+        Parameters
+        ----------
+        ahead
+            What the earlier drive saw.
+        changes
+            Of the light from frame to frame so far, stops, oldest first.
+        """
+        self.untold_frames = 0
+        reach = math.ceil(SPREADS * ahead.spread_frames)
+        aside = np.arange(-reach, reach + 1)
+        here = ahead.now + aside
+        risen = np.array(ahead.risen)
+        prior = np.exp(-0.5 * (aside / max(ahead.spread_frames, NARROWEST_FRAMES)) ** 2)
+        window = max(min(WINDOW_FRAMES, len(changes), ahead.now - reach), 0)
+        misfits, otherwise_misfit = _misfits(risen, here, changes, window)
+
+        fits = np.log(prior / prior.sum()) - misfits
+        likeliest = float(fits.max())
+        explained = np.exp(fits - likeliest)
+        self.here, self.places = here, explained / explained.sum()
+        evidence = likeliest + math.log(explained.sum()) + otherwise_misfit
+        share = _shifted(self.belief, evidence)
+        # Every change stays in the window for as many frames as it has, but counts once.
+        self.belief = min(max(_shifted(self.belief, evidence / WINDOW_FRAMES), LEAST_BELIEF), MOST_BELIEF)
+        return share
+
+
+def _misfits(
+    risen: NDArray[np.float64], here: NDArray[np.int64], changes: Collection[float], window: int
+) -> tuple[NDArray[np.float64], float]:
+    """Negative log likelihoods of the latest changes: of each place, and of unchanged light; 0 if too few are known."""
+    if window < SMOOTHED_FRAMES:
+        return np.zeros(len(here)), 0.0
+    # Sums that would end after now have fewer changes, so that the newest change is in as many of them as any other.
+    frames = np.minimum(np.arange(-window, SMOOTHED_FRAMES), 0)
+    light = np.cumsum(list(itertools.islice(changes, len(changes) - window, None)))
+    seen = _sums(np.append(0.0, light)[frames + window])
+    foretold = _sums(risen.take(here[:, None] + frames, mode="clip"))
+    unit = SMOOTHED_FRAMES * SCALE_STOPS
+    return np.abs(foretold - seen).sum(axis=1) / unit, float(np.abs(seen).sum()) / unit
+
+
+def _sums(light: NDArray[np.float64]) -> NDArray[np.float64]:
+    """By how much light has risen in each `SMOOTHED_FRAMES` frames, along the last axis."""
+    return light[..., SMOOTHED_FRAMES:] - light[..., :-SMOOTHED_FRAMES]
+
+
+def _shifted(probability: float, evidence: float) -> float:
+    """A probability after evidence, a log likelihood ratio."""
+    log_odds = math.log(probability / (1.0 - probability)) + evidence
+    return 0.5 * (1.0 + math.tanh(0.5 * log_odds))

@@ -10,17 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autoexpose_daemon.control.balance import Balance
-from autoexpose_daemon.control.grounds import Grounds
+from autoexpose_daemon.control.decision import Grounds
 from autoexpose_daemon.control.metrics.contrast import CELLS, Contrast, contrast
 from autoexpose_daemon.control.metrics.extension import extension as _native
 from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
 from autoexpose_daemon.control.picture.motion import PER_US, blur_length_px
 from autoexpose_daemon.control.picture.steering import STEERING_SHARE
 from autoexpose_daemon.control.policies.belief.balance import BlurPhotonBalance, bounded, fitted, times_of_levels
-from autoexpose_daemon.control.policies.belief.cadence import Cadence
-from autoexpose_daemon.control.policies.belief.forecast import Forecast
-from autoexpose_daemon.control.policies.belief.foresight import Foresight
-from autoexpose_daemon.control.policies.belief.loop_delay import LoopDelay
+from autoexpose_daemon.control.policies.belief.forecast import Forecast, Foresight
 from autoexpose_daemon.control.policies.belief.optics import Optics
 from autoexpose_daemon.control.policies.belief.plan import HORIZON, Prospects
 from autoexpose_daemon.control.policies.belief.scene_belief import (
@@ -31,6 +28,7 @@ from autoexpose_daemon.control.policies.belief.scene_belief import (
     SceneBelief,
     shows,
 )
+from autoexpose_daemon.control.policies.belief.timing import Cadence, LoopDelay
 from autoexpose_daemon.control.policy import ExposurePolicy, Look, Objective, Observation, PolicySetup, Target
 from autoexpose_daemon.control.registration import LightChange, Registration
 from imaging.exposure import ExposureLimits, linear_gain

@@ -8,7 +8,7 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from autoexpose_daemon.control.grounds import SceneHistogram
+from autoexpose_daemon.control.decision import SceneHistogram
 from autoexpose_daemon.control.metrics.contrast import CELLS, Contrast
 from autoexpose_daemon.control.metrics.extension import extension as _native
 from autoexpose_daemon.control.policies.belief.optics import Optics

@@ -1,4 +1,4 @@
-"""What the learned policies share: frames remembered, and when the net is not asked."""
+"""What the learned policies share: frames remembered, stacked inputs, and when the net is not asked."""
 
 from __future__ import annotations
 
@@ -139,3 +139,21 @@ def _way_out(observation: Observation) -> Target | None:
     if observation.saturated_share > BLIND_SHARE:
         return Target(observation.setting.level - BLIND_STEP_STOPS, "too bright for the net: two stops down")
     return None
+
+
+LEVEL_OFFSET, LEVEL_SCALE = 11.0, 4.0
+"""Middle and half width of usual exposure levels, stops."""
+
+GAIN_SCALE_DB = 15.0
+
+
+class StackedHistograms(LearnedPolicy):
+    """Sees histograms of four frames instead of their pixels."""
+
+    FRAMES: ClassVar[int] = 4
+
+    @staticmethod
+    def inputs(sights: Sequence[Sight], gain_db: float) -> NDArray[np.float64]:
+        """Roots of all shares, oldest frame first, then level and gain of the latest; shape (130,)."""
+        shares = np.sqrt(np.concatenate([sight.features for sight in sights]))
+        return np.array([*shares, (sights[-1].level - LEVEL_OFFSET) / LEVEL_SCALE, gain_db / GAIN_SCALE_DB])

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from autoexpose_daemon.control.balance import ExposurePriority
 from autoexpose_daemon.control.policies.learned.features import grey_histogram
+from autoexpose_daemon.control.policies.learned.learned_policy import StackedHistograms
 from autoexpose_daemon.control.policies.learned.net import trained_net
-from autoexpose_daemon.control.policies.learned.stacked import StackedHistograms
 from autoexpose_daemon.control.policy import Look, PolicySetup
 from imaging.python310 import Self
 

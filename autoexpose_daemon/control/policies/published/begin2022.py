@@ -8,7 +8,7 @@ from autoexpose_daemon.control.balance import Balance
 from autoexpose_daemon.control.metrics.gradient import GradientMetric
 from autoexpose_daemon.control.policy import ExposurePolicy, Observation, PolicySetup, Target
 from autoexpose_daemon.control.search.optimum import PolynomialFit
-from autoexpose_daemon.control.search.predicted_curve import PredictedCurve
+from autoexpose_daemon.control.search.query import PredictedCurve
 from imaging.frames import Side
 from imaging.python310 import Self
 from imaging.response import ResponseFunction, prediction_tables

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autoexpose_daemon.control.balance import Balance, FixedGain
-from autoexpose_daemon.control.metrics.entropy_weighted_gradient import entropy_weighted_gradient
+from autoexpose_daemon.control.metrics.weighted_gradients import entropy_weighted_gradient
 from autoexpose_daemon.control.policy import ExposurePolicy, Observation, PolicySetup, Target
 from autoexpose_daemon.control.search.gaussian_process import GaussianProcess
 from autoexpose_daemon.control.search.query import Held, Reference, way_out

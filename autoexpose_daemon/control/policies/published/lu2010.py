@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import ClassVar
 
 from autoexpose_daemon.control.balance import Balance, FixedRatio
-from autoexpose_daemon.control.metrics.entropy import entropy
+from autoexpose_daemon.control.metrics.weighted_gradients import entropy
 from autoexpose_daemon.control.policy import ExposurePolicy, Observation, PolicySetup, Target
 from autoexpose_daemon.control.search.query import Held, Reference, way_out
 from imaging.python310 import Self

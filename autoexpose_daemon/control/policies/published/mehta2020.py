@@ -7,11 +7,10 @@ from numpy.polynomial import polynomial
 
 from autoexpose_daemon.control.balance import Balance
 from autoexpose_daemon.control.metrics.gradient import GradientMetric
-from autoexpose_daemon.control.policies.published.gamma_step import GammaStep
-from autoexpose_daemon.control.policies.published.shim2018 import gamma_table
+from autoexpose_daemon.control.policies.published.shim2018 import GammaStep, gamma_table
 from autoexpose_daemon.control.policy import ExposurePolicy, Observation, PolicySetup, Target
 from autoexpose_daemon.control.search.optimum import PolynomialFit
-from autoexpose_daemon.control.search.predicted_curve import PredictedCurve
+from autoexpose_daemon.control.search.query import PredictedCurve
 from imaging.python310 import Self
 
 GAMMAS = (1 / 1.9, 1 / 1.5, 1 / 1.2, 1.0, 1.2, 1.5, 1.9)

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 
 from autoexpose_daemon.control.balance import Balance, ExposurePriority
-from autoexpose_daemon.control.metrics.gradient_statistics import SoftPercentile
+from autoexpose_daemon.control.metrics.weighted_gradients import SoftPercentile
 from autoexpose_daemon.control.policy import ExposurePolicy, Observation, PolicySetup, Target
 from imaging.frames import Side
 from imaging.python310 import Self

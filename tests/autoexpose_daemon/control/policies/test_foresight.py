@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.light_ahead import UNPROVEN, WINDOW_FRAMES, LightAhead
 from autoexpose_daemon.control.loop import ControlLoop
-from autoexpose_daemon.control.policies.belief.foresight import (
+from autoexpose_daemon.control.policies.belief.forecast import (
     FORGOTTEN_FRAMES,
     LEAST_BELIEF,
     MOST_BELIEF,

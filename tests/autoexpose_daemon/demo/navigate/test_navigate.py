@@ -12,6 +12,7 @@ import pytest
 from rich.console import Console
 
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
+from autoexpose_daemon.demo.analysis import StepLog
 from autoexpose_daemon.demo.navigate.control_line import ControlLine
 from autoexpose_daemon.demo.navigate.lessons import LIGHTS, TAUGHT_LUX, Lap
 from autoexpose_daemon.demo.navigate.picture import draw
@@ -19,7 +20,6 @@ from autoexpose_daemon.demo.navigate.robot import DemoRobot, Step
 from autoexpose_daemon.demo.navigate.run import compared, laps_in_words
 from autoexpose_daemon.demo.navigate.track import LENGTH_M, RADIUS_M, SCALE, Place, Vehicle
 from autoexpose_daemon.demo.options import DemoOptions
-from autoexpose_daemon.demo.step_log import StepLog
 from imaging.errors import AutoexposeError, ConfigurationError
 from tests.autoexpose_daemon.messages.registered_view import registered_view
 

@@ -1,4 +1,4 @@
-"""How many frames pass from a decision until a frame shows it: learnt from the frames' own settings."""
+"""How many frames lie between two stamps, and how many pass until a frame shows a decision."""
 
 from __future__ import annotations
 
@@ -8,11 +8,34 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import ClassVar
 
+REMEMBERED = 9
+"""Intervals between frames, and delays. Their medians are right unless most frames are lost."""
+
+
+@dataclass(slots=True)
+class Cadence:
+    """The interval between frames, learnt from their stamps.
+
+    Attributes
+    ----------
+    intervals_s
+        The latest ones.
+    """
+
+    STATE: ClassVar[tuple[str, ...]] = ("intervals_s",)
+
+    intervals_s: deque[float] = field(default_factory=lambda: deque(maxlen=REMEMBERED))
+
+    def frames(self, interval_s: float) -> int:
+        """How many frames ago the frame before was, at least 1; `interval_s` is the time since then."""
+        if interval_s <= 0.0:
+            return 1
+        self.intervals_s.append(interval_s)
+        return max(round(interval_s / statistics.median(self.intervals_s)), 1)
+
+
 USUAL_FRAMES = 2
 """Used until a first change has been seen to arrive."""
-
-REMEMBERED = 9
-"""Delays."""
 
 DISTINCT_STOPS = 0.15
 """A change of exposure too large to be rounding."""

@@ -1,21 +1,24 @@
-"""The tuning of control: the part of a configuration that may change while the cameras run."""
+"""From configuration to opened cameras, and the tuning that may change while they run."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from copy import copy
+from functools import partial
 
 from pydantic import ValidationError
 
-from autoexpose_daemon.config.area import AreaConfig
+from autoexpose_daemon.config.control import region_of
 from autoexpose_daemon.config.document import Config
-from autoexpose_daemon.config.mistakes import mistakes
+from autoexpose_daemon.config.load import camera_setup
 from autoexpose_daemon.config.request import RegionRequest, Request
-from autoexpose_daemon.config.roi import region_of
+from autoexpose_daemon.config.section import AreaConfig, mistakes
 from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.picture.region import Region
-from drivers.camera import CameraDescription
-from imaging.errors import ConfigurationError
+from drivers.aravis import open_camera
+from drivers.camera import Camera, CameraDescription
+from drivers.setup import CameraSetup
+from imaging.errors import AutoexposeError, ConfigurationError
 from imaging.exposure import ExposureLimits
 from imaging.frames import SIDES, Side
 from imaging.pixels import plane_shape
@@ -118,3 +121,33 @@ class Tuning:
             regions=self.regions,
             vignettings=self.vignettings,
         )
+
+
+def openers(config: Config) -> dict[Side, Callable[[], Camera]]:
+    """For each side of the rig, a function that opens its camera as configured."""
+    tuning = Tuning(config)
+    return {side: partial(_open, tuning, side, camera_setup(config, side)) for side in config.sides}
+
+
+def refusals(config: Config) -> Iterator[tuple[Side, AutoexposeError | None]]:
+    """Why each side's camera cannot be opened, set up and exposed as configured, or None; it is closed again."""
+    for side, opener in openers(config).items():
+        try:
+            opener().close()
+        except AutoexposeError as error:
+            yield side, error
+        else:
+            yield side, None
+
+
+def _open(tuning: Tuning, side: Side, setup: CameraSetup) -> Camera:
+    """Open a camera; refuse one that is not as files, limits or regions need it."""
+    camera = open_camera(tuning.config.sides[side].serial, setup)
+    try:
+        tuning.config.check_frames(side, camera.description)
+        tuning.limits([camera.limits])
+        tuning.check_region(side, camera.description)
+    except ConfigurationError:
+        camera.close()
+        raise
+    return camera

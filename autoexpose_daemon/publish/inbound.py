@@ -1,22 +1,75 @@
-"""Control requests over zenoh: read, passed on one at a time, and answered, all of them."""
+"""What others send over zenoh: the robot's IMU, and control requests, all of which are answered."""
 
 from __future__ import annotations
 
 import contextlib
+import logging
 import queue
 import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import Future
+from types import TracebackType
 
 import zenoh
 from zenoh.handlers import Handler
 
+from autoexpose_daemon.config.document import ImuConfig
 from autoexpose_daemon.config.request import Request, check_size, read_request
-from autoexpose_daemon.status.inputs.requests import Answer
+from autoexpose_daemon.messages.read import read_angular_rate
+from autoexpose_daemon.publish.session import Endpoints, SessionHolder, reading
+from autoexpose_daemon.runtime.inputs import AngularRate
+from autoexpose_daemon.status.inputs import Answer
 from documents.text import readable
 from imaging.errors import AutoexposeError, ConfigurationError
-from imaging.python310 import FutureTimeoutError
+from imaging.python310 import FutureTimeoutError, Self
+
+log = logging.getLogger(__name__)
+
+LARGEST_IMU_BYTES = 4096
+"""Enough for a sample, which takes 320 plus the name of its coordinate frame."""
+
+_RING_MESSAGES = 1
+
+
+class ImuSubscriber:
+    """Hands the samples of an IMU to `rate` while its context is entered.
+
+    A session that cannot be opened is tried again and named in `rate.no_source`.
+
+    Parameters
+    ----------
+    config
+        Key and endpoints.
+    rate
+        Takes the samples.
+    """
+
+    def __init__(self, config: ImuConfig, rate: AngularRate) -> None:
+        self._key = config.key
+        self._rate = rate
+        self._endpoints = Endpoints.of_client(config.connect, config.zenoh)
+        self._holder = SessionHolder("client", self._endpoints, self._serve, self._on_trouble)
+
+    def __enter__(self) -> Self:
+        self._holder.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        if not self._holder.close():
+            log.error("zenoh did not close the session of the IMU in time")
+
+    def _on_trouble(self, trouble: str) -> None:
+        self._rate.no_source = trouble
+
+    def _serve(self, session: zenoh.Session) -> None:
+        log.info("listening to the IMU as %s, %s", self._key, self._endpoints)
+        take = reading(read_angular_rate, self._rate.take, self._rate.refuse)
+        self._holder.subscribe(session, self._key, take, _RING_MESSAGES, LARGEST_IMU_BYTES)
+        self._holder.closed.wait()
+
 
 Ask = Callable[[Request], Future[Answer]]
 """Passes a request to control."""

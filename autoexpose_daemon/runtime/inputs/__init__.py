@@ -1,1 +1,0 @@
-"""What control is given besides frames: the newest of each kind, while it is fresh."""

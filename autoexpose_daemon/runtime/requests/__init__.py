@@ -1,1 +1,0 @@
-"""What is requested of control while it runs."""
