@@ -20,9 +20,8 @@ import cv2
 import numpy as np
 
 from autoexpose_daemon.demo.reference_step import ReferenceStep
-from autoexpose_daemon.navigation.views.detectors import AdaptiveFinder, FastOrb
-from autoexpose_daemon.navigation.views.expansion import expansion
-from autoexpose_daemon.navigation.views.registration import RULES, register
+from navigation.views.detectors import AdaptiveFinder, FastOrb
+from navigation.views.registration import RULES, expansion, register
 
 SHIFT_PX = 23
 WARM_UP = 6

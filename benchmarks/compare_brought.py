@@ -15,14 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
-from autoexpose_daemon.navigation.views.detectors import FINDERS, AdaptiveFinder
-from autoexpose_daemon.navigation.views.registration import register
 from evaluation.experiments.navigation.lap import LIGHTS, Taught, taught
 from evaluation.experiments.navigation.scene import Scene
 from evaluation.experiments.teach.path import TaughtPath
 from evaluation.experiments.teach.replay import Robot
 from evaluation.stage.camera import SimulatedCamera
 from evaluation.stage.delayed_loop import Entrant
+from navigation.views.detectors import FINDERS, AdaptiveFinder
+from navigation.views.registration import register
 
 POLICIES = (DEFAULT_POLICY, "majer2018-standard")
 CORRECT_PX = 5.0

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from documents.text import quoted
-from imaging.exposure import GainScale
+from imaging.gain_scale import GainScale
 from imaging.pixels import PixelFormat
 
 FeatureValue = bool | int | float | str

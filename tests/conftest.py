@@ -36,7 +36,7 @@ LONGEST = (
     "fake_camera/usb3/test_usb3_aravis.py",
     "fuzz/test_fuzz.py",
     "drivers/aravis/test_camera_contract.py",
-    "autoexpose_daemon/navigation/test_teach_and_repeat.py",
+    "navigation/test_teach_and_repeat.py",
     "autoexpose_daemon/test_cli.py",
     "calibration/test_solve.py",
     "calibration/test_commands.py",

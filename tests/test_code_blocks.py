@@ -23,7 +23,16 @@ from tools.stage_docs import stage
 CAMERAS = {"left": {"serial": "22500001"}, "right": {"serial": "22500002"}}
 PLACEHOLDER = re.compile(r"\[.*?\]|\.\.\.|[A-Z]+=\S+ ")
 COMMAND = re.compile(r"^\s*(?:sudo )?(?:\S*/)?autoexpose (?P<words>.*)$")
-OURS = ("autoexpose_daemon", "calibration", "documents", "drivers", "evaluation", "fake_camera", "imaging")
+OURS = (
+    "autoexpose_daemon",
+    "calibration",
+    "documents",
+    "drivers",
+    "evaluation",
+    "fake_camera",
+    "imaging",
+    "navigation",
+)
 
 
 class Block(NamedTuple):

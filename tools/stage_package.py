@@ -18,7 +18,16 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-ROOMS = ("autoexpose_daemon", "calibration", "documents", "drivers", "evaluation", "fake_camera", "imaging")
+ROOMS = (
+    "autoexpose_daemon",
+    "calibration",
+    "documents",
+    "drivers",
+    "evaluation",
+    "fake_camera",
+    "imaging",
+    "navigation",
+)
 _DATA = (".msg", ".typed")
 _WITHOUT = shutil.ignore_patterns("__pycache__", "*.so")
 

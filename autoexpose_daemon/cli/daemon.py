@@ -17,7 +17,7 @@ from rich.console import Console
 from autoexpose_daemon.cli.signals import set_from_handler, stop_on_signals
 from autoexpose_daemon.control.policies.ids import POLICY_IDS, check_policy_id
 from autoexpose_daemon.recording import check_recording_extra
-from autoexpose_daemon.service.announcer import Notifier
+from autoexpose_daemon.service.notify import Notifier
 from imaging.errors import CameraError, ConfigurationError
 from imaging.exposure import ExposureSetting
 

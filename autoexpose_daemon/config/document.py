@@ -32,8 +32,9 @@ from calibration.vignetting.file import VignettingFile
 from drivers.camera import CameraDescription
 from drivers.genicam.trigger import ACTION, SOFTWARE
 from drivers.setup import FeatureSetting, as_list, parse_features
-from imaging.exposure import ExposureSetting, GainScale
+from imaging.exposure import ExposureSetting
 from imaging.frames import Side
+from imaging.gain_scale import GainScale
 from imaging.geometry import CameraGeometry
 from imaging.pixels import PixelFormat
 from imaging.python310 import Self

@@ -7,7 +7,9 @@ import os
 import shutil
 import tempfile
 import threading
+from collections.abc import Callable
 from contextlib import ExitStack
+from importlib.metadata import entry_points
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -65,13 +67,19 @@ def run_demo(options: DemoOptions, stop: threading.Event, console: Console) -> N
         console.print("starting two fake cameras ...")
         cameras = resources.enter_context(fake_cameras(folder, arguments, sockets, stop))
         if options.navigate:
-            from autoexpose_daemon.demo.navigate.run import navigate  # noqa: PLC0415  as below
-
-            navigate(options, cameras, folder, stop, console)
+            _navigate()(options, cameras, folder, stop, console)
             return
         from autoexpose_daemon.demo.show import report, show  # noqa: PLC0415  takes half a second, as they do
 
         report(show(options, cameras, stop, console), console)
+
+
+def _navigate() -> Callable[..., None]:
+    """The demo of teach and repeat, a program that the daemon does not know."""
+    for point in entry_points(group="autoexpose.demos", name="navigate"):
+        demo: Callable[..., None] = point.load()
+        return demo
+    raise ConfigurationError("--navigate needs teach and repeat, which are not installed: see docs/packages.md")
 
 
 def _keep_room() -> list[str]:

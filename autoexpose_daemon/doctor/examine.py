@@ -13,15 +13,11 @@ import typer
 from rich.console import Console
 from rich.text import Text
 
-from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.config.load import load_config
-from autoexpose_daemon.doctor.camera_report import Facts, gather
+from autoexpose_daemon.doctor.facts import Facts, gather
 from autoexpose_daemon.doctor.judge_gige import judge_gige
 from autoexpose_daemon.doctor.judge_usb import judge_usb
 from autoexpose_daemon.doctor.need import Finding, Need, Severity
-from autoexpose_daemon.runtime.setup import refusals
-from imaging.errors import ConfigurationError
-from imaging.response import ResponseFunction
 
 
 def judge(facts: Facts, need: Need) -> list[Finding]:
@@ -58,28 +54,6 @@ def _missing(facts: Facts, need: Need) -> Iterator[Finding]:
             "no camera found, neither USB3 Vision nor GigE Vision",
             "autoexpose doctor   # after checking power and cables",
         )
-
-
-def judge_features(config: Config) -> Iterator[Finding]:
-    """Open each camera as the daemon would, and close it again."""
-    for side, error in refusals(config):
-        camera = config.sides[side]
-        if error is None:
-            sentence = f"{side} camera {camera.serial} takes all {len(camera.features)} features"
-            yield Finding("features", "ok", sentence)
-        else:
-            yield Finding("features", "stops", f"{side} camera: {error}", f"autoexpose features {camera.serial}")
-
-
-def judge_policy(config: Config) -> Iterator[Finding]:
-    """Build it as the daemon would."""
-    limits, start = config.exposure.limits(), config.start
-    try:
-        from autoexpose_daemon.control.loop import ControlLoop  # noqa: PLC0415  needs the C extension
-
-        ControlLoop(config.control.policy, ResponseFunction.linear(), limits, start, config.control.parameters())
-    except ConfigurationError as error:
-        yield Finding("policy", "stops", str(error))
 
 
 _COLOURS: dict[Severity, str] = {"stops": "bold red", "warning": "yellow", "ok": "green"}
@@ -126,12 +100,12 @@ def examine(config: Path | None, as_document: bool, report: Path | None = None) 
         return True
     findings = judge(facts, need)
     if loaded is not None:
-        from autoexpose_daemon.doctor.examine import judge_policy  # noqa: PLC0415  loads OpenCV
+        from autoexpose_daemon.doctor.judge_configuration import judge_policy  # noqa: PLC0415  loads OpenCV
 
         findings += judge_policy(loaded)
         findings += [Finding("calibration", "warning", note) for note in loaded.notes]
     if loaded is not None and not stops(findings) and any(camera.features for camera in loaded.sides.values()):
-        from autoexpose_daemon.doctor.examine import judge_features  # noqa: PLC0415  loads Aravis
+        from autoexpose_daemon.doctor.judge_configuration import judge_features  # noqa: PLC0415  loads Aravis
 
         findings += judge_features(loaded)
     if as_document:

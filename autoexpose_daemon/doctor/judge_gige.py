@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from ipaddress import IPv4Interface
 from itertools import groupby
 
-from autoexpose_daemon.doctor.camera_report import GigeFacts
+from autoexpose_daemon.doctor.facts import GigeFacts
 from autoexpose_daemon.doctor.need import Finding, Need
 from drivers.genicam.link_share import bytes_per_s, packets_of
 from drivers.host.network import SOCKET_BUFFER_BYTES, Control, GigeCamera, NetworkInterface

@@ -20,9 +20,10 @@ from autoexpose_daemon.messages.keys import response_key, status_key
 from autoexpose_daemon.runtime.daemon import ControlThread, Daemon
 from autoexpose_daemon.runtime.inputs import AngularRate, ForetoldLight, Tracking
 from autoexpose_daemon.runtime.setup import Tuning
-from autoexpose_daemon.service.announcer import Announcer, Notifier
+from autoexpose_daemon.service.announcer import Announcer
 from autoexpose_daemon.service.last_exposure import LastExposure
 from autoexpose_daemon.service.logs import set_up_logging
+from autoexpose_daemon.service.notify import Notifier
 from autoexpose_daemon.status.describe import describe
 from autoexpose_daemon.status.document import Status
 from autoexpose_daemon.status.panel import Show, display, line_of

@@ -18,7 +18,8 @@ from calibration.result import verdict
 from calibration.sources.session import Session
 from drivers.aravis import open_camera
 from imaging.errors import AutoexposeError, ConfigurationError
-from imaging.exposure import ExposureLimits, GainScale
+from imaging.exposure import ExposureLimits
+from imaging.gain_scale import GainScale
 from imaging.python310 import UTC
 
 MOST_NUMBERS = 1e6

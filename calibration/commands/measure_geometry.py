@@ -25,7 +25,7 @@ from calibration.geometry.fit import GeometryResult, calibrate_geometry
 from calibration.geometry.formats.kalibr import camchain_yaml
 from calibration.geometry.formats.ros import ros_yaml
 from calibration.report import check_extra
-from calibration.report.geometry import geometry_facts, write_geometry_report
+from calibration.report.page import geometry_facts, write_geometry_report
 from calibration.sources.images import image_paths, read_grey8
 from calibration.sources.session import RATE_HZ, SLOWEST_HZ, PairOfCameras, Session, whole_grey8
 from documents.files import replace_file

@@ -13,7 +13,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from calibration.commands.rig import CameraMode, check_place, check_report, places_of, rig_of_config, tool
 from calibration.document import CameraIdentity
 from calibration.report import check_extra
-from calibration.report.vignetting import vignetting_facts, write_vignetting_report
+from calibration.report.page import vignetting_facts, write_vignetting_report
 from calibration.response.file import ResponseFile
 from calibration.sources.session import Session
 from calibration.vignetting.field import LOOKS, Look, capture_looks, field_of

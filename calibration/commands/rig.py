@@ -28,8 +28,8 @@ from drivers.genicam.dialect import GAINS
 from drivers.genicam.trigger import RATE_NODES
 from drivers.setup import CameraSetup, FeatureSetting, LinkShare, parse_features
 from imaging.errors import AutoexposeError, ConfigurationError
-from imaging.exposure import GainScale
 from imaging.frames import SIDES, Side
+from imaging.gain_scale import GainScale
 from imaging.pixels import PIXEL_FORMATS, PixelFormat
 from imaging.python310 import UTC
 

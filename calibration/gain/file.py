@@ -21,7 +21,7 @@ from calibration.document import (
     write_document,
 )
 from documents.bounds import GAIN_DB, Range
-from imaging.exposure import GainScale
+from imaging.gain_scale import GainScale
 from imaging.python310 import Self
 
 FORMAT = "autoexpose-gain/1"

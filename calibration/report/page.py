@@ -1,4 +1,4 @@
-"""A result as a page of HTML and a sheet of plots."""
+"""Results as self-contained pages of HTML, and a sheet of plots."""
 
 from __future__ import annotations
 
@@ -7,17 +7,20 @@ import importlib.util
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import jinja2
-
+from calibration.geometry.fit import GeometryResult, overall
 from calibration.judges.noise_witness import NoiseWitness
 from calibration.noise.light_lines import Estimate
-from calibration.report.plots import Picture, one_png
 from calibration.response.file import Fact, ResponseFile, curve_facts, origin_facts
 from calibration.result import Result
 from calibration.solver.tones import Comparison
+from calibration.vignetting.result import VignettingResult
 from imaging.errors import ConfigurationError
+from imaging.frames import SIDES
+
+if TYPE_CHECKING:
+    from calibration.report.plots import Picture
 
 
 def write_page(path: Path, template: str, pictures: Sequence[Picture], **content: object) -> Path:
@@ -28,14 +31,22 @@ def write_page(path: Path, template: str, pictures: Sequence[Picture], **content
     ConfigurationError
         When it cannot be written.
     """
-    environment = jinja2.Environment(loader=jinja2.PackageLoader("calibration.report", ""), autoescape=True)
-    shown = [(picture, base64.b64encode(one_png(picture)).decode()) for picture in pictures]
-    page = environment.get_template(template).render(pictures=shown, **content)
+    page = _html(template, pictures, **content)
     try:
         path.write_text(page, encoding="utf-8")
     except OSError as error:
         raise ConfigurationError(f"{path}: cannot be written ({error.strerror}): choose another place") from error
     return path
+
+
+def _html(template: str, pictures: Sequence[Picture], **content: object) -> str:
+    import jinja2  # noqa: PLC0415  extras, which only reports need
+
+    from calibration.report.plots import one_png  # noqa: PLC0415
+
+    environment = jinja2.Environment(loader=jinja2.PackageLoader("calibration.report", ""), autoescape=True)
+    shown = [(picture, base64.b64encode(one_png(picture)).decode()) for picture in pictures]
+    return environment.get_template(template).render(pictures=shown, **content)
 
 
 EXTRA = {"matplotlib": "matplotlib", "jinja2": "jinja2", "PIL": "pillow"}
@@ -69,9 +80,7 @@ def write_report(path: Path, result: Result, other: tuple[Comparison, Result, Re
     ConfigurationError
         When the files cannot be written.
     """
-    import jinja2  # noqa: PLC0415  an extra, which only reports need
-
-    from calibration.report.plots import comparison_picture, one_png, overview_png, pictures  # noqa: PLC0415
+    from calibration.report.plots import comparison_picture, overview_png, pictures  # noqa: PLC0415  needs an extra
 
     shown = pictures(result)
     measured = {"Noise": result.noise, "Latency": result.latency}
@@ -79,14 +88,14 @@ def write_report(path: Path, result: Result, other: tuple[Comparison, Result, Re
     if other is not None and (left := other[1].solution) and (right := other[2].solution):
         comparison = str(other[0])
         shown.append(comparison_picture(left.response, right.response))
-    environment = jinja2.Environment(loader=jinja2.PackageLoader("calibration.report", ""), autoescape=True)
-    page = environment.get_template("report.html").render(
+    page = _html(
+        "report.html",
+        shown,
         title=f"Response of {result.name}",
         result=result,
         facts=list(facts(result)),
         comparison=comparison,
         measured=[(name, list(_flat(values)), list(_tables(values))) for name, values in measured.items() if values],
-        pictures=[(picture, base64.b64encode(one_png(picture)).decode()) for picture in shown],
     )
     html, png = path.with_suffix(".html"), path.with_suffix(".png")
     try:
@@ -167,3 +176,82 @@ def _text(value: Any) -> str:
             return ", ".join(str(finding.get("reason")) for finding in findings)
         case _:
             return str(value)
+
+
+def write_geometry_report(path: Path, result: GeometryResult) -> Path:
+    """Write the page, and return its path; raises ConfigurationError when it cannot be written."""
+    from calibration.report.plots import geometry_pictures  # noqa: PLC0415  needs an extra
+
+    facts, rows = list(geometry_facts(result)), list(_rows(result))
+    return write_page(path, "geometry.html", geometry_pictures(result), result=result, facts=facts, rows=rows)
+
+
+def geometry_facts(result: GeometryResult) -> Iterator[Fact]:
+    """What was measured, in words."""
+    yield "board", str(result.board)
+    views, both = len(result.views), sum(view.by_both for view in result.views)
+    yield "views", f"{views}, {both} by both cameras, of {result.size[0]}x{result.size[1]} pixels"
+    if result.fit is None or result.geometries is None:
+        return
+    for side in SIDES:
+        lens, geometry = result.fit.lenses[side], result.geometries[side]
+        fx, _, cx, _, fy, cy, *_ = geometry.camera_matrix
+        name = f"{side} camera" if geometry.serial is None else f"{side} camera, {geometry.serial}"
+        yield name, f"focal lengths {fx:.2f} and {fy:.2f} pixels ({lens.focal_error:.2%}), centre ({cx:.2f}, {cy:.2f})"
+        yield f"{side} distortion", ", ".join(f"{value:.5f}" for value in geometry.distortion)
+    baseline_mm = 1e3 * result.geometries["right"].baseline_m
+    yield (
+        "baseline",
+        f"{baseline_mm:.2f} mm, if squares are {1e3 * result.board.square_m:g} mm: check both with a ruler",
+    )
+    error_px, rows_px, _ = overall(result.used)
+    yield (
+        "reprojection error",
+        f"{error_px:.3f} pixels rms, {rows_px:.3f} between rectified rows, {len(result.used)} views",
+    )
+    error_px, rows_px, scale = overall(result.held_out)
+    yield (
+        "views held out",
+        f"{error_px:.3f} pixels rms, {rows_px:.3f} between rectified rows, lengths off by {scale:+.2%}, "
+        f"{len(result.held_out)} views",
+    )
+
+
+def _rows(result: GeometryResult) -> Iterator[list[str]]:
+    """Each view's errors, in the order in which they were taken."""
+    held_out = {score.name for score in result.held_out}
+    for score in sorted((*result.used, *result.held_out), key=lambda score: score.name):
+        errors = [f"{score.error_px[side]:.3f}" if side in score.error_px else "" for side in SIDES]
+        rows = "" if score.rows_px is None else f"{score.rows_px:.3f}"
+        scale = "" if score.scale_error is None else f"{score.scale_error:+.2%}"
+        yield [score.name, "held out" if score.name in held_out else "", *errors, rows, scale]
+
+
+def write_vignetting_report(path: Path, result: VignettingResult) -> Path:
+    """Write the page, and return its path; raises ConfigurationError when it cannot be written."""
+    from calibration.report.plots import vignetting_pictures  # noqa: PLC0415
+
+    return write_page(
+        path, "vignetting.html", vignetting_pictures(result), result=result, facts=list(vignetting_facts(result))
+    )
+
+
+def vignetting_facts(result: VignettingResult) -> Iterator[Fact]:
+    """What was measured, in words."""
+    yield "looks", f"{len(result.looks)}, of {result.size[0]}x{result.size[1]} pixels"
+    if result.slope is not None:
+        yield "response", f"half the exposure time gives {2.0**-result.slope:.3f} of the light"
+    elif result.looks:
+        yield "response", "not checked, as it takes two exposure times"
+    solution = result.solution
+    if solution is None or result.error is None:
+        return
+    vignetting = solution.vignetting
+    column, row = vignetting.centre_px
+    yield "model", solution.kind if vignetting.grid else f"{solution.kind}, ({column:.1f}, {row:.1f})"
+    light = vignetting.relative_light(result.size[1], result.size[0])
+    corners = ", ".join(f"{light[y, x]:.3f}" for y in (0, -1) for x in (0, -1))
+    yield "light in the corners", f"{corners} of the brightest place (upper left, upper right, lower left, lower right)"
+    yield "error", f"{result.error:.1%} of the light at most, if the surface is evenly lit"
+    held_out = ", ".join(f"{kind} {error:.2%}" for kind, error in solution.held_out.items())
+    yield "looks held out", f"off by (rms): {held_out}"

@@ -1,10 +1,11 @@
-"""The pictures of a calibration's report. Curves differ in dash or marker, not in colour alone."""
+"""The pictures of calibration reports. Curves differ in dash or marker, not in colour alone."""
 
 from __future__ import annotations
 
 import io
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import matplotlib as mpl
@@ -12,9 +13,15 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from calibration.geometry.board import CELLS
+from calibration.geometry.fit import GOOD_ERROR_PX, GeometryResult
 from calibration.response.file import ResponseSolution
 from calibration.result import Result
+from calibration.vignetting.field import Array
+from calibration.vignetting.result import VignettingResult, residuals
+from imaging.frames import SIDES, Side
 from imaging.response import GREY_LEVELS, ResponseFunction, prediction_table
+from imaging.vignetting import middles, radius_squared
 
 DASHES: Sequence[tuple[float, str, str, str]] = (
     (-2.0, "#0072b2", ":", "v"),
@@ -258,3 +265,162 @@ def _draw_repeats(axes: Axes, result: Result) -> None:
     reach = max(2.0, 1.2 * float(np.abs(deviation).max()))
     axes.set_ylim(-reach, reach)
     _finish(axes, "time (s)" if timed else "number of the image", "difference to repeats (grey levels)")
+
+
+COLOURS: dict[Side, str] = {"left": "#0072b2", "right": "#d55e00"}
+MARKERS: dict[Side, str] = {"left": "o", "right": "x"}
+
+
+def geometry_pictures(result: GeometryResult) -> list[Picture]:
+    """The plots that a result has the data for."""
+    coverage = [
+        Picture(
+            f"Corners in the {side} picture",
+            "All corners seen. Parts without any, between the dashed lines, are known by extrapolation only.",
+            partial(_draw_corners, result=result, side=side),
+        )
+        for side in SIDES
+    ]
+    if not result.used:
+        return coverage
+    errors = Picture(
+        "Reprojection error of each picture",
+        "Root mean square over its corners, in the order in which views were taken. Grey bands: views held out of the "
+        "fit.",
+        partial(_draw_errors, result=result),
+    )
+    return [*coverage, errors]
+
+
+def _draw_corners(axes: Axes, result: GeometryResult, side: Side) -> None:
+    width, height = result.size
+    for view in result.views:
+        if side in view.corners:
+            x, y = view.corners[side].pixels.T
+            axes.plot(x, y, ".", ms=3, color=COLOURS[side], alpha=0.6, rasterized=True)
+    for x in np.linspace(0, width, CELLS[1] + 1):
+        axes.axvline(float(x), color=INK, lw=0.4, ls="--")
+    for y in np.linspace(0, height, CELLS[0] + 1):
+        axes.axhline(float(y), color=INK, lw=0.4, ls="--")
+    axes.set_xlim(0, max(width, 1))
+    axes.set_ylim(max(height, 1), 0)
+    axes.set_aspect("equal")
+    axes.set_xlabel("column (pixels)")
+    axes.set_ylabel("row (pixels)")
+
+
+def _draw_errors(axes: Axes, result: GeometryResult) -> None:
+    scores = sorted((*result.used, *result.held_out), key=lambda score: score.name)
+    held_out = {score.name for score in result.held_out}
+    for place, score in enumerate(scores):
+        if score.name in held_out:
+            axes.axvspan(place - 0.5, place + 0.5, color="#dddddd", lw=0)
+    for side in SIDES:
+        points = [(place, score.error_px[side]) for place, score in enumerate(scores) if side in score.error_px]
+        axes.plot(*zip(*points, strict=True), MARKERS[side], color=COLOURS[side], ms=5, label=side)
+    axes.axhline(GOOD_ERROR_PX, color=INK, lw=0.8, ls="--")
+    axes.set_ylim(0, None)
+    axes.legend(loc="center right", frameon=False)
+    axes.set_xlabel("view")
+    axes.set_ylabel("error (pixels rms)")
+
+
+_LEVELS = np.arange(0.05, 1.0, 0.05)
+_LEAST_REACH = 0.005
+
+
+def vignetting_pictures(result: VignettingResult) -> list[Picture]:
+    """The plots that a result has the data for."""
+    if not result.looks:
+        return []
+    if result.mean is None or result.solution is None:
+        draw = partial(_draw_map, values=_relative(result.looks[0].light), size=result.size)
+        return [Picture("The first look", "Its light, relative to its brightest part.", draw)]
+    return [
+        Picture(
+            "Light in the picture",
+            "Mean of all looks, relative to its brightest part. Lines: one for each twentieth of the light.",
+            partial(_draw_light, light=result.mean, size=result.size),
+        ),
+        Picture(
+            "Light over radius",
+            "Dots: parts of the picture, by their distance from the centre of the model. Line: the model along the "
+            "half diagonals.",
+            partial(_draw_radius, result=result),
+        ),
+        Picture(
+            "Residual",
+            "How much brighter each part of the picture is than the model says (%). It should be noise: a slope from "
+            "side to side is uneven light, rings are a lens that the model does not follow.",
+            partial(_draw_lens_residual, result=result),
+        ),
+        Picture(
+            "Looks",
+            "By how much each look differs from the mean of all, root mean square over the picture: what uneven light "
+            "changes when the camera is turned.",
+            partial(_draw_looks, result=result),
+        ),
+    ]
+
+
+def _draw_light(axes: Axes, light: Array, size: tuple[int, int]) -> None:
+    relative = _relative(light)
+    _draw_map(axes, relative, size)
+    x, y = middles(light.shape[1], size[0]), middles(light.shape[0], size[1])
+    levels = _LEVELS[(relative.min() < _LEVELS) & (relative.max() > _LEVELS)]
+    if len(levels):
+        lines = axes.contour(x, y, relative, levels=levels, colors="#d55e00", linewidths=1.0)
+        axes.clabel(lines, fontsize=8, fmt="%.2f")
+
+
+def _draw_radius(axes: Axes, result: VignettingResult) -> None:
+    assert result.solution is not None and result.mean is not None
+    vignetting, light, size = result.solution.vignetting, result.mean, result.size
+    x, y = middles(light.shape[1], size[0]), middles(light.shape[0], size[1])
+    radius = np.sqrt(radius_squared(x, y, vignetting.centre_px, size))
+    relative = light / light.mean()
+    model = vignetting.relative_light(*light.shape)
+    axes.plot(radius.ravel(), (relative * model.mean()).ravel(), ".", ms=2, color="#0072b2", rasterized=True)
+    rows = np.arange(light.shape[0])
+    for columns in (rows, rows[::-1]):
+        along = np.round(columns * (light.shape[1] - 1) / max(light.shape[0] - 1, 1)).astype(int)
+        order = np.argsort(radius[rows, along])
+        axes.plot(radius[rows, along][order], model[rows, along][order], color=INK, lw=1.0)
+    axes.set_ylim(0, 1.05)
+    axes.set_xlabel("distance from the centre (half diagonals)")
+    axes.set_ylabel("relative light")
+
+
+def _draw_lens_residual(axes: Axes, result: VignettingResult) -> None:
+    assert result.solution is not None and result.mean is not None
+    percent = 100.0 * residuals(result.solution.vignetting, result.mean)
+    reach = max(float(np.abs(percent).max()), 100.0 * _LEAST_REACH)
+    _draw_map(axes, percent, result.size, "coolwarm", (-reach, reach))
+
+
+def _draw_looks(axes: Axes, result: VignettingResult) -> None:
+    seen = np.array([look.light for look in result.looks])
+    percent = 100.0 * np.sqrt(np.mean((seen / seen.mean(axis=0) - 1.0) ** 2, axis=(1, 2)))
+    axes.bar(np.arange(1, len(percent) + 1), percent, color="#0072b2")
+    axes.set_ylim(0, max(100.0 * _LEAST_REACH, 1.1 * float(percent.max())))
+    axes.set_xlabel("look")
+    axes.set_ylabel("difference from the mean (% rms)")
+
+
+def _relative(light: Array) -> Array:
+    return np.asarray(light / max(float(light.max()), 1e-9))
+
+
+def _draw_map(
+    axes: Axes,
+    values: Array,
+    size: tuple[int, int],
+    colours: str = "grey",
+    span: tuple[float, float] = (0.0, 1.0),
+) -> None:
+    width, height = size
+    extent = (-0.5, width - 0.5, height - 0.5, -0.5)
+    shown = axes.imshow(values, cmap=colours, vmin=span[0], vmax=span[1], extent=extent, interpolation="nearest")
+    axes.figure.colorbar(shown, ax=axes, fraction=0.04, pad=0.02)
+    axes.set_xlabel("column (pixels)")
+    axes.set_ylabel("row (pixels)")

@@ -7,7 +7,8 @@ from typing import Literal
 
 from drivers.genicam.nodes import DECIBELS, EXACT, NodeMap, Quantity, hold, is_number, offered, switch, us_per_unit
 from imaging.errors import ConfigurationError, NodeError, UnsupportedCameraError
-from imaging.exposure import ExposureLimits, ExposureSetting, GainScale
+from imaging.exposure import ExposureLimits, ExposureSetting
+from imaging.gain_scale import GainScale
 
 TIME_NODES = ("ExposureTime", "ExposureTimeAbs")
 """SFNC 2 and SFNC 1 names."""

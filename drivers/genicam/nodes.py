@@ -11,7 +11,7 @@ from typing import Literal, Protocol
 
 from drivers.setup import FeatureValue
 from imaging.errors import NodeError
-from imaging.exposure import GainScale
+from imaging.gain_scale import GainScale
 
 Kind = Literal["float", "integer", "boolean", "enumeration", "string", "command"]
 

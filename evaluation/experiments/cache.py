@@ -16,7 +16,16 @@ from evaluation.arena.count import c_files
 from evaluation.experiments.experiment import Job, Plain
 from evaluation.kept import KeptResults
 
-_OURS = ("autoexpose_daemon", "calibration", "documents", "drivers", "evaluation", "fake_camera", "imaging")
+_OURS = (
+    "autoexpose_daemon",
+    "calibration",
+    "documents",
+    "drivers",
+    "evaluation",
+    "fake_camera",
+    "imaging",
+    "navigation",
+)
 _LIBRARIES = ("numpy", "opencv-python-headless", "numba", "evo")
 
 

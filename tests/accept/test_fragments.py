@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from autoexpose_daemon.doctor.camera_report import gather
+from autoexpose_daemon.doctor.facts import gather
 from autoexpose_daemon.doctor.judge_gige import judge_gige
 from autoexpose_daemon.doctor.need import Need
 from drivers.aravis import open_camera

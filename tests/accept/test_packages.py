@@ -86,7 +86,7 @@ def test_the_demo_runs(wheels: Path, tmp_path: Path) -> None:
     assert json.loads((tmp_path / "out.json").read_text())["pairs"] > 0
     print(said)
     (packages,) = venv.glob("lib/python3*/site-packages")
-    rooms = {"calibration", "documents", "drivers", "evaluation", "fake_camera", "imaging"}
+    rooms = {"calibration", "documents", "drivers", "evaluation", "fake_camera", "imaging", "navigation"}
     assert not rooms & {path.name for path in packages.iterdir()}
     for command in (["arena", "--help"], ["calibrate", "--help"], ["fake-camera", "--help"]):
         run(venv / "bin/autoexpose", *command, folder=tmp_path)

@@ -30,6 +30,7 @@ PARTS = [
     "evaluation",
     "fake_camera",
     "imaging",
+    "navigation",
     "tests",
     "pyproject.toml",
     "setup.py",

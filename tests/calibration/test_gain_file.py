@@ -7,7 +7,7 @@ import pytest
 from calibration.document import CameraIdentity, Finding
 from calibration.gain.file import GainFile
 from imaging.errors import ConfigurationError
-from imaging.exposure import GainScale
+from imaging.gain_scale import GainScale
 from tests.calibration.test_commands import calibrate
 
 SCALE = GainScale("GainRaw", (0.0, 10.0, 20.0), (0.0, 1.5, 6.0))

@@ -9,7 +9,7 @@ import pytest
 
 from calibration.gain.file import GainFile
 from fake_camera.genapi.raw_gain import RawGain
-from imaging.exposure import GainScale
+from imaging.gain_scale import GainScale
 from tests.autoexpose_daemon.stereo import running_daemon
 from tests.calibration.test_commands import calibrate
 from tests.fakes import FakeCamera, fake_camera, unique

@@ -11,8 +11,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from autoexpose_daemon.navigation.views.features import Features
-from autoexpose_daemon.navigation.views.registration import RULES
 from evaluation.experiments.experiment import Verdict
 from evaluation.experiments.navigation.claims import CLAIMED, claims
 from evaluation.experiments.navigation.lap import LIGHTS
@@ -25,6 +23,8 @@ from evaluation.experiments.navigation.seasons import DARK_SHARE, DRIVES, Night,
 from evaluation.experiments.navigation.upkeep import MODELS_COMPARED, Remembered, foretold
 from evaluation.experiments.teach.park import park
 from fake_camera.world.scene.shapes import upright
+from navigation.views.features import Features
+from navigation.views.registration import RULES
 
 DAY_S = 86_400.0
 

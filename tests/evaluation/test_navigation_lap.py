@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
-from autoexpose_daemon.navigation.drive.motion import Velocity
-from autoexpose_daemon.navigation.drive.steering import Stop
 from evaluation.experiments.navigation.lap import Repeater, Taught, Wanderer, taught
 from evaluation.experiments.teach.path import TaughtPath
+from navigation.drive.steering import Stop, Velocity
 
 SEED = 31
 LENGTH_M = 3.0

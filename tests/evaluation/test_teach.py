@@ -14,8 +14,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from autoexpose_daemon.navigation.views.features import OrbPyramid
-from autoexpose_daemon.navigation.views.registration import register
 from evaluation.experiments.cache import ResultCache
 from evaluation.experiments.experiment import Figure, Verdict
 from evaluation.experiments.jobs import run_jobs
@@ -33,6 +31,8 @@ from evaluation.scenes.stills import leaves
 from evaluation.scenes.views import CAMERA
 from evaluation.stage.camera import SimulatedCamera
 from fake_camera.world.render.renderer import Renderer, Surface
+from navigation.views.features import OrbPyramid
+from navigation.views.registration import register
 from tests.evaluation.sections import check_no_prose
 
 

@@ -12,7 +12,6 @@ import cv2
 import numpy as np
 import pytest
 
-from autoexpose_daemon.navigation.views.registration import Vote
 from evaluation.experiments.teach import replay as teach_replay
 from evaluation.experiments.teach.daylight import Daylight
 from evaluation.experiments.worth.contenders import APART, PUBLISHED
@@ -23,6 +22,7 @@ from evaluation.experiments.worth.registration.replays import CHOICE, SCORING, S
 from evaluation.experiments.worth.registration_judge import JUDGES, jobs_of
 from fake_camera.world.render.renderer import Surface
 from fake_camera.world.scene.shapes import upright
+from navigation.views.registration import Vote
 
 COURSE = Replay(0, "clear", "in the upper half", 20, 1)
 

@@ -25,7 +25,7 @@ import atheris
 
 from tests.fuzz.target import Target
 
-PACKAGES = ["autoexpose_daemon", "calibration", "documents", "drivers", "fake_camera", "imaging"]
+PACKAGES = ["autoexpose_daemon", "calibration", "documents", "drivers", "fake_camera", "imaging", "navigation"]
 
 with contextlib.redirect_stderr(io.StringIO()), atheris.instrument_imports(include=PACKAGES):
     from tests.fuzz.targets import TARGETS

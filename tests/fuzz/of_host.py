@@ -60,8 +60,9 @@ from drivers.host import network
 from drivers.host.network import NetworkInterface, largest_socket_buffer_bytes
 from fake_camera.device.line0 import Line0
 from fake_camera.device.truth import TruthFile
-from imaging.exposure import ExposureSetting, GainScale
+from imaging.exposure import ExposureSetting
 from imaging.frames import Frame
+from imaging.gain_scale import GainScale
 from imaging.pixels import PixelFormat
 from imaging.response import ResponseFunction
 from imaging.vignetting import Vignetting

@@ -10,11 +10,11 @@ from autoexpose_daemon.control.light_ahead import LightSeries
 from autoexpose_daemon.control.picture.tracked_cells import TrackedCells
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from autoexpose_daemon.messages.inputs import light_ahead, odometry, registration, tracked_cells, twist, twist_stamped
-from autoexpose_daemon.navigation.maps.adaptation import adapt
-from autoexpose_daemon.navigation.store import MapFile, MapInfo, TaughtPlace
-from autoexpose_daemon.navigation.views.features import Features
-from autoexpose_daemon.navigation.views.registration import register
 from imaging.exposure import ExposureSetting
+from navigation.maps.adaptation import adapt
+from navigation.store import MapFile, MapInfo, TaughtPlace
+from navigation.views.features import Features
+from navigation.views.registration import register
 from tests.autoexpose_daemon.messages.registered_view import registered_view
 from tests.fuzz.target import in_file
 

@@ -10,11 +10,11 @@ from autoexpose_daemon.messages.inputs import (
     read_velocity,
 )
 from autoexpose_daemon.messages.read import DamagedMessageError, read_angular_rate
-from autoexpose_daemon.navigation.store import MapError
 from autoexpose_daemon.recording.file import RecordingError
 from fake_camera.device.faults import FaultError
 from fake_camera.device.line0 import WireError
 from imaging.errors import AutoexposeError, ConfigurationError
+from navigation.store import MapError
 from tests.fuzz import of_fake_camera as fake
 from tests.fuzz import of_host as host
 from tests.fuzz import of_robot as robot

@@ -6,7 +6,8 @@ from hypothesis import strategies as st
 
 from drivers.genicam.dialect import find_dialect
 from imaging.errors import ConfigurationError
-from imaging.exposure import ExposureLimits, ExposureSetting, GainScale
+from imaging.exposure import ExposureLimits, ExposureSetting
+from imaging.gain_scale import GainScale
 from tests.drivers.genicam.node_map import FloatNode, IntegerNode, MemoryNodes
 
 COARSE = GainScale("GainRaw", (1.0, 2.0, 4.0, 16.0), (0.0, 6.02, 12.04, 24.08))

@@ -9,11 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from autoexpose_daemon.navigation.views.registration import RULES
 from evaluation.experiments.drives.verdicts import alike
 from evaluation.experiments.experiment import Claim, Plain, Results, Verdict
 from evaluation.experiments.navigation.upkeep import PAPERS
 from evaluation.experiments.teach.judge import Comparison, Errors, compare, probability
+from navigation.views.registration import RULES
 
 Kept = Mapping[str, Errors]
 """Errors by what kept the map up, chose its features, or set the threshold."""

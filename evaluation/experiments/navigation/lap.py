@@ -10,14 +10,6 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-from autoexpose_daemon.navigation.drive.lesson import Lesson
-from autoexpose_daemon.navigation.drive.motion import Velocity
-from autoexpose_daemon.navigation.drive.repetition import Repetition
-from autoexpose_daemon.navigation.drive.steering import Stop
-from autoexpose_daemon.navigation.maps.adaptation import LocalMap
-from autoexpose_daemon.navigation.maps.path import TaughtPath as TaughtSpeeds
-from autoexpose_daemon.navigation.store import MapInfo, Place
-from autoexpose_daemon.navigation.views.detectors import FINDERS
 from evaluation.experiments.navigation.scene import Scene
 from evaluation.experiments.navigation.seasons import Night
 from evaluation.experiments.teach.daylight import REPLAYS, TEACHING, Daylight
@@ -26,6 +18,13 @@ from evaluation.experiments.teach.replay import Robot
 from evaluation.scenes.views import CAMERA
 from evaluation.stage.camera import Radiance, SimulatedCamera
 from evaluation.stage.delayed_loop import Entrant
+from navigation.drive.lesson import Lesson
+from navigation.drive.repetition import Repetition
+from navigation.drive.steering import Stop, Velocity
+from navigation.maps.adaptation import LocalMap
+from navigation.maps.path import TaughtPath as TaughtSpeeds
+from navigation.store import MapInfo, Place
+from navigation.views.detectors import FINDERS
 
 SPEED_M_S, PERIOD_S = 0.4, 0.1
 """The robot looks and steers ten times a second, every 4 cm."""

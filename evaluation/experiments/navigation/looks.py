@@ -9,8 +9,6 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from autoexpose_daemon.navigation.views.detectors import AdaptiveFinder, FastOrb
-from autoexpose_daemon.navigation.views.features import Features
 from evaluation.experiments.navigation.scene import Scene
 from evaluation.experiments.navigation.seasons import TAUGHT, When
 from evaluation.experiments.teach.path import MAPS, TaughtPath
@@ -18,6 +16,8 @@ from evaluation.experiments.teach.registration import Truth
 from evaluation.experiments.teach.replay import Robot
 from evaluation.stage.camera import Image, SimulatedCamera
 from evaluation.stage.delayed_loop import Entrant
+from navigation.views.detectors import AdaptiveFinder, FastOrb
+from navigation.views.features import Features
 
 EXPOSURE = "majer2018-standard"
 """The paper's, with which it made its maps."""

@@ -8,13 +8,13 @@ from typing import get_args
 
 import numpy as np
 
-from autoexpose_daemon.navigation.maps.adaptation import Strategy
-from autoexpose_daemon.navigation.views.features import Features
-from autoexpose_daemon.navigation.views.registration import RULES
 from evaluation.experiments.experiment import Plain
 from evaluation.experiments.navigation.looks import FINDERS, Look, Surveyor
 from evaluation.experiments.navigation.seasons import HOURS, months
 from evaluation.experiments.navigation.upkeep import Kept, Remembered, foretold
+from navigation.maps.adaptation import Strategy
+from navigation.views.features import Features
+from navigation.views.registration import RULES
 
 LEARNT = 57
 """Of the drives of the months, as in the paper; the rest is foretold."""

@@ -19,8 +19,6 @@ from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.override import NO_OVERRIDE, Override
 from autoexpose_daemon.control.picture.steering import Steering
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
-from autoexpose_daemon.navigation.drive.light_trail import LightTrail
-from autoexpose_daemon.navigation.maps.light import SPREAD_M, LightMemory
 from evaluation.arena.race import Series, race
 from evaluation.experiments.experiment import Claim, Experiment, Figure, Job, Plain, Results, Section, Table, Verdict
 from evaluation.scenes.scenarios import RATE_HZ, WARM_UP_FRAMES, Course, steady
@@ -32,6 +30,8 @@ from fake_camera.world.lighting import Change, LightScript
 from imaging.exposure import ExposureLimits, ExposureSetting
 from imaging.frames import StereoPair
 from imaging.response import ResponseFunction
+from navigation.drive.lesson import LightTrail
+from navigation.maps.path import SPREAD_M, LightMemory
 
 MOUTHS: Final[dict[str, float]] = {"tunnel": 1.0, "underpass": 0.25, "door": 0.06}
 """Seconds that the light takes to fall or rise where a robot drives in or out."""

@@ -7,11 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from autoexpose_daemon.navigation.maps.adaptation import LocalMap, Strategy, adapt, states_of
-from autoexpose_daemon.navigation.maps.choice import best, drawn
-from autoexpose_daemon.navigation.maps.temporal import MODELS, History, Predict, fremen
-from autoexpose_daemon.navigation.views.features import Features
-from autoexpose_daemon.navigation.views.registration import Registration, VoteRule, register
+from navigation.maps.adaptation import LocalMap, Strategy, adapt, best, drawn, states_of
+from navigation.maps.temporal import MODELS, History, Predict, fremen
+from navigation.views.features import Features
+from navigation.views.registration import Registration, VoteRule, register
 
 
 class Kept:

@@ -8,9 +8,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from autoexpose_daemon.navigation.views.registration import vote
 from evaluation.scenes.views import CAMERA
 from fake_camera.world.render.renderer import Surface
+from navigation.views.registration import vote
 
 GRID_PX = 18
 """Spacing of the image points at which the true shift is looked up."""

@@ -10,8 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
-from autoexpose_daemon.navigation.views.features import Features, OrbPyramid, Part
-from autoexpose_daemon.navigation.views.registration import register
 from evaluation.experiments.experiment import Plain
 from evaluation.experiments.teach.daylight import REPLAYS, TEACHING
 from evaluation.experiments.teach.operator_setting import at_half
@@ -24,6 +22,8 @@ from evaluation.stage.delayed_loop import Entrant
 from fake_camera.world.render.renderer import Renderer
 from imaging.exposure import ExposureSetting
 from imaging.frames import StereoPair
+from navigation.views.features import Features, OrbPyramid, Part
+from navigation.views.registration import register
 
 POLICIES = ("majer2018-standard", "majer2018-full", "majer2018-fixed", "begin2022", DEFAULT_POLICY)
 """The paper's three, and two newer ones."""

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from autoexpose_daemon.navigation.views.features import OrbPyramid
-from autoexpose_daemon.navigation.views.registration import register
 from evaluation.experiments.experiment import Plain
 from evaluation.experiments.teach.daylight import REPLAYS, TEACHING
 from evaluation.experiments.teach.operator_setting import at_half
@@ -13,6 +11,8 @@ from evaluation.experiments.teach.registration import Truth
 from evaluation.scenes.views import CAMERA
 from evaluation.stage.camera import SimulatedCamera, time_first
 from fake_camera.world.render.renderer import Renderer
+from navigation.views.features import OrbPyramid
+from navigation.views.registration import register
 
 OFFSETS = tuple(range(-4, 5))
 """Stops from the exposure that holds the top half at 0.5."""

@@ -28,7 +28,8 @@ from calibration.vignetting.file import VignettingFile
 from documents import bounds
 from drivers.camera import CameraDescription
 from imaging.errors import ConfigurationError
-from imaging.exposure import ExposureSetting, GainScale
+from imaging.exposure import ExposureSetting
+from imaging.gain_scale import GainScale
 from imaging.pixels import PixelFormat
 from imaging.response import ResponseFunction
 from imaging.vignetting import Vignetting

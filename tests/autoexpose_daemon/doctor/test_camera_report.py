@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 
 from autoexpose_daemon.doctor import camera_report
-from autoexpose_daemon.doctor.camera_report import gather, write_report
+from autoexpose_daemon.doctor.camera_report import write_report
+from autoexpose_daemon.doctor.facts import gather
 from autoexpose_daemon.doctor.need import Need
 from drivers.aravis import FoundCamera
 from drivers.setup import CameraSetup

@@ -17,7 +17,7 @@ from autoexpose_daemon.messages.inputs import (
     twist_stamped,
 )
 from autoexpose_daemon.messages.read import DamagedMessageError
-from autoexpose_daemon.navigation.drive.motion import STANDSTILL, Pose, Velocity
+from navigation.drive.steering import STANDSTILL, Pose, Velocity
 
 velocities = st.builds(
     Velocity, st.floats(-FASTEST_M_S, FASTEST_M_S), st.floats(-FASTEST_TURN_RAD_S, FASTEST_TURN_RAD_S)

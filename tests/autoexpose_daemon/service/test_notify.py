@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from autoexpose_daemon.service.announcer import Notifier
+from autoexpose_daemon.service.notify import Notifier
 from tests.fakes import unique
 
 
@@ -62,7 +62,7 @@ def test_what_this_process_starts_does_not_speak_for_it(monkeypatch: pytest.Monk
 def test_a_manager_that_does_not_read_holds_nothing_up(
     manager: tuple[socket.socket, str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("autoexpose_daemon.service.announcer._PATIENCE_S", 0.001)
+    monkeypatch.setattr("autoexpose_daemon.service.notify._PATIENCE_S", 0.001)
     listener, address = manager
     notifier = Notifier(address)
     for _ in range(100):  # far more than a socket's queue holds

@@ -21,7 +21,7 @@ import yaml
 from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.config.request import new_request
 from autoexpose_daemon.runtime.daemon import Daemon
-from autoexpose_daemon.service.announcer import Notifier
+from autoexpose_daemon.service.notify import Notifier
 from autoexpose_daemon.service.service import Service
 from autoexpose_daemon.status.states import State
 from calibration.document import CameraIdentity

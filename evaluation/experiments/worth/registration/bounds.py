@@ -7,14 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from autoexpose_daemon.navigation.views.features import Features, OrbPyramid
-from autoexpose_daemon.navigation.views.registration import Vote, register
 from evaluation.experiments.teach.daylight import TEACHING
 from evaluation.experiments.teach.operator_setting import at_half
 from evaluation.experiments.worth.names import FIXED_IN_HINDSIGHT, ORACLE_PER_FRAME
 from evaluation.experiments.worth.registration.replays import CHOICE, SCORING, Look, Replay
 from evaluation.stage.camera import LIMITS, time_first
 from fake_camera.world.render.renderer import Renderer
+from navigation.views.features import Features, OrbPyramid
+from navigation.views.registration import Vote, register
 
 STOPS = range(-4, 2)
 """Exposures tried, from the one that gives the first view a mean of one half; time before gain, since nothing blurs at

@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from autoexpose_daemon.navigation.views.features import OrbPyramid
-from autoexpose_daemon.navigation.views.registration import register
 from evaluation.experiments.teach.replay import DELAY_FRAMES, replayed, taught_maps
 from evaluation.experiments.worth.contender import Contender, policy
 from evaluation.experiments.worth.registration.bounds import bounds
 from evaluation.experiments.worth.registration.replays import SCORING, Replay
 from evaluation.stage.delayed_loop import Entrant
+from navigation.views.features import OrbPyramid
+from navigation.views.registration import register
 
 TEACHER = "majer2018-standard"
 """Taught the foreign maps: the paper's default, which meters as robots outdoors often do, by a part of the image."""

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from autoexpose_daemon.navigation.views.registration import Vote
 from evaluation.committed import REPORT_PARK, TUNING_PARK
 from evaluation.experiments.teach.cases import TILTS
 from evaluation.experiments.teach.daylight import REPLAYS, TEACHING, Daylight
@@ -23,6 +22,7 @@ from evaluation.experiments.teach.replay import frames, image_of
 from evaluation.scenes.views import CAMERA
 from evaluation.stage.camera import SimulatedCamera
 from fake_camera.world.render.renderer import Renderer, Surface
+from navigation.views.registration import Vote
 
 MAPS = 10
 """Of the 80 along a path, with eight images each."""

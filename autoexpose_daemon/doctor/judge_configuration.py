@@ -1,0 +1,34 @@
+"""Whether the features and the policy that are configured can work."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from autoexpose_daemon.config.document import Config
+from autoexpose_daemon.doctor.need import Finding
+from imaging.errors import ConfigurationError
+from imaging.response import ResponseFunction
+
+
+def judge_features(config: Config) -> Iterator[Finding]:
+    """Open each camera as the daemon would, and close it again."""
+    from autoexpose_daemon.runtime.setup import refusals  # noqa: PLC0415  needs the C extension
+
+    for side, error in refusals(config):
+        camera = config.sides[side]
+        if error is None:
+            sentence = f"{side} camera {camera.serial} takes all {len(camera.features)} features"
+            yield Finding("features", "ok", sentence)
+        else:
+            yield Finding("features", "stops", f"{side} camera: {error}", f"autoexpose features {camera.serial}")
+
+
+def judge_policy(config: Config) -> Iterator[Finding]:
+    """Build it as the daemon would."""
+    limits, start = config.exposure.limits(), config.start
+    try:
+        from autoexpose_daemon.control.loop import ControlLoop  # noqa: PLC0415  needs the C extension
+
+        ControlLoop(config.control.policy, ResponseFunction.linear(), limits, start, config.control.parameters())
+    except ConfigurationError as error:
+        yield Finding("policy", "stops", str(error))

@@ -1,0 +1,247 @@
+"""The commands `autoexpose teach`, `repeat` and `map`."""
+
+from __future__ import annotations
+
+import json
+import signal
+import threading
+from datetime import datetime
+from pathlib import Path
+from typing import Annotated, Literal
+
+import cv2
+import numpy as np
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from autoexpose_daemon.messages.keys import (
+    LAST_ROS2_DOMAIN,
+    LOOPBACK,
+    ROUTER,
+    check_endpoints,
+    check_key_expression,
+    check_rig_name,
+)
+from imaging.python310 import UTC
+from navigation.drive.repeat import Repeater, repeat
+from navigation.drive.robot import Progress, RobotKeys, Source
+from navigation.drive.teach import Teacher, teach
+from navigation.maps.adaptation import Strategy
+from navigation.report.page import write_report
+from navigation.store import MapError, MapFile, Place
+
+map_app = typer.Typer(help="Inspect the map of a taught path.", no_args_is_help=True)
+
+File = Annotated[Path, typer.Argument(help="A map file.")]
+
+_GREEN = (80, 220, 80)
+
+
+@map_app.command()
+def info(file: File) -> None:
+    """Show what it is, when it was taught, how often it was repeated, and how large it is."""
+    with MapFile(file) as map_file:
+        rows = _facts(map_file)
+    for name, value in rows.items():
+        typer.echo(f"{name:9} {value}")
+
+
+@map_app.command()
+def report(file: File, page: Annotated[Path, typer.Argument(help="The HTML file to write.")]) -> None:
+    """Write a page: path, features seen again and kept over the drives, and what models of time foretold about them."""
+    with MapFile(file) as map_file:
+        write_report(map_file, _facts(map_file), page)
+    typer.echo(f"report: {page}")
+
+
+def _facts(map_file: MapFile) -> dict[str, str]:
+    about, runs, places = map_file.info, map_file.runs(), map_file.places()
+    length_m = map_file.taught_path().length_m
+    features = sum(len(place.map) for place in places)
+    repeats = [run for run in runs if run.kind == "repeat"]
+    return {
+        "path": f"{length_m:.1f} m, {len(places)} local maps, {features} features",
+        "taught": _when(runs[0].start_s) if runs else "never",
+        "repeated": f"{len(repeats)} times, last {_when(repeats[-1].start_s)}" if repeats else "never",
+        "pictures": f"{about.width}x{about.height} pixels, focal length {about.focal_length_px:g} pixels",
+        "detector": about.detector,
+        "exposure": f"{about.policy or 'policy not known'}, {_exposures(places)}",
+        "size": f"{map_file.path.stat().st_size / 1e6:.1f} MB",
+    }
+
+
+@map_app.command("list")
+def list_places(file: File) -> None:
+    """List every local map: distance, exposure, features, their mean score, and how often it was passed."""
+    table = Table("", "m", "us", "dB", "features", "mean score", "passed", box=None, header_style="bold")
+    for column in table.columns:
+        column.justify = "right"
+    with MapFile(file) as map_file:
+        for index, place in enumerate(map_file.places()):
+            scores = place.map.scores
+            table.add_row(
+                str(index), f"{place.distance_m:.2f}", f"{place.setting.exposure_time_us:.0f}",
+                f"{place.setting.gain_db:.1f}", str(len(scores)), f"{scores.mean() if len(scores) else 0.0:+.2f}",
+                str(len(map_file.history(place).times_s)),
+            )  # fmt: skip
+    Console().print(table)
+
+
+@map_app.command()
+def export(file: File, folder: Annotated[Path, typer.Argument(help="A new folder.")]) -> None:
+    """Write the picture of each local map with its features drawn, and the features as JSON."""
+    with MapFile(file) as map_file:
+        try:
+            folder.mkdir()
+        except OSError as error:
+            raise MapError(f"{folder} cannot be created: {error.strerror}") from error
+        places = map_file.places()
+        for index, place in enumerate(places):
+            picture = _drawn(map_file, place)
+            if not cv2.imwrite(str(folder / f"{index:04}.png"), picture):
+                raise MapError(f"{folder / f'{index:04}.png'} cannot be written: is the disk full?")
+            features = folder / f"{index:04}.json"
+            try:
+                features.write_text(json.dumps(_plain(place), indent=1) + "\n", encoding="utf-8")
+            except OSError as error:
+                raise MapError(f"{features} cannot be written: {error.strerror}") from error
+    typer.echo(f"{len(places)} local maps written to {folder}")
+
+
+@map_app.command()
+def prune(
+    file: File,
+    keep: Annotated[int, typer.Option(min=0, help="How many of the newest drives to remember.")],
+) -> None:
+    """Forget observations and light of old drives, and features that were removed in them; the path stays as it is."""
+    with MapFile(file, writable=True) as map_file:
+        before = file.stat().st_size
+        gone = map_file.forget_all_runs_but(keep)
+    freed = before - file.stat().st_size
+    typer.echo(f"{gone} observations, features and light levels forgotten, {max(freed, 0) / 1e6:.1f} MB freed")
+
+
+def _drawn(map_file: MapFile, place: Place) -> np.ndarray:
+    picture = cv2.imdecode(np.frombuffer(map_file.jpeg(place), np.uint8), cv2.IMREAD_GRAYSCALE)
+    if picture is None or picture.shape != (map_file.info.height, map_file.info.width):
+        raise MapError(f"{map_file.path} is damaged: the picture at {place.distance_m:.1f} m cannot be read")
+    colour = cv2.cvtColor(picture, cv2.COLOR_GRAY2BGR)
+    for x, y in np.rint(place.map.features.positions.clip(-1e6, 1e6)).astype(int):
+        cv2.circle(colour, (int(x), int(y)), 4, _GREEN, 1, cv2.LINE_AA)
+    return np.asarray(colour)
+
+
+def _plain(place: Place) -> dict[str, object]:
+    features = place.map.features
+    rows = zip(place.map.ids, features.positions, features.responses, place.map.scores, strict=True)
+    return {
+        "distance_m": place.distance_m,
+        "exposure_time_us": place.setting.exposure_time_us,
+        "gain_db": place.setting.gain_db,
+        "features": [
+            {"id": int(number), "x": float(x), "y": float(y), "response": float(response), "score": int(score)}
+            for number, (x, y), response, score in rows
+        ],
+    }
+
+
+def _when(time_s: float) -> str:
+    return datetime.fromtimestamp(time_s, UTC).strftime("%Y-%m-%d %H:%M UTC")
+
+
+def _exposures(places: list[Place]) -> str:
+    if not places:
+        return "no local maps"
+    times, gains = zip(*((place.setting.exposure_time_us, place.setting.gain_db) for place in places), strict=True)
+    return f"{min(times):.0f} to {max(times):.0f} us, {min(gains):.1f} to {max(gains):.1f} dB"
+
+
+__all__ = ["map_app", "repeat_command", "teach_command"]
+
+Rig = Annotated[str, typer.Option(help="Name of the rig, `publish.rig` of its configuration.")]
+Connect = Annotated[list[str] | None, typer.Option(help=f"Endpoint of the daemon; {LOOPBACK} unless given.")]
+RobotConnect = Annotated[list[str] | None, typer.Option(help=f"Endpoint of the robot; {ROUTER} unless given.")]
+Odometry = Annotated[str, typer.Option(help="zenoh key of the robot's nav_msgs/msg/Odometry.")]
+Ros2Domain = Annotated[
+    int | None,
+    typer.Option(
+        min=0, max=LAST_ROS2_DOMAIN, help="ROS_DOMAIN_ID of a robot whose nodes use rmw_zenoh: give topics, not keys."
+    ),
+]
+Detector = Annotated[
+    Literal["fast-orb", "sift"], typer.Option(help="Features: FAST and ORB, or SIFT, which is ten times slower.")
+]
+
+
+def teach_command(
+    *,
+    file: Annotated[Path, typer.Argument(help="A new map file.")],
+    odometry: Odometry,
+    velocity: Annotated[str, typer.Option(help="Key of the Twist or TwistStamped that the robot is driven with.")],
+    focal_length_px: Annotated[float, typer.Option(min=1.0, help="Focal length of the left camera, pixels.")],
+    detector: Detector = "fast-orb",
+    rig: Rig = "rig",
+    connect: Connect = None,
+    robot: RobotConnect = None,
+    ros2_domain: Ros2Domain = None,
+) -> None:
+    """Remember a path while you drive the robot along it, until Ctrl-C."""
+    source = _source(rig, connect, robot, RobotKeys(odometry, velocity=velocity, ros2_domain=ros2_domain))
+    typer.echo(teach(Teacher(file, focal_length_px, detector), source, _stop_on_signals(), Progress(Console())))
+
+
+def repeat_command(
+    *,
+    file: Annotated[Path, typer.Argument(help="A map file.")],
+    odometry: Odometry,
+    command: Annotated[str, typer.Option(help="Key of the Twist that the robot obeys.")] = "",
+    drive: Annotated[bool, typer.Option("--drive/--dry-run", help="Steer the robot; otherwise only show how.")] = False,
+    stamped: Annotated[bool, typer.Option("--stamped", help="Send TwistStamped.")] = False,
+    adapt: Annotated[
+        Literal["static", "adaptive", "plastic", "summary"], typer.Option(help="How local maps change when passed.")
+    ] = "static",
+    predict: Annotated[
+        Literal["fremen", "harmonic", "mean", "score-sum", "moving-average", "bins-of-day"] | None,
+        typer.Option(help="Look only for the 500 features of a local map that this model foretells for now."),
+    ] = None,
+    rig: Rig = "rig",
+    connect: Connect = None,
+    robot: RobotConnect = None,
+    ros2_domain: Ros2Domain = None,
+) -> None:
+    """Repeat a taught path from its start. There is no obstacle detection: someone has to watch the robot."""
+    if drive and not command:
+        raise typer.BadParameter("--drive needs --command, the key that the robot obeys")
+    if "*" in command:
+        raise typer.BadParameter(f"--command {command}: commands go to one key: name it without *")
+    strategy: Strategy = adapt
+    keys = RobotKeys(odometry, command=command if drive else "", stamped=stamped, ros2_domain=ros2_domain)
+    source = _source(rig, connect, robot, keys)
+    with MapFile(file, writable=True) as map_file:
+        typer.echo(repeat(Repeater(map_file, strategy, predict), source, _stop_on_signals(), Progress(Console())))
+
+
+def _source(rig: str, connect: list[str] | None, robot: list[str] | None, keys: RobotKeys) -> Source:
+    check_rig_name(rig)
+    check_endpoints([*(connect or []), *(robot or [])])
+    for key in (keys.odometry, keys.velocity, keys.command):
+        if key:
+            check_key_expression(key.strip("/") if keys.ros2_domain is not None else key)
+    return Source(rig, tuple(connect or [LOOPBACK]), keys, tuple(robot or [ROUTER]))
+
+
+def _stop_on_signals() -> threading.Event:
+    """An event set by signals that end a program, also by a closed terminal: a robot that drives must be told to stop.
+
+    It is set on another thread: the interrupted one may be holding its lock.
+    """
+    stop = threading.Event()
+
+    def end(*_: object) -> None:
+        if not stop.is_set():  # if it is set, this process may be ending, and can start no thread
+            threading.Thread(target=stop.set).start()
+
+    for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGQUIT):
+        signal.signal(number, end)
+    return stop

@@ -1,0 +1,128 @@
+"""`autoexpose map report`: what a map went through, as a page."""
+
+from __future__ import annotations
+
+import errno
+import math
+import os
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
+from navigation.commands import map_app
+from navigation.drive.lesson import Lesson
+from navigation.drive.repeat import Repeater
+from navigation.drive.steering import Velocity
+from navigation.report.findings import Findings, findings
+from navigation.store import MapError, MapFile, MapInfo
+from navigation.views.detectors import FINDERS
+from tests.autoexpose_daemon.publish.steps import SETTING
+from tests.navigation.test_repetition import pair, view
+
+LENGTH_M, DRIVES = 2.0, 6
+
+
+@pytest.fixture(scope="module")
+def driven(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A quarter of a circle of 2 m, driven six times; from the second drive on its end looks different."""
+    path = tmp_path_factory.mktemp("maps") / "lap.map"
+    lesson = Lesson(FINDERS["fast-orb"]())
+    with MapFile(path, MapInfo(720, 540, 600.0, "fast-orb", DEFAULT_POLICY)) as file:
+        run = file.begin_run("teach", 0.0)
+        lesson.drive(Velocity(0.5, 0.5 * math.pi / 2 / LENGTH_M), 0.0)
+        for centimetre in range(0, 200, 5):
+            place = lesson.look(view(), SETTING, centimetre / 100)
+            if place is not None:
+                file.add_place(run, place, lesson.new_speeds())
+        file.add_speeds([(LENGTH_M, 0.0, 0.0)])
+    for drive in range(DRIVES):
+        with MapFile(path, writable=True) as file:
+            repeater = Repeater(file, "adaptive")
+            for number in range(41):
+                shift_px = 200 if drive and number > 30 else 10 * drive
+                repeater.look(pair(view(shift_px), number), number / 20)
+    return path
+
+
+@pytest.fixture(scope="module")
+def found(driven: Path) -> Findings:
+    with MapFile(driven) as file:
+        return findings(file)
+
+
+def test_the_path_is_drawn_as_it_was_driven(found: Findings) -> None:
+    radius_m = LENGTH_M / (math.pi / 2)
+    assert found.plan_m[0].tolist() == [0.0, 0.0]
+    assert found.plan_m[-1] == pytest.approx([-radius_m, radius_m], abs=0.05)  # ahead is up, and it turns left
+    assert found.marks_m[0].tolist() == [0.0, 0.0]
+    assert np.hypot(*np.diff(found.marks_m, axis=0).T) == pytest.approx(0.2, abs=0.051)
+
+
+def test_a_path_that_was_driven_backwards_is_drawn_behind_the_start(tmp_path: Path) -> None:
+    with MapFile(tmp_path / "lap.map", MapInfo(720, 540, 600.0, "fast-orb", "")) as file:
+        file.begin_run("teach", 0.0)
+        file.add_speeds([(0.0, -0.5, 0.5 * math.pi / 2 / LENGTH_M), (LENGTH_M, 0.0, 0.0)])
+        plan_m = findings(file).plan_m
+    radius_m = LENGTH_M / (math.pi / 2)
+    assert plan_m[-1] == pytest.approx([radius_m, -radius_m], abs=0.05)  # its front turns left, so its back goes right
+
+
+def test_each_passing_has_its_share_of_features_seen_again(found: Findings) -> None:
+    assert found.seen_share.shape == (DRIVES, len(found.marks_m))
+    assert np.isnan(found.seen_share[:, -1]).all()  # never left behind
+    assert found.seen_share[0, :-1].min() > 0.9
+    assert np.nanmin(found.seen_share[1]) < 0.75
+
+
+def test_what_was_taught_gives_way_to_what_is_new(found: Findings) -> None:
+    assert (found.total == found.taught).all()  # adaptive maps keep their size
+    assert (np.diff(found.kept) <= 0).all()
+    assert found.kept[-1] < found.taught
+
+
+def test_models_are_judged_by_the_last_passing(found: Findings) -> None:
+    by_model = {one.model: one for one in found.foretold}
+    assert 0.0 <= by_model["fremen"].brier < 0.25
+    assert by_model["mean"].foretold.shape == by_model["mean"].seen.shape
+    assert math.isnan(by_model["score-sum"].brier)  # no probability
+
+
+def test_the_command_writes_a_page_that_needs_nothing_else(driven: Path, tmp_path: Path) -> None:
+    page = tmp_path / "lap.html"
+    result = CliRunner().invoke(map_app, ["report", str(driven), str(page)])
+    assert result.exit_code == 0, result.output
+    text = page.read_text()
+    assert text.count("<figure>") == 4
+    assert "repeated</th><td>6 times" in text
+    assert not re.search(r'(src|href)="(?!data:)', text)
+
+
+def test_info_is_a_few_lines(driven: Path) -> None:
+    result = CliRunner().invoke(map_app, ["info", str(driven)])
+    assert result.exit_code == 0, result.output
+    assert re.search(r"^path +2\.0 m, \d+ local maps", result.output, re.MULTILINE)
+    assert "repeated  6 times" in result.output
+
+
+def test_an_export_to_a_full_disk_ends_in_a_sentence(
+    driven: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full_disk(*_: object, **__: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(Path, "write_text", full_disk)
+    result = CliRunner().invoke(map_app, ["export", str(driven), str(tmp_path / "out")])
+    assert isinstance(result.exception, MapError)
+    assert str(result.exception).endswith("0000.json cannot be written: No space left on device")
+
+
+def test_a_map_that_was_never_repeated_has_a_page_too(tmp_path: Path) -> None:
+    path, page = tmp_path / "new.map", tmp_path / "new.html"
+    MapFile(path, MapInfo(720, 540, 600.0, "fast-orb", "")).close()
+    result = CliRunner().invoke(map_app, ["report", str(path), str(page)])
+    assert result.exit_code == 0, result.output
+    assert page.read_text().count("<figure>") == 1
