@@ -18,6 +18,7 @@ from websockets.sync.client import connect
 
 from autoexpose_daemon.config.document import Config, PublishConfig
 from autoexpose_daemon.control.decision import Decision
+from autoexpose_daemon.control.step import ControlStep, StepInputs
 from autoexpose_daemon.messages.keys import status_key
 from autoexpose_daemon.publish.publisher import Publisher
 from autoexpose_daemon.status.describe import describe
@@ -59,7 +60,7 @@ def publishing() -> Iterator[None]:
             trigger += 1
             now_ns = time.monotonic_ns()
             frame = Frame(pixels, 8, trigger, now_ns, now_ns, now_ns, SETTING)
-            publisher(StereoPair(trigger, {"left": frame, "right": frame}), DECISION)
+            publisher(ControlStep(StepInputs(StereoPair(trigger, {"left": frame, "right": frame})), DECISION))
 
     telemetry = Telemetry()
     config = PublishConfig(listen=(ENDPOINT,))

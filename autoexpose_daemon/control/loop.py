@@ -9,18 +9,18 @@ from typing import ClassVar
 
 from autoexpose_daemon.control.balance import Balance, whole_periods_us
 from autoexpose_daemon.control.decision import Decision, Grounds
-from autoexpose_daemon.control.light_ahead import LightAhead
 from autoexpose_daemon.control.metrics.gradient import GradientMetric
-from autoexpose_daemon.control.override import NO_OVERRIDE, Compensation, Override
+from autoexpose_daemon.control.override import Compensation
 from autoexpose_daemon.control.parameters import FASTEST_TURN_RAD_S, REMEMBERED_STEPS, ControlParameters
 from autoexpose_daemon.control.picture.image import median
 from autoexpose_daemon.control.picture.motion import FarnebackMotion, Motion, TileMotion
 from autoexpose_daemon.control.picture.region import Region
-from autoexpose_daemon.control.picture.steering import CellExposure, Steering
+from autoexpose_daemon.control.picture.steering import CellExposure
 from autoexpose_daemon.control.policies.flicker import FlickerWatch
 from autoexpose_daemon.control.policies.table import build_policy
 from autoexpose_daemon.control.policy import Look, Objective, Observation, PastStep, PolicySetup, Target
 from autoexpose_daemon.control.snapshot import Plain, restore, take
+from autoexpose_daemon.control.step import StepInputs
 from autoexpose_daemon.control.view import View
 from imaging.errors import ConfigurationError
 from imaging.exposure import ExposureLimits, ExposureSetting
@@ -97,8 +97,8 @@ class ControlLoop:
 
     Attributes
     ----------
-    angular_rate_rad_s, light_ahead, override, steering
-        What the latest step was given.
+    inputs
+        What the latest step was given; None before the first.
     metric_asked
         Whether decisions are to tell M_g even if the policy does not go by it.
 
@@ -129,10 +129,7 @@ class ControlLoop:
         self.setup = ControlSetup(
             policy_id, by_side, limits, start, parameters, dict(regions or {}), dict(vignettings or {})
         )
-        self.angular_rate_rad_s: float | None = None
-        self.light_ahead: LightAhead | None = None
-        self.override = NO_OVERRIDE
-        self.steering: Steering | None = None
+        self.inputs: StepInputs | None = None
         self.metric_asked = False
         self._compensation: Compensation | None = None  # follows from the override
         self._limits = limits
@@ -174,13 +171,14 @@ class ControlLoop:
     @property
     def light_belief(self) -> float | None:
         """How far the latest decision believed the light ahead, 0 to 1; None: it knew none, or the policy uses none."""
-        return None if self.light_ahead is None else self._policy.light_belief
+        return None if self.inputs is None or self.inputs.light_ahead is None else self._policy.light_belief
 
     @property
     def steered(self) -> bool:
         """Whether the latest decision used where consumers track: not if another setting was asked for."""
-        asked = self.override.shot or self.override.held
-        return self._policy.STEERED and self.steering is not None and asked is None
+        if self.inputs is None or self.inputs.steering is None:
+            return False
+        return self._policy.STEERED and not (self.inputs.override.shot or self.inputs.override.held)
 
     @property
     def cell_exposures(self) -> dict[Side, CellExposure]:
@@ -208,34 +206,12 @@ class ControlLoop:
                 "saturates: give 0 or less, or choose another policy"
             )
 
-    def step(
-        self,
-        pair: StereoPair,
-        angular_rate_rad_s: float | None = None,
-        light_ahead: LightAhead | None = None,
-        override: Override = NO_OVERRIDE,
-        steering: Steering | None = None,
-    ) -> Decision:
-        """Look at a pair and decide on the next setting of both cameras.
+    def step(self, inputs: StepInputs | StereoPair) -> Decision:
+        """Look at a pair, alone or with whatever else is known, and decide on the next setting of both cameras.
 
         Frames must have at least 90x68 pixels, colour mosaics 180x136. They may have been taken with different
         settings: everything refers to the reference frame, the left one if present and not `uncounted`, and to its own
         setting.
-
-        Parameters
-        ----------
-        pair
-            The frames.
-        angular_rate_rad_s
-            How fast the camera turns, from an inertial sensor; the speed of image points is then this rate times the
-            focal length, and no flow is computed. None: flow.
-        light_ahead
-            What an earlier drive along the same route saw, which `belief` uses; None: nothing is known.
-        override
-            What overrides the policy. While a setting is held, the policy keeps looking, so it knows the
-            light when it decides again.
-        steering
-            Where consumers track well, for policies that are `STEERED`; None: nothing is known.
 
         Raises
         ------
@@ -243,11 +219,11 @@ class ControlLoop:
             For a frame that is too small, a region or a vignetting that does not fit the frames, or an angular rate
             beyond `FASTEST_TURN_RAD_S` or without a focal length.
         """
-        self.angular_rate_rad_s, self.light_ahead, self.override = angular_rate_rad_s, light_ahead, override
-        self.steering = steering
+        self.inputs = inputs = StepInputs.of(inputs)
+        override = inputs.override
         self._compensate(override.ev_stops)
-        looks = self._seen = self._looks(pair)
-        observation = self._observe(pair.frames[looks[0].side], looks, angular_rate_rad_s, light_ahead)
+        looks = self._seen = self._looks(inputs.pair)
+        observation = self._observe(inputs, looks)
         target = None if override.unseen else self._policy.decide(observation)
         asked = override.shot or override.held
         if asked is not None:
@@ -274,10 +250,9 @@ class ControlLoop:
         sides = sorted(pair.frames, key=lambda each: each in uncounted)  # a stable sort
         return [self._views[each].look(each, pair.frames[each], filtered=self._policy.FILTERED) for each in sides]
 
-    def _observe(
-        self, frame: Frame, looks: list[Look], angular_rate_rad_s: float | None, light_ahead: LightAhead | None
-    ) -> Observation:
-        """What the policy is shown, `frame` being the reference."""
+    def _observe(self, inputs: StepInputs, looks: list[Look]) -> Observation:
+        """What the policy is shown, the first look being at the reference frame."""
+        frame = inputs.pair.frames[looks[0].side]
         limits, setting = self._limits, frame.setting
         if self._compensation is not None:
             limits, setting = self._compensation.limits, self._compensation.setting(setting)
@@ -292,13 +267,13 @@ class ControlLoop:
             metric=self._metric_of(look),
             saturated_share=saturated_share,
             black_share=black_share,
-            motion_px=self._speed_px(look, frame, setting, angular_rate_rad_s),
+            motion_px=self._speed_px(look, frame, setting, inputs.angular_rate_rad_s),
             limits=limits,
             past=self._past,
             flicker_hz=self.flicker_hz,
-            light_ahead=light_ahead,
-            steering=self.steering,
-            ev_stops=0.0 if self._compensation is not None else self.override.ev_stops,
+            light_ahead=inputs.light_ahead,
+            steering=inputs.steering,
+            ev_stops=0.0 if self._compensation is not None else inputs.override.ev_stops,
         )
 
     def _split(self, target: Target, level: float, observation: Observation) -> ExposureSetting:
@@ -319,7 +294,7 @@ class ControlLoop:
         """
         if self._compensation is not None:
             setting, level = self._compensation.setting(setting), level - self._compensation.stops
-        if target is None or (self.override.ev_stops and self._compensation is None):
+        if target is None or observation.ev_stops:
             target = Target(level, target.reason if target else "")
         self._past.append(PastStep(setting, observation.setting.level, observation.metric, target))
 

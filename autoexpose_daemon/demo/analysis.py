@@ -11,12 +11,11 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.picture.image import Shrinking
+from autoexpose_daemon.control.step import ControlStep
 from autoexpose_daemon.demo.fakes import Pulse
 from drivers.triggers.outcomes import Tally
 from imaging.exposure import ExposureSetting
-from imaging.frames import StereoPair
 
 _PICTURE_WIDTH = 180
 
@@ -53,9 +52,9 @@ class StepLog:
         self.pictures: list[tuple[int, NDArray[np.uint8]]] = []
         self._picture_period_ns = picture_period_s * 1e9
 
-    def __call__(self, pair: StereoPair, decision: Decision | None) -> None:
+    def __call__(self, step: ControlStep) -> None:
         """Keep a step; a pair without a decision only counts as a pair."""
-        frame = pair.reference
+        pair, decision, frame = step.pair, step.decision, step.pair.reference
         if len(pair.frames) > 1:
             self.pairs_ns.append(frame.host_time_ns)
         if decision is None:

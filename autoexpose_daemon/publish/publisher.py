@@ -16,8 +16,9 @@ import zenoh
 from zenoh.handlers import Handler
 
 from autoexpose_daemon.config.document import PublishConfig
-from autoexpose_daemon.control.decision import Decision, Grounds
+from autoexpose_daemon.control.decision import Grounds
 from autoexpose_daemon.control.picture.tracked_cells import TrackedCells
+from autoexpose_daemon.control.step import ControlStep
 from autoexpose_daemon.messages.client import LARGEST_REPORT_BYTES, ConsumerTally
 from autoexpose_daemon.messages.inputs import (
     LARGEST_LIGHT_BYTES,
@@ -42,7 +43,7 @@ from autoexpose_daemon.publish.session import Endpoints, SessionHolder, reading
 from autoexpose_daemon.runtime.inputs import ForetoldLight, Tracking
 from autoexpose_daemon.status.document import grounds_to_json
 from autoexpose_daemon.status.telemetry import DropReason, PublishTally
-from imaging.frames import Side, StereoPair
+from imaging.frames import Side
 from imaging.geometry import CameraGeometry
 from imaging.python310 import FutureTimeoutError, Self
 
@@ -146,7 +147,7 @@ class Publisher:
         gossip = config.ros2_domain is not None
         self._endpoints = Endpoints(config.listen, config.connect, config.zenoh, gossip)
         self._writer = MessageWriter(config.rig, cameras, config.stamp)
-        self._mailbox: deque[tuple[StereoPair, Decision | None]] = deque()
+        self._mailbox: deque[ControlStep] = deque()
         self._news = threading.Condition()
         self._open = False
         self._stopping = False
@@ -166,7 +167,7 @@ class Publisher:
         if not self._holder.close():
             log.error("zenoh did not close its session in time")
 
-    def __call__(self, pair: StereoPair, decision: Decision | None) -> None:
+    def __call__(self, step: ControlStep) -> None:
         """Take a pair; when the mailbox is full, the oldest one is dropped."""
         with self._news:
             self.tally.offered += 1
@@ -176,7 +177,7 @@ class Publisher:
             if len(self._mailbox) == MAILBOX_PAIRS:
                 self._mailbox.popleft()
                 self.tally.dropped[DropReason.BEHIND] += 1
-            self._mailbox.append((pair, decision))
+            self._mailbox.append(step)
             self._news.notify()
 
     def _on_trouble(self, trouble: str) -> None:
@@ -228,7 +229,7 @@ class Publisher:
         key = tracking_key(self._config.rig)
         self._holder.subscribe(session, key, take_message, _TRACKING_MESSAGES, LARGEST_TRACKING_BYTES)
 
-    def _next(self, until_s: float) -> tuple[StereoPair, Decision | None] | None:
+    def _next(self, until_s: float) -> ControlStep | None:
         with self._news:
             self._news.wait_for(lambda: self._mailbox or self._stopping, max(until_s - time.monotonic(), 0.0))
             return self._mailbox.popleft() if self._mailbox else None
@@ -248,11 +249,12 @@ class Publisher:
                     tokens.enter_context(declare_token(topic.token))
             yield
 
-    def _send(self, step: tuple[StereoPair, Decision | None], outlets: _Outlets) -> None:
+    def _send(self, step: ControlStep, outlets: _Outlets) -> None:
         heard = {key: [outlet for outlet in those if outlet.is_heard()] for key, those in outlets.items()}
         wanted = {key for key, those in heard.items() if those}
+        offset_ns, calibrations = realtime_offset_ns(), self._calibrations()
         made = self._writer.messages(
-            *step, self._sequence, realtime_offset_ns(), wanted, calibrations=self._calibrations()
+            step.pair, step.decision, self._sequence, offset_ns, wanted, calibrations=calibrations
         )
         try:
             for message in made:

@@ -209,7 +209,7 @@ class BeliefStrip:
         frame = pair.reference
         if self._start_ns is None:
             self._start_ns = frame.host_time_ns
-        if decision is None or loop is None or replayed.step.override.unseen:
+        if decision is None or loop is None or replayed.step.inputs.override.unseen:
             return
         if not self._wants(pair.trigger, frame.setting.level, decision.level):
             return

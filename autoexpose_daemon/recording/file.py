@@ -9,7 +9,7 @@ import os
 import platform
 import sys
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -19,11 +19,10 @@ import numpy as np
 from mcap.writer import CompressionType, Writer
 
 from autoexpose_daemon.control.decision import Decision
-from autoexpose_daemon.control.light_ahead import LightAhead
 from autoexpose_daemon.control.loop import STATE_FORMAT, ControlSetup
-from autoexpose_daemon.control.override import NO_OVERRIDE, Override
-from autoexpose_daemon.control.picture.steering import Steering
+from autoexpose_daemon.control.override import NO_OVERRIDE
 from autoexpose_daemon.control.snapshot import Plain, plain
+from autoexpose_daemon.control.step import StepInputs
 from autoexpose_daemon.messages.keys import DEFAULT, LATCHED, SENSOR_DATA
 from autoexpose_daemon.messages.types import IMAGE, TYPESTORE, definition
 from autoexpose_daemon.messages.write import TOPICS, MessageWriter, Stamp, realtime_offset_ns
@@ -90,20 +89,13 @@ class Step:
         Counts the steps of control: a gap is what the recorder dropped.
     cameras
         How many cameras the rig has.
-    pair
-        What control looked at. A gap in its `trigger` without one in `sequence` means pairs that never reached control.
+    inputs
+        What control was given. A gap in the triggers of pairs without one in `sequence` means pairs that never reached
+        control.
     decision
         What control decided.
-    angular_rate_rad_s
-        How fast the camera turned; None: control was not given it, and used optical flow.
-    light_ahead
-        What control knew of an earlier drive; None: nothing.
-    override
-        What overrode the policy.
     requests
         What was requested of control since the step before, and who asked.
-    steering
-        Where consumers were known to track; None: nothing was known.
     calibrations
         Geometry of the calibrated cameras, in CameraInfo; a replay needs none.
     stamp_ns
@@ -112,15 +104,16 @@ class Step:
 
     sequence: int
     cameras: int
-    pair: StereoPair
+    inputs: StepInputs
     decision: Decision
-    angular_rate_rad_s: float | None = None
-    light_ahead: LightAhead | None = None
-    override: Override = NO_OVERRIDE
     requests: tuple[str, ...] = ()
-    steering: Steering | None = None
     calibrations: Mapping[Side, CameraGeometry] = field(default_factory=dict)
     stamp_ns: int = 0
+
+    @property
+    def pair(self) -> StereoPair:
+        """What control looked at."""
+        return self.inputs.pair
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -150,8 +143,11 @@ Item = Setup | Step | State
 """In the order of the file: a setup, its first step, the state after it, more steps, the next state, ..."""
 
 
-CONTROL, SETUP, MOTION, LIGHT, STATE = "control", "setup", "motion", "light", "state"
-OVERRIDE, REQUESTS, STEERING = "override", "requests", "steering"
+CONTROL, SETUP, REQUESTS, STATE = "control", "setup", "requests", "state"
+GIVEN = {each.name: each.name for each in fields(StepInputs) if each.name != "pair"}
+GIVEN |= {"angular_rate_rad_s": "motion", "light_ahead": "light"}
+"""The topic, below `CONTROL`, of each field of `StepInputs` besides the pair."""
+
 STRING = "std_msgs/msg/String"
 """What control was built from and given is JSON in a String, so any ROS 2 tool shows it."""
 
@@ -227,16 +223,11 @@ class RecordingFile:
             if setup is not self._setup:
                 self._setup = setup
                 self._say(SETUP, {"made_with": plain(software()), "setup": plain(setup)})
-            if step.angular_rate_rad_s is not None:
-                self._say(MOTION, {"angular_rate_rad_s": step.angular_rate_rad_s})
-            if step.light_ahead is not None:
-                self._say(LIGHT, {"light_ahead": plain(step.light_ahead)})
             if step.requests:
                 self._say(REQUESTS, {"requests": plain(step.requests)})
-            if step.override != NO_OVERRIDE:
-                self._say(OVERRIDE, {"override": plain(step.override)})
-            if step.steering is not None:
-                self._say(STEERING, {"steering": plain(step.steering)})
+            for name, topic in GIVEN.items():
+                if (given := getattr(step.inputs, name)) not in (None, NO_OVERRIDE):
+                    self._say(topic, {name: plain(given)})
             messages = MessageWriter(self._rig, step.cameras, stamp)
             made = messages.messages(
                 step.pair, step.decision, step.sequence, self._offset_ns, calibrations=step.calibrations

@@ -4,20 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, BinaryIO, cast
+from types import NoneType
+from typing import Any, BinaryIO, cast, get_args, get_type_hints
 
 import numpy as np
 from mcap.exceptions import RecordLengthLimitExceeded
 from mcap.records import Channel, Footer, Header, Message, Metadata, Schema
 from mcap.stream_reader import StreamReader
 
-from autoexpose_daemon.control.light_ahead import LightAhead
 from autoexpose_daemon.control.loop import STATE_FORMAT, ControlSetup
-from autoexpose_daemon.control.override import NO_OVERRIDE, Override
+from autoexpose_daemon.control.override import Override
 from autoexpose_daemon.control.parameters import FASTEST_TURN_RAD_S
-from autoexpose_daemon.control.picture.steering import Steering
 from autoexpose_daemon.control.policies.ids import REMOVED
 from autoexpose_daemon.control.snapshot import parse
+from autoexpose_daemon.control.step import StepInputs
 from autoexpose_daemon.messages.read import (
     DamagedMessageError,
     decision_of,
@@ -30,7 +30,11 @@ from autoexpose_daemon.messages.types import EXPOSURE_INFO, TYPESTORE, definitio
 from autoexpose_daemon.recording import rosbag2
 from autoexpose_daemon.recording.file import (
     FULL_SCALE,
+    GIVEN,
     METADATA,
+    REQUESTS,
+    SETUP,
+    STATE,
     STRING,
     Item,
     RecordingError,
@@ -148,6 +152,13 @@ def _of_third(state: dict[str, Any]) -> dict[str, Any]:
     }
 
 
+_TYPES = get_type_hints(StepInputs)
+_FIELDS = {
+    topic: (name, next((each for each in get_args(_TYPES[name]) if each is not NoneType), _TYPES[name]))
+    for name, topic in GIVEN.items()
+}
+"""By topic: the field of `StepInputs`, and its type when it is given."""
+
 _COUNT_DIGITS = 18
 """More steps than that fit into no file; Python itself refuses numbers of more than 4300 digits."""
 
@@ -176,11 +187,8 @@ class Recording:
         self._schemas: dict[int, Schema] = {}
         self._frames: dict[Side, Frame] = {}  # of the step that is being read
         self._infos: dict[Side, Any] = {}
-        self._angular_rate_rad_s: float | None = None
-        self._light_ahead: LightAhead | None = None
-        self._override = NO_OVERRIDE
+        self._given: dict[str, Any] = {}
         self._requests: tuple[str, ...] = ()
-        self._steering: Steering | None = None
         self._setup: ControlSetup | None = None
         self._calibrations: dict[Side, CameraGeometry] = {}
 
@@ -244,7 +252,7 @@ class Recording:
         if channel is None:
             raise ValueError(f"a message of channel {message.channel_id}, which does not exist")
         match channel.topic.split("/")[-2:]:
-            case ["control", "setup" | "motion" | "light" | "override" | "requests" | "steering" | "state" as what]:
+            case ["control", what] if what in _FIELDS or what in (SETUP, REQUESTS, STATE):
                 return self._of_control(what, message.data)
             case ["left" | "right" as side, "exposure"]:
                 self._check_version(channel)
@@ -273,22 +281,13 @@ class Recording:
             case "state":
                 state, former = content.get("state"), content["format"] in FORMER_FORMATS
                 return State(upgraded_state(state, self._setup) if former and self._setup is not None else state)
-        self._take_given(what, content)
-        return None
-
-    def _take_given(self, what: str, content: dict[str, Any]) -> None:
-        """What the step that follows was given besides its frames."""
-        match what:
-            case "motion":
-                self._angular_rate_rad_s = _angular_rate(content)
-            case "light":
-                self._light_ahead = parse(upgraded_light(content.get("light_ahead")), LightAhead)
-            case "override":
-                self._override = _override(content)
             case "requests":
                 self._requests = parse(content.get("requests"), tuple[str, ...])
-            case "steering":
-                self._steering = parse(content.get("steering"), Steering)
+            case _:
+                name, kind = _FIELDS[what]
+                given = content.get(name)
+                self._given[name] = _checked(parse(upgraded_light(given) if name == "light_ahead" else given, kind))
+        return None
 
     def _exposure(self, side: Side, data: bytes) -> None:
         info = read_exposure_info(data)
@@ -311,14 +310,11 @@ class Recording:
         decision = decision_of(info)
         if decision is None:
             raise ValueError(f"step {info.sequence} has no decision")
-        angular_rate_rad_s, self._angular_rate_rad_s = self._angular_rate_rad_s, None
-        light_ahead, self._light_ahead = self._light_ahead, None
-        override, self._override = self._override, NO_OVERRIDE
+        given, self._given = self._given, {}
         requests, self._requests = self._requests, ()
-        steering, self._steering = self._steering, None
         calibrations, self._calibrations = self._calibrations, {}
-        given = angular_rate_rad_s, light_ahead, override, requests, steering, calibrations, stamp_ns
-        return Step(info.sequence, info.cameras, pair, decision, *given)
+        inputs = StepInputs(pair, **given)
+        return Step(info.sequence, info.cameras, inputs, decision, requests, calibrations, stamp_ns)
 
     def _check_version(self, channel: Channel) -> None:
         schema = self._schemas.get(channel.schema_id)
@@ -334,21 +330,15 @@ def _is_full_scale(channel: Channel) -> bool:
     return FULL_SCALE.items() <= channel.metadata.items() or bool(channel.metadata.get(rosbag2.OFFERED_QOS))
 
 
-def _angular_rate(content: dict[str, Any]) -> float:
-    """The angular rate of the step that follows, rad/s."""
-    rate: float = parse(content.get("angular_rate_rad_s"), float)
-    if not abs(rate) <= FASTEST_TURN_RAD_S:
-        raise ValueError(f"an angular rate of {rate} rad/s")
-    return rate
-
-
-def _override(content: dict[str, Any]) -> Override:
-    """The override of the step that follows."""
-    override: Override = parse(content.get("override"), Override)
-    if override.ev_stops not in bounds.EV_STOPS:
-        raise ValueError(f"an EV compensation of {override.ev_stops}")
-    if not all(setting.is_physical for setting in (override.held, override.shot) if setting is not None):
-        raise ValueError(f"{override} is not an exposure")
-    if override.unseen and override.held is None:
-        raise ValueError("a pair that is not shown to the policy, and nothing to hold")
-    return override
+def _checked(given: Any) -> Any:
+    """What the step that follows was given besides its frames; ValueError for what no recorder writes."""
+    match given:
+        case float() if not abs(given) <= FASTEST_TURN_RAD_S:
+            raise ValueError(f"an angular rate of {given} rad/s")
+        case Override(ev_stops) if ev_stops not in bounds.EV_STOPS:
+            raise ValueError(f"an EV compensation of {ev_stops}")
+        case Override(_, held, shot) if not all(one is None or one.is_physical for one in (held, shot)):
+            raise ValueError(f"{given} is not an exposure")
+        case Override(held=None, unseen=True):
+            raise ValueError("a pair that is not shown to the policy, and nothing to hold")
+    return given

@@ -16,13 +16,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from autoexpose_daemon.config.document import Config, PublishConfig
-from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.loop import ControlLoop, ControlSetup
 from autoexpose_daemon.control.snapshot import Plain
+from autoexpose_daemon.control.step import ControlStep
 from autoexpose_daemon.messages.write import Stamp
 from autoexpose_daemon.recording.file import RecordingError, RecordingFile, Step
 from drivers.log_throttle import LogThrottle
-from imaging.frames import Side, StereoPair
+from imaging.frames import Side
 from imaging.geometry import CameraGeometry
 from imaging.python310 import Self
 
@@ -97,19 +97,9 @@ class Recorder(ABC):
         self._thread.join()
 
     def take(
-        self,
-        pair: StereoPair,
-        decision: Decision,
-        loop: ControlLoop,
-        cameras: int,
-        requests: tuple[str, ...] = (),
-        *,
-        calibrations: Mapping[Side, CameraGeometry] | None = None,
+        self, made: ControlStep, loop: ControlLoop, cameras: int, calibrations: Mapping[Side, CameraGeometry]
     ) -> None:
-        """Take a step of a rig with this many cameras; on the control thread, right after `loop` has made it.
-
-        `requests` took effect with it; `calibrations` are those of the calibrated cameras.
-        """
+        """Take a step of a rig with this many cameras; on the control thread, right after `loop` has made it."""
         if self._ended:
             return
         self.steps += 1
@@ -123,8 +113,8 @@ class Recorder(ABC):
             self._dropped_said = self.dropped
         if loop.setup is not self._setup or self.steps - self._snapshot_step >= self._steps_per_snapshot:
             self._setup, self._snapshot_step, state = loop.setup, self.steps, loop.state()
-        given = loop.angular_rate_rad_s, loop.light_ahead, loop.override
-        step = Step(self.steps, cameras, pair, decision, *given, requests, loop.steering, calibrations or {})
+        assert made.decision is not None, "a pair without a decision is no step"
+        step = Step(self.steps, cameras, made.inputs, made.decision, made.requests, calibrations)
         self._queue.put(Entry(step, loop.setup, state, now_ns, self._frames.stamp))
 
     @abstractmethod

@@ -118,8 +118,7 @@ class Replay:
         self._former = step
         if dropped and self.faithful:
             self.loop = None
-        given = step.pair, step.angular_rate_rad_s, step.light_ahead, step.override, step.steering
-        decision = None if self.loop is None else self.loop.step(*given)
+        decision = None if self.loop is None else self.loop.step(step.inputs)
         return Replayed(step, decision, dropped, undelivered)
 
 

@@ -5,10 +5,8 @@ from __future__ import annotations
 import logging
 
 from autoexpose_daemon.control.decision import Decision
-from autoexpose_daemon.control.light_ahead import LightAhead
 from autoexpose_daemon.control.loop import ControlLoop
-from autoexpose_daemon.control.override import NO_OVERRIDE, Override
-from autoexpose_daemon.control.picture.steering import Steering
+from autoexpose_daemon.control.step import StepInputs
 from autoexpose_daemon.runtime.setup import Tuning
 from drivers.camera import CameraDescription
 from drivers.rig.events import CameraReady
@@ -76,22 +74,15 @@ class ActiveLoop:
         if self._limits:
             self._install(loop)
 
-    def step(
-        self,
-        pair: StereoPair,
-        angular_rate_rad_s: float | None,
-        light_ahead: LightAhead | None,
-        override: Override = NO_OVERRIDE,
-        steering: Steering | None = None,
-    ) -> Decision | None:
-        """Decide on a pair, with the arguments of `ControlLoop.step`; None before a camera is ready."""
+    def step(self, inputs: StepInputs) -> Decision | None:
+        """Decide; None before a camera is ready."""
         if self.loop is None:
             return None
         known_hz = self.loop.flicker_hz
-        decision = self.loop.step(pair, angular_rate_rad_s, light_ahead, override, steering)
+        decision = self.loop.step(inputs)
         if self.loop.flicker_hz != known_hz:
             log.info("%s", _flicker_in_words(self.loop.flicker_hz))
-        self._newest = pair
+        self._newest = inputs.pair
         return decision
 
     def _install(self, loop: ControlLoop) -> None:

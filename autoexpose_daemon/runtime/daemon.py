@@ -101,15 +101,17 @@ class Daemon:
 
     def follow_imu(self, imu: AbstractContextManager[Any], angular_rate: Callable[[], float | None]) -> None:
         """Have control ask for an angular rate before each decision (rad/s; None: unknown); `run` opens `imu`."""
-        self._imu, self._control.angular_rate = imu, angular_rate
+        self._imu = imu
+        self._control.sources["angular_rate_rad_s"] = lambda _: angular_rate()
 
     def follow_light(self, light: ForetoldLight) -> None:
         """Have control ask for the light ahead before each decision."""
-        self.telemetry.light_ahead, self._control.light_ahead = light.tally, light
+        self.telemetry.light_ahead, self._control.sources["light_ahead"] = light.tally, light
 
     def follow_tracking(self, tracking: Tracking) -> None:
         """Have control ask where consumers track before each decision."""
         self.telemetry.tracking, self._control.tracking = tracking.tally, tracking
+        self._control.sources["steering"] = tracking
 
     def run(self, stop: threading.Event) -> None:
         """Run until `stop` is set, then stop and release the cameras.
@@ -167,11 +169,6 @@ class Daemon:
         told: Future[Grounds | None] = Future()
         self._orders.put(lambda: told.set_result(None if self.loop is None else self.loop.grounds))
         return told
-
-    @property
-    def fresh_requests(self) -> tuple[str, ...]:
-        """The requests that took effect with the present step: for observers, which are called on its thread."""
-        return self._control.requests.fresh
 
     def _obey(self) -> None:
         while not self._orders.empty():  # only this thread takes them out

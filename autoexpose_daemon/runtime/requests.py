@@ -131,17 +131,15 @@ class Requests:
 
     Attributes
     ----------
-    fresh
-        Requests that take effect with the next step, or did with the latest, and who asked: for the recording.
     shot
         The shot that is under way.
     """
 
     def __init__(self, active: ActiveLoop, tally: RequestTally, start: ExposureSetting, period_ns: float) -> None:
-        self.fresh: tuple[str, ...] = ()
         self.shot: PendingShot | None = None
         self._active = active
         self._tally = tally
+        self._fresh: tuple[str, ...] = ()
         self._configured = active.tuning
         self._decided = start
         self._override = Override()
@@ -200,6 +198,11 @@ class Requests:
             log.info("the shot is trigger %d, %s", found.trigger, found.setting)
             self.shot.answer.set_result(self._answer(found))
             self.shot = None
+
+    def taken(self) -> tuple[str, ...]:
+        """The requests that took effect with this step, and who asked; each is told once."""
+        fresh, self._fresh = self._fresh, ()
+        return fresh
 
     def passed_over(self, pair: StereoPair) -> None:
         """Control had no time for a pair, which may contain a shot."""
@@ -262,7 +265,7 @@ class Requests:
     def _note(self, request: Request) -> None:
         self._tally.taken += 1
         self._tally.latest = f"{request.words}, asked by {request.by}"
-        self.fresh = (*self.fresh, self._tally.latest)[-_MOST_FRESH:]
+        self._fresh = (*self._fresh, self._tally.latest)[-_MOST_FRESH:]
         log.info("%s", self._tally.latest)
 
     def _note_bounds(self) -> None:

@@ -5,12 +5,11 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future
-from typing import Protocol
+from typing import Any, Protocol
 
 from autoexpose_daemon.config.document import Config, PublishConfig
 from autoexpose_daemon.config.request import Request
-from autoexpose_daemon.control.decision import Decision
-from autoexpose_daemon.control.light_ahead import LightAhead
+from autoexpose_daemon.control.step import ControlStep, StepInputs
 from autoexpose_daemon.messages.write import Stamp, moment_ns
 from autoexpose_daemon.runtime.active_loop import ActiveLoop
 from autoexpose_daemon.runtime.inputs import Tracking
@@ -26,9 +25,9 @@ from drivers.triggers.record import RigRecord
 from imaging.exposure import ExposureSetting
 from imaging.frames import Side, StereoPair
 
-Outlet = Callable[[StereoPair, Decision | None], None]
-"""Called with every pair and the decision on it (None: a newer pair arrived first), on the control thread, so it must
-return at once. One that is a context manager is open while the daemon runs."""
+Outlet = Callable[[ControlStep], None]
+"""Called with every pair, on the control thread, so it must return at once. One that is a context manager is open while
+the daemon runs."""
 
 
 class Cameras(Protocol):
@@ -74,13 +73,10 @@ class RigControl:
         Counts and latest values.
     outlets
         Called with every pair.
-    angular_rate
-        Called before each decision: how fast the camera turns, rad/s; None: unknown.
-    light_ahead
-        Called before each decision with the time of its frame (CLOCK_MONOTONIC, ns): what an earlier drive saw; None:
-        unknown.
+    sources
+        By field of `StepInputs`: called before each decision with the time of its frame (CLOCK_MONOTONIC, ns).
     tracking
-        Where consumers track: called before each decision with its frame's time, then given what that frame was like.
+        Given what frames were like, to judge consumers' reports on them; one of the sources.
     record
         What became of every trigger and write.
     active
@@ -99,8 +95,7 @@ class RigControl:
     ) -> None:
         self.telemetry = Telemetry(period_s=1.0 / config.trigger.rate_hz)
         self.outlets: list[Outlet] = []
-        self.angular_rate: Callable[[], float | None] = lambda: None
-        self.light_ahead: Callable[[int], LightAhead | None] = lambda _: None
+        self.sources: dict[str, Callable[[int], Any]] = {}
         self.tracking: Tracking | None = None
         self._stamp: Stamp = (config.publish or PublishConfig()).stamp
         mode = config.trigger.mode if config.trigger.mode != "primary" else "external"
@@ -172,7 +167,7 @@ class RigControl:
         if pair.trigger > self._last_trigger:
             if self.tracking is not None:
                 self.tracking.saw(moment_ns(pair.reference, self._stamp), {})
-            self._deliver(pair, None)
+            self._deliver(ControlStep(StepInputs(pair)))
 
     def _enter(self, event: RigEvent) -> list[StereoPair]:
         """Enter an event; returns the pairs it completed."""
@@ -197,9 +192,9 @@ class RigControl:
     def _step(self, pair: StereoPair) -> None:
         started_ns = self._now_ns()
         taken_ns = min(frame.host_time_ns for frame in pair.frames.values())
-        override = self.requests.override(pair)
-        steering = None if self.tracking is None else self.tracking(taken_ns)
-        decision = self.active.step(pair, self.angular_rate(), self.light_ahead(taken_ns), override, steering)
+        known = {name: source(taken_ns) for name, source in self.sources.items()}
+        inputs = StepInputs(pair, override=self.requests.override(pair), **known)
+        decision = self.active.step(inputs)
         if decision is None or self.active.loop is None:
             return
         decided_ns = self._now_ns()
@@ -217,10 +212,9 @@ class RigControl:
             self._cameras.write(decision.setting, self.record.command(decision.setting, arrival_ns, decided_ns).due_ns)
         self.requests.decided(decision, written_to, self.telemetry.present)
         if self.tracking is not None:
-            self.tracking.decided(steering if self.active.loop.steered else None)
+            self.tracking.decided(inputs.steering if self.active.loop.steered else None)
             self.tracking.saw(moment_ns(pair.reference, self._stamp), self.active.loop.cell_exposures)
-        self._deliver(pair, decision)
-        self.requests.fresh = ()
+        self._deliver(ControlStep(inputs, decision, self.requests.taken()))
 
     def _awaits_shot(self, decided_ns: int) -> bool:
         """Whether what was decided now would replace the setting of a shot before an exposure was made with it."""
@@ -229,12 +223,13 @@ class RigControl:
             return False
         return bool(shot.unwritten) or not self.record.exposes_before_write(shot.written_ns, decided_ns)
 
-    def _deliver(self, pair: StereoPair, decision: Decision | None) -> None:
+    def _deliver(self, step: ControlStep) -> None:
         """Record what a pair shows, and pass it on."""
+        pair = step.pair
         self.telemetry.delivered(pair, self.record, self._triggers.skew_ns(pair), complete=self._complete(pair))
         self._health.pair(pair)
         for outlet in self.outlets:
-            outlet(pair, decision)
+            outlet(step)
 
     def _complete(self, pair: StereoPair) -> bool:
         return len(pair.frames) == len(self.active.tuning.config.sides)

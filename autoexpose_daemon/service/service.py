@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Console
 
 from autoexpose_daemon.config.document import Config, ImuConfig, PublishConfig
-from autoexpose_daemon.control.decision import Decision
+from autoexpose_daemon.control.step import ControlStep
 from autoexpose_daemon.messages.client import response_to_json
 from autoexpose_daemon.messages.keys import response_key, status_key
 from autoexpose_daemon.runtime.daemon import ControlThread, Daemon
@@ -31,7 +31,6 @@ from autoexpose_daemon.status.states import State
 from autoexpose_daemon.status.telemetry import PublishTally
 from imaging.errors import AutoexposeError, ConfigurationError
 from imaging.exposure import ExposureSetting
-from imaging.frames import StereoPair
 from imaging.python310 import FutureTimeoutError
 
 if TYPE_CHECKING:
@@ -48,11 +47,10 @@ class RecorderTap:
     daemon: Daemon
     cameras: int
 
-    def __call__(self, pair: StereoPair, decision: Decision | None) -> None:
-        """Record a step and the loop that has just made it; a pair without a decision is not a step."""
-        if decision is not None and self.daemon.loop is not None:
-            requests, calibrations = self.daemon.fresh_requests, self.daemon.tuning.calibrations
-            self.recorder.take(pair, decision, self.daemon.loop, self.cameras, requests, calibrations=calibrations)
+    def __call__(self, step: ControlStep) -> None:
+        """Record a step and the loop that has just made it, if there was a decision."""
+        if step.decision is not None and self.daemon.loop is not None:
+            self.recorder.take(step, self.daemon.loop, self.cameras, self.daemon.tuning.calibrations)
 
 
 def add_outlets(daemon: Daemon, config: Config, recorder: Recorder | None = None) -> Daemon:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.loop import REFERENCE_RATE_HZ, ControlLoop, ControlSetup
+from autoexpose_daemon.control.step import StepInputs
 from evaluation.odometry.stereo_matching import StereoMatcher
 from evaluation.rejudge.camera import FAR_STOPS, Made
 from evaluation.rejudge.following import Followed, Follower
@@ -149,7 +150,7 @@ class PolicyRun:
         """
         made = cameras.take(self.settings[len(self.decisions)])
         rate_rad_s = motion_px * REFERENCE_RATE_HZ / FOCAL_LENGTH_PX if self._told else None
-        self.decisions.append(self.loop.step(made.pair, rate_rad_s))
+        self.decisions.append(self.loop.step(StepInputs(made.pair, rate_rad_s)))
         self.settings.append(self.decisions[-1].setting)
         self._far += abs(made.off_stops) > FAR_STOPS
         self._blur.append(made.blur_ratio)

@@ -141,7 +141,7 @@ def scripted_daemon(recorder: Recorder | None = None, **sections: Any) -> Iterat
     seen: Seen = []
     configuration = config(**sections)
     with ScriptedRig() as rig:
-        daemon = Daemon(configuration, rig.openers, outlets=[lambda pair, decision: seen.append((pair, decision))])
+        daemon = Daemon(configuration, rig.openers, outlets=[lambda step: seen.append((step.pair, step.decision))])
         add_outlets(daemon, configuration, recorder)
         with meanwhile(daemon.run):
             yield daemon, rig, seen

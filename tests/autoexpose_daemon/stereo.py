@@ -16,6 +16,7 @@ import pytest
 
 from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.control.decision import Decision
+from autoexpose_daemon.control.step import ControlStep
 from autoexpose_daemon.demo.analysis import pulses_in_window
 from autoexpose_daemon.demo.fakes import read_pulses
 from autoexpose_daemon.runtime.daemon import Daemon
@@ -105,9 +106,9 @@ def running_daemon(
     )
     seen: list[tuple[StereoPair, Decision]] = []
 
-    def see(pair: StereoPair, decision: Decision | None) -> None:
-        if decision is not None:
-            seen.append((pair, decision))
+    def see(step: ControlStep) -> None:
+        if step.decision is not None:
+            seen.append((step.pair, step.decision))
 
     daemon = add_outlets(Daemon(config, openers(config), outlets=[see]), config)
     run = Run(left, right, truths, daemon, seen)

@@ -10,6 +10,7 @@ from typing import Any
 
 from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.control.decision import Decision
+from autoexpose_daemon.control.step import ControlStep, StepInputs
 from autoexpose_daemon.runtime.setup import Tuning
 from autoexpose_daemon.status.counters import counters
 from autoexpose_daemon.status.states import Health
@@ -38,7 +39,7 @@ class SteadyLoop:
         self.setup = dataclasses.make_dataclass("Setup", ["limits"])(limits)
         self._decision = Decision(setting, setting.level, "steady", 0.5, 0.0, 0.0, 0.0)
 
-    def step(self, pair: StereoPair, *_: object) -> Decision:
+    def step(self, inputs: StepInputs | StereoPair) -> Decision:
         return self._decision
 
 
@@ -123,7 +124,8 @@ class VirtualRun:
         """Up to the next pulse, when the frames of the one before are decided on."""
         self.rig.run(self.wire.actors, int(self.wire.actors[0].due_ns) - 1)
 
-    def _see_pair(self, pair: StereoPair, _decision: Decision | None) -> None:
+    def _see_pair(self, step: ControlStep) -> None:
+        pair = step.pair
         self.pairs.append(pair)
         pulses = {frame.pulse for frame in pair.frames.values() if isinstance(frame, VirtualFrame)}
         assert len(pulses) == 1, f"a pair of the pulses {pulses}"

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections import Counter
 
-from autoexpose_daemon.control.decision import Decision
+from autoexpose_daemon.control.step import ControlStep
 from autoexpose_daemon.status.states import Health
 from drivers.triggers.outcomes import LossReason
-from imaging.frames import StereoPair
 from tests.autoexpose_daemon.virtual import START_US, tuning
 from tests.soak.camera import VirtualFrame
 from tests.soak.clock import MS, SECOND
@@ -68,7 +67,8 @@ class PtpRun:
         del lost[LossReason.STARTUP], lost[LossReason.SHUTDOWN]
         return lost
 
-    def _see_pair(self, pair: StereoPair, _decision: Decision | None) -> None:
+    def _see_pair(self, step: ControlStep) -> None:
+        pair = step.pair
         times_ns = [frame.pulse for frame in pair.frames.values() if isinstance(frame, VirtualFrame)]
         if len(times_ns) == 1:
             self.alone += 1

@@ -13,6 +13,7 @@ import zenoh
 
 from autoexpose_daemon.config.document import PublishConfig
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
+from autoexpose_daemon.control.step import ControlStep, StepInputs
 from autoexpose_daemon.messages.client import response_to_json
 from autoexpose_daemon.messages.inputs import odometry, read_velocity, twist
 from autoexpose_daemon.messages.keys import response_key, status_key
@@ -83,7 +84,7 @@ class SimulatedRobot:
                 trigger += 1
                 self._step(session)
                 if not self.blind:
-                    self._publisher(self._seen(trigger), DECISION)
+                    self._publisher(ControlStep(StepInputs(self._seen(trigger)), DECISION))
             hears.undeclare()
 
     def _obey(self, data: bytes) -> None:

@@ -8,11 +8,10 @@ from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
-from autoexpose_daemon.control.decision import Decision
+from autoexpose_daemon.control.step import ControlStep
 from autoexpose_daemon.status.counters import counters
 from autoexpose_daemon.status.states import Health, State
 from drivers.triggers.outcomes import LossReason
-from imaging.frames import StereoPair
 from tests.soak.camera import VirtualFrame
 from tests.soak.clock import SECOND
 from tests.soak.faults import FAULTS, Expected, Script
@@ -146,7 +145,8 @@ class Day:
         anomalies = {counter.name: count for counter, count in counted if counter.anomaly}
         return losses | anomalies | {"pairs": telemetry.counts.pairs}
 
-    def _see_pair(self, pair: StereoPair, _decision: Decision | None) -> None:
+    def _see_pair(self, step: ControlStep) -> None:
+        pair = step.pair
         if len(pair.frames) < 2:
             return
         assert isinstance(pair.frames["left"], VirtualFrame) and isinstance(pair.frames["right"], VirtualFrame)

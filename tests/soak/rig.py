@@ -10,6 +10,7 @@ from types import MappingProxyType, SimpleNamespace
 
 from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.control.decision import Decision
+from autoexpose_daemon.control.step import StepInputs
 from autoexpose_daemon.runtime.daemon import silence_s
 from autoexpose_daemon.runtime.rig_control import Outlet, RigControl
 from autoexpose_daemon.runtime.setup import Tuning
@@ -17,7 +18,7 @@ from autoexpose_daemon.status.states import Expectation, Health, State, judge
 from drivers.rig.events import RigEvent
 from drivers.rig.supervision import Slots, Supervisor
 from imaging.exposure import ExposureLimits, ExposureSetting
-from imaging.frames import Side, StereoPair
+from imaging.frames import Side
 from tests.soak.camera import LIMITS, Device
 from tests.soak.clock import MS, SECOND, Actor, Clock, run
 
@@ -53,7 +54,8 @@ class ScriptedLoop:
         self._clock = clock
         self._decision: dict[int, Decision] = {}
 
-    def step(self, pair: StereoPair, *_: object) -> Decision:
+    def step(self, inputs: StepInputs | StereoPair) -> Decision:
+        pair = StepInputs.of(inputs).pair
         self._clock.now_ns += (1 + pair.trigger % 5) * MS
         tenths = pair.reference.host_time_ns // (100 * MS)
         level = 10.0 + round(1.5 * math.sin(tenths * math.tau / 200), 1) + (0.5 if tenths // 70 % 2 else 0.0)

@@ -16,6 +16,7 @@ import cv2
 from autoexpose_daemon.control.balance import Balance
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.loop import ControlLoop
+from autoexpose_daemon.control.step import StepInputs
 from evaluation.arena.plan import MAIN_DELAY
 from evaluation.arena.race import course_of, run_course
 from evaluation.arena.scores import Score
@@ -74,8 +75,8 @@ class _Leader(ControlLoop):
 
     motion_px = 0.0
 
-    def step(self, pair: StereoPair, *given: Any, **named: Any) -> Decision:
-        decision = super().step(pair, *given, **named)
+    def step(self, inputs: StepInputs | StereoPair) -> Decision:
+        decision = super().step(inputs)
         self.motion_px = decision.motion_px
         return decision
 
@@ -92,7 +93,7 @@ class _Follower(ControlLoop):
     def balance(self) -> Balance:
         return self._leader.balance
 
-    def step(self, pair: StereoPair, *given: Any, **named: Any) -> Decision:
+    def step(self, inputs: StepInputs | StereoPair) -> Decision:
         taken = next(self._ahead)
         setting = ExposureSetting(**taken["setting"])
         return Decision(**{**taken, "setting": setting, "motion_px": self._leader.motion_px})

@@ -8,17 +8,15 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import product
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from autoexpose_daemon.control.decision import Decision
-from autoexpose_daemon.control.light_ahead import LightAhead
 from autoexpose_daemon.control.loop import ControlLoop
-from autoexpose_daemon.control.override import NO_OVERRIDE, Override
-from autoexpose_daemon.control.picture.steering import Steering
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
+from autoexpose_daemon.control.step import StepInputs
 from evaluation.arena.race import Series, race
 from evaluation.experiments.experiment import Claim, Experiment, Figure, Job, Plain, Results, Section, Table, Verdict
 from evaluation.scenes.scenarios import RATE_HZ, WARM_UP_FRAMES, Course, steady
@@ -70,9 +68,10 @@ class Remembering(ControlLoop):
         super().__init__(DEFAULT_POLICY, response, limits, start)
         self._trail = LightTrail()
 
-    def step(self, pair: StereoPair, *given: Any, **named: Any) -> Decision:
+    def step(self, inputs: StepInputs | StereoPair) -> Decision:
         """The next decision."""
-        decision = super().step(pair, *given, **named)
+        decision = super().step(inputs)
+        pair = StepInputs.of(inputs).pair
         self._trail.see(_driven_m(pair), pair.frames["left"], self.setup.responses["left"])
         return decision
 
@@ -95,19 +94,14 @@ class Told(ControlLoop):
         super().__init__(DEFAULT_POLICY, response, limits, start)
         self._memory, self._error_m = memory, error_m
 
-    def step(
-        self,
-        pair: StereoPair,
-        angular_rate_rad_s: float | None = None,
-        light_ahead: LightAhead | None = None,
-        override: Override = NO_OVERRIDE,
-        steering: Steering | None = None,
-    ) -> Decision:
+    def step(self, inputs: StepInputs | StereoPair) -> Decision:
         """The next decision."""
+        inputs = StepInputs.of(inputs)
+        pair = inputs.pair
         distance_m = _driven_m(pair) + float(self._error_m[pair.trigger])
         series = self._memory.series(distance_m, SPEED_M_S)
         told = None if series is None else series.in_frames(0.0, RATE_HZ)
-        return super().step(pair, angular_rate_rad_s, light_ahead or told, override, steering)
+        return super().step(replace(inputs, light_ahead=inputs.light_ahead or told))
 
 
 def _driven_m(pair: StereoPair) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from dataclasses import replace
 from typing import Final, Literal, Protocol
 
 import cv2
@@ -10,12 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autoexpose_daemon.control.decision import Decision
-from autoexpose_daemon.control.light_ahead import LightAhead
 from autoexpose_daemon.control.loop import ControlLoop
-from autoexpose_daemon.control.override import NO_OVERRIDE, Override
-from autoexpose_daemon.control.picture.steering import CellExposure, Steering, TrackingMemory
+from autoexpose_daemon.control.picture.steering import CellExposure, TrackingMemory
 from autoexpose_daemon.control.picture.tracked_cells import COLUMNS, ROWS, TrackedCells, count_by_cell
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
+from autoexpose_daemon.control.step import StepInputs
 from evaluation.odometry.stereo import prepared
 from imaging.exposure import ExposureLimits, ExposureSetting
 from imaging.frames import StereoPair
@@ -112,20 +112,15 @@ class Steered(ControlLoop):
         self._memory = TrackingMemory()
         self._on_the_way: deque[tuple[int, TrackedCells, CellExposure, float]] = deque()
 
-    def step(
-        self,
-        pair: StereoPair,
-        angular_rate_rad_s: float | None = None,
-        light_ahead: LightAhead | None = None,
-        override: Override = NO_OVERRIDE,
-        steering: Steering | None = None,
-    ) -> Decision:
+    def step(self, inputs: StepInputs | StereoPair) -> Decision:
         """The next decision."""
+        inputs = StepInputs.of(inputs)
+        pair = inputs.pair
         now_s = pair.reference.host_time_ns * 1e-9
         while self._on_the_way and self._on_the_way[0][0] <= pair.trigger:
             self._memory.take(*self._on_the_way.popleft()[1:])
-        known = steering or self._memory.steering(now_s)
-        decision = super().step(pair, angular_rate_rad_s, light_ahead, override, known)
+        known = inputs.steering or self._memory.steering(now_s)
+        decision = super().step(replace(inputs, steering=known))
         if pair.trigger % self._every == 0 and (counts := self._consumer.track(pair)) is not None:
             report = TrackedCells("consumer", 0, "left", *counts)
             arrives = pair.trigger + LATENCY_FRAMES

@@ -16,6 +16,7 @@ from autoexpose_daemon.control.picture.motion import FarnebackMotion, Motion, Ti
 from autoexpose_daemon.control.picture.region import Rectangle, Region
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY, POLICY_IDS
 from autoexpose_daemon.control.policy import Observation
+from autoexpose_daemon.control.step import StepInputs
 from imaging.errors import ConfigurationError
 from imaging.exposure import ExposureLimits, ExposureSetting
 from imaging.frames import Frame, Side, StereoPair
@@ -211,12 +212,12 @@ def test_an_angular_rate_replaces_the_flow() -> None:
     loop = ControlLoop("begin2022", LINEAR, LIMITS, START, ControlParameters(focal_length_px=860.0))
     frame = expose(radiance(5), START, 11.0)
     # 30 degrees a second at a focal length of 860 pixels: 450 pixels a second
-    assert loop.step(StereoPair(0, {"left": frame}), -np.pi / 6).motion_px == pytest.approx(7.505, abs=1e-3)
+    assert loop.step(StepInputs(StereoPair(0, {"left": frame}), -np.pi / 6)).motion_px == pytest.approx(7.505, abs=1e-3)
     for rate in (float("nan"), 101.0):
         with pytest.raises(ConfigurationError, match="give at most 100 rad/s"):
-            loop.step(StereoPair(2, {"left": frame}), rate)
+            loop.step(StepInputs(StereoPair(2, {"left": frame}), rate))
     with pytest.raises(ConfigurationError, match="focal_length_px"):
-        make("begin2022").step(StereoPair(0, {"left": frame}), 0.5)
+        make("begin2022").step(StepInputs(StereoPair(0, {"left": frame}), 0.5))
 
 
 @pytest.mark.parametrize("before", [0, 2])
@@ -226,7 +227,9 @@ def test_where_flow_takes_over_from_angular_rates_the_last_speed_holds_for_a_fra
     scene = radiance(5, 1.0, (540, 720))
     rates = [*[None] * before, 2.0, 1.5, None, None]
     speeds_px = [
-        loop.step(StereoPair(i, {"left": at_time(expose(np.roll(scene, 8 * i, 1), START, 11.0), i)}), rate).motion_px
+        loop.step(
+            StepInputs(StereoPair(i, {"left": at_time(expose(np.roll(scene, 8 * i, 1), START, 11.0), i)}), rate)
+        ).motion_px
         for i, rate in enumerate(rates)
     ]
     assert speeds_px[before : before + 3] == [20.0, 15.0, 15.0]

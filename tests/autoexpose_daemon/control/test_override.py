@@ -12,6 +12,7 @@ from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.override import NO_OVERRIDE, Override
 from autoexpose_daemon.control.policies.belief.policy import Belief
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY, POLICY_IDS
+from autoexpose_daemon.control.step import StepInputs
 from imaging.errors import ConfigurationError
 from imaging.exposure import ExposureLimits, ExposureSetting
 from imaging.frames import StereoPair
@@ -49,7 +50,7 @@ def run(loop: ControlLoop, lights: Sequence[float], ask: Ask, delay: int = 2) ->
     for index, light in enumerate(lights):
         left, right = (at_time(expose(scene, settings[index], light), index) for scene in SCENES)
         override = ask(index, decisions)
-        decisions.append(loop.step(StereoPair(index, {"left": left, "right": right}), None, None, override))
+        decisions.append(loop.step(StepInputs(StereoPair(index, {"left": left, "right": right}), override=override)))
         settings.append(decisions[-1].setting)
     return decisions
 
@@ -165,7 +166,7 @@ def test_a_shot_is_over_even_if_the_next_frame_of_a_camera_is_lost(policy_id: st
     loop = loop_of(policy_id)
     before = run(loop, [11.0] * 100, nothing)[-1]
     left, right = (at_time(expose(scene, before.setting, 11.0), 100) for scene in SCENES)
-    loop.step(StereoPair(100, {"left": left, "right": right}), override=Override(shot=SHOT))
+    loop.step(StepInputs(StereoPair(100, {"left": left, "right": right}), override=Override(shot=SHOT)))
     assert loop.step(StereoPair(101, {"right": right})).level == pytest.approx(before.level, abs=0.5)
 
 

@@ -38,6 +38,7 @@ from autoexpose_daemon.control.picture.tracked_cells import (
 )
 from autoexpose_daemon.control.policies.belief.scene_belief import BIN
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY, POLICY_IDS
+from autoexpose_daemon.control.step import StepInputs
 from evaluation.stage.information import Information
 from imaging.exposure import ExposureSetting
 from imaging.frames import Side, StereoPair
@@ -247,9 +248,9 @@ def test_a_setting_that_was_asked_for_is_not_steered(override: Override) -> None
     loop = ControlLoop(DEFAULT_POLICY, LINEAR, LIMITS, START)
     frame = at_time(expose(SUN_AND_SHADE, START, HALF_SCALE), 0)
     pair = StereoPair(0, {"left": frame, "right": frame})
-    loop.step(pair, override=override, steering=steer_to(RIGHT))
+    loop.step(StepInputs(pair, override=override, steering=steer_to(RIGHT)))
     assert not loop.steered
-    loop.step(pair, steering=steer_to(RIGHT))
+    loop.step(StepInputs(pair, steering=steer_to(RIGHT)))
     assert loop.steered
 
 
@@ -274,7 +275,7 @@ def followed(loop: ControlLoop, steering: Steering | None, frames: int) -> list[
     for index in range(frames):
         frame = at_time(expose(SUN_AND_SHADE, settings[index], HALF_SCALE), index)
         pair = StereoPair(index, {"left": frame, "right": frame})
-        decisions.append(loop.step(pair, steering=steering))
+        decisions.append(loop.step(StepInputs(pair, steering=steering)))
         settings.append(decisions[-1].setting)
     return decisions
 
@@ -343,7 +344,7 @@ def turned_to_in_turn() -> NDArray[np.float64]:
         frame = at_time(expose(SUN_AND_SHADE * milder, settings[index], HALF_SCALE), index)
         pair = StereoPair(index, {"left": frame, "right": frame})
         steering = steer_to(LEFT if index // 25 % 2 else RIGHT)
-        settings.append(loop.step(pair, angular_rate_rad_s=0.3, steering=steering).setting)
+        settings.append(loop.step(StepInputs(pair, 0.3, steering=steering)).setting)
     return np.array([setting.level for setting in settings[2:]])
 
 

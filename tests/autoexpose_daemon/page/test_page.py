@@ -19,6 +19,7 @@ from websockets.sync.client import connect
 from autoexpose_daemon.client import StereoClient
 from autoexpose_daemon.config.document import PublishConfig
 from autoexpose_daemon.control.decision import Decision, Grounds
+from autoexpose_daemon.control.step import ControlStep, StepInputs
 from autoexpose_daemon.messages.client import ConsumerTally, response_to_json
 from autoexpose_daemon.messages.keys import response_key, status_key
 from autoexpose_daemon.page.metrics import CONTENT_TYPE
@@ -198,7 +199,7 @@ def test_a_pair_that_control_skipped_comes_without_the_decision_before(tab: Tab,
     with Publisher(PublishConfig(listen=(at,)), 2, nothing) as publisher:
 
         def shown(decision: Decision | None, reason: str) -> bool:
-            publisher(pair(next(numbers)), decision)
+            publisher(ControlStep(StepInputs(pair(next(numbers))), decision))
             return tab.text("decision-reason").startswith(reason)
 
         wait_until(lambda: shown(DECISION, DECISION.reason), "a decision")

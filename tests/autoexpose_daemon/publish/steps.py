@@ -12,6 +12,7 @@ import numpy as np
 
 from autoexpose_daemon.config.document import PublishConfig
 from autoexpose_daemon.control.decision import Decision
+from autoexpose_daemon.control.step import ControlStep, StepInputs
 from autoexpose_daemon.publish.publisher import Explain, Publisher, Tell
 from autoexpose_daemon.status.telemetry import DropReason
 from imaging.exposure import ExposureSetting
@@ -57,7 +58,7 @@ def publishing(
         for number in itertools.count(1):
             if stop.wait(period_s):
                 return
-            publisher(pair(number), DECISION)
+            publisher(ControlStep(StepInputs(pair(number)), DECISION))
 
     with Publisher(config, 2, tell, explain=explain) as publisher, meanwhile(run):
         yield publisher

@@ -96,6 +96,6 @@ def test_without_zenoh_the_daemon_goes_on_and_says_so(
     assert daemon.telemetry.publishing is not None
     assert "zenoh is missing" in daemon.telemetry.publishing.trouble
     assert "autoexpose-daemon[publish]" in caplog.text
-    assert daemon._control.angular_rate() is None
+    assert daemon._control.sources["angular_rate_rad_s"](0) is None
     assert daemon.telemetry.imu is not None
     assert "zenoh is missing" in daemon.telemetry.imu.trouble

@@ -102,8 +102,8 @@ def test_a_client_changes_control_and_the_recording_of_it_replays(tmp_path: Path
             "region left (rectangles: 1)", "reset",
         )
     ]  # fmt: skip
-    assert sum(each.step.override.shot is not None for each in steps) == shots
-    assert {each.step.override.held for each in steps} >= {None, locked}
+    assert sum(each.step.inputs.override.shot is not None for each in steps) == shots
+    assert {each.step.inputs.override.held for each in steps} >= {None, locked}
     unknown = [each for each in steps if each.decision is None]
     assert len(unknown) == 5  # the first of each loop: its snapshot is of the state after it
     assert all(each.same for each in steps if each.decision is not None)

@@ -183,5 +183,5 @@ def test_control_goes_by_the_imu_and_without_it_by_flow_and_says_so(
         "image speed comes from optical flow",
     ]
     steps = replayed(file)
-    assert {each.step.angular_rate_rad_s is None for each in steps} == {True, False}
+    assert {each.step.inputs.angular_rate_rad_s is None for each in steps} == {True, False}
     assert all(each.same for each in steps[1:])

@@ -101,5 +101,5 @@ def test_control_weighs_what_a_client_sends_and_its_recording_replays(
         + caplog.messages[-1].rpartition("LightAhead: ")[2]
     ]
     steps = replayed(file)
-    assert {each.step.light_ahead is None for each in steps} == {True, False}
+    assert {each.step.inputs.light_ahead is None for each in steps} == {True, False}
     assert all(each.same for each in steps[1:])

@@ -18,6 +18,7 @@ import pytest
 from autoexpose_daemon.client import StereoClient
 from autoexpose_daemon.client.status_client import StatusClient
 from autoexpose_daemon.config.document import PublishConfig
+from autoexpose_daemon.control.step import ControlStep, StepInputs
 from autoexpose_daemon.messages import keys
 from autoexpose_daemon.messages.client import ConsumerTally, response_to_json
 from autoexpose_daemon.messages.write import MessageWriter
@@ -200,7 +201,7 @@ def test_all_that_control_offers_is_accounted_for() -> None:
     with Publisher(PublishConfig(listen=(endpoint(),)), 2, nothing) as publisher:
         wait_until(lambda: offer(publisher).sent, "the session")
         for number in range(1000):  # much faster than zenoh takes them
-            publisher(pair(number, (4, 4)), DECISION)
+            publisher(ControlStep(StepInputs(pair(number, (4, 4))), DECISION))
     tally = publisher.tally
     assert tally.dropped[DropReason.BEHIND] > 0
     assert tally.offered == tally.sent + tally.dropped.total()
@@ -214,7 +215,7 @@ def test_a_program_that_does_not_close_its_client_ends_all_the_same() -> None:
 
 
 def offer(publisher: Publisher) -> PublishTally:
-    publisher(pair(0, (4, 4)), DECISION)
+    publisher(ControlStep(StepInputs(pair(0, (4, 4))), DECISION))
     return publisher.tally
 
 
@@ -261,5 +262,5 @@ def test_the_mailbox_is_bounded() -> None:
     publisher = Publisher(PublishConfig(listen=(endpoint(),)), 2, nothing)
     publisher._open = True  # as while its thread is held up
     for number in range(MAILBOX_PAIRS + 5):  # control comes back from each call, though nobody takes a pair out
-        publisher(pair(number, (4, 4)), DECISION)
+        publisher(ControlStep(StepInputs(pair(number, (4, 4))), DECISION))
     assert publisher.tally.dropped[DropReason.BEHIND] == 5

@@ -110,7 +110,7 @@ def test_a_consumer_steers_control_and_its_recording_replays(tmp_path: Path, cap
     assert "a report of consumer slam on its tracking is ignored: its frame is older than 1 s" in said
     assert any("a message under autoexpose/rig/tracking is refused" in text for text in said)
     steps = replayed(file)
-    assert {each.step.steering is None for each in steps} == {True, False}
+    assert {each.step.inputs.steering is None for each in steps} == {True, False}
     assert all(each.same for each in steps[1:])
 
 

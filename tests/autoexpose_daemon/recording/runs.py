@@ -17,6 +17,7 @@ from autoexpose_daemon.control.override import NO_OVERRIDE, Override
 from autoexpose_daemon.control.parameters import ControlParameters
 from autoexpose_daemon.control.picture.steering import Steering
 from autoexpose_daemon.control.picture.tracked_cells import CELLS
+from autoexpose_daemon.control.step import ControlStep, StepInputs
 from autoexpose_daemon.recording.read import Recording
 from autoexpose_daemon.recording.recorder import ContinuousRecorder, Recorder
 from autoexpose_daemon.recording.replay import Replay, Replayed
@@ -71,12 +72,12 @@ class VirtualRun:
         for _, pair in zip(range(steps), self.pairs(), strict=False):
             shaped = shape(pair)
             override = self._override()
-            given = self._angular_rate_rad_s(), self._light_ahead(), override, self._steering()
-            decision = self.loop.step(shaped, *given)
+            inputs = StepInputs(shaped, self._angular_rate_rad_s(), self._light_ahead(), override, self._steering())
+            decision = self.loop.step(inputs)
             self._settings = [self._settings[-1], decision.setting]
             self.decisions[pair.trigger] = decision
             requests = (f"made up in step {self.trigger}",) if self.trigger % 10 == 0 and self.steered else ()
-            recorder.take(shaped, decision, self.loop, 2, requests)
+            recorder.take(ControlStep(inputs, decision, requests), self.loop, 2, {})
 
     def _angular_rate_rad_s(self) -> float | None:
         """Of an IMU that fails for 3 steps in 8."""

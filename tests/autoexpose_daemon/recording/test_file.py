@@ -26,6 +26,7 @@ from autoexpose_daemon.config.document import Config, PublishConfig
 from autoexpose_daemon.control.light_ahead import LightAhead
 from autoexpose_daemon.control.picture.steering import Steering
 from autoexpose_daemon.control.picture.tracked_cells import CELLS
+from autoexpose_daemon.control.step import StepInputs
 from autoexpose_daemon.messages.types import CAMERA_INFO, EXPOSURE_INFO, TYPESTORE
 from autoexpose_daemon.recording.file import METADATA, RESERVE_BYTES, Item, RecordingError, RecordingFile, Step
 from autoexpose_daemon.recording.read import Recording
@@ -180,7 +181,7 @@ def test_another_version_of_the_message_is_refused(tmp_path: Path, monkeypatch: 
 def test_a_state_that_does_not_fit_its_setup_is_one_sentence(tmp_path: Path) -> None:
     run, path = VirtualRun("lu2010"), tmp_path / "run.mcap"
     pair = next(run.pairs())
-    step = Step(1, 2, pair, run.loop.step(pair))
+    step = Step(1, 2, StepInputs(pair), run.loop.step(pair))
     file = RecordingFile(path, "rig")
     file.write(step, run.loop.setup, VirtualRun("kim2018").loop.state())
     file.close(1, 0)
@@ -193,7 +194,7 @@ def test_camera_info_says_what_is_known_of_the_cameras(tmp_path: Path) -> None:
     pair = next(run.pairs())
     (height, width), k = pair.frames["left"].pixels.shape, (80.0, 0.0, 3.0, 0.0, 80.0, 2.0, 0.0, 0.0, 1.0)
     left = CameraGeometry(width, height, "plumb_bob", (0.1,) * 5, k, (1.0,) * 9, (2.0,) * 12)
-    step = Step(1, 2, pair, run.loop.step(pair), calibrations={"left": left})
+    step = Step(1, 2, StepInputs(pair), run.loop.step(pair), calibrations={"left": left})
     file = RecordingFile(path, "rig")
     file.write(step, run.loop.setup, None)
     file.close(1, 0)
@@ -209,7 +210,7 @@ def test_an_impossible_angular_rate_is_one_sentence(tmp_path: Path, rate: float)
     run, path = VirtualRun("fixed", imu=True), tmp_path / "run.mcap"
     pair = next(run.pairs())
     file = RecordingFile(path, "rig")
-    file.write(Step(1, 2, pair, run.loop.step(pair), rate), run.loop.setup, None)
+    file.write(Step(1, 2, StepInputs(pair, rate), run.loop.step(pair)), run.loop.setup, None)
     file.close(1, 0)
     with pytest.raises(RecordingError, match=r"is damaged: an angular rate of .* rad/s"):
         replayed(path)
@@ -220,7 +221,7 @@ def test_impossible_light_ahead_is_one_sentence(tmp_path: Path) -> None:
     object.__setattr__(ahead, "now", 2)
     file = RecordingFile(path, "rig")
     pair = next(run.pairs())
-    file.write(Step(1, 2, pair, run.loop.step(pair), light_ahead=ahead), run.loop.setup, None)
+    file.write(Step(1, 2, StepInputs(pair, light_ahead=ahead), run.loop.step(pair)), run.loop.setup, None)
     file.close(1, 0)
     with pytest.raises(RecordingError, match=r"is damaged: frame 2 of 2 levels"):
         replayed(path)
@@ -232,7 +233,7 @@ def test_impossible_steering_is_one_sentence(tmp_path: Path) -> None:
     steering.favours["right"] = (1.5,) * CELLS
     file = RecordingFile(path, "rig")
     pair = next(run.pairs())
-    file.write(Step(1, 2, pair, run.loop.step(pair), steering=steering), run.loop.setup, None)
+    file.write(Step(1, 2, StepInputs(pair, steering=steering), run.loop.step(pair)), run.loop.setup, None)
     file.close(1, 0)
     with pytest.raises(RecordingError, match="is damaged: steering of the right camera is not 48 numbers from -1 to 1"):
         replayed(path)

@@ -40,19 +40,21 @@ def test_every_decision_but_the_first_is_replayed_bit_for_bit(tmp_path: Path, po
 def test_decisions_by_an_imu_that_comes_and_goes_are_replayed_bit_for_bit(tmp_path: Path, policy_id: str) -> None:
     path = record(tmp_path / "run.mcap", VirtualRun(policy_id, imu=True))
     steps = replayed(path)
-    assert [each.step.angular_rate_rad_s is not None for each in steps] == [
+    assert [each.step.inputs.angular_rate_rad_s is not None for each in steps] == [
         each.step.pair.trigger % 8 < 5 for each in steps
     ]
     for each in steps:
-        if each.step.angular_rate_rad_s is not None:
-            assert each.step.decision.motion_px == each.step.angular_rate_rad_s * 800 / 60
+        if each.step.inputs.angular_rate_rad_s is not None:
+            assert each.step.decision.motion_px == each.step.inputs.angular_rate_rad_s * 800 / 60
     assert all(each.same for each in steps[1:])
     assert len([each for each in replayed(path, "neves2009") if each.decision]) == len(steps)
 
 
 def test_decisions_by_the_light_of_an_earlier_drive_are_replayed_bit_for_bit(tmp_path: Path) -> None:
     steps = replayed(record(tmp_path / "run.mcap", VirtualRun(DEFAULT_POLICY, driven_before=True), 60))
-    assert [each.step.light_ahead is not None for each in steps] == [each.step.pair.trigger % 8 < 5 for each in steps]
+    assert [each.step.inputs.light_ahead is not None for each in steps] == [
+        each.step.pair.trigger % 8 < 5 for each in steps
+    ]
     assert all(each.same for each in steps[1:])
 
 
@@ -74,7 +76,9 @@ def test_decisions_by_vignetting_are_replayed_bit_for_bit_from_what_the_recordin
 @pytest.mark.parametrize("policy_id", [DEFAULT_POLICY, "neves2009"])
 def test_decisions_that_consumers_steered_are_replayed_bit_for_bit(tmp_path: Path, policy_id: str) -> None:
     steps = replayed(record(tmp_path / "run.mcap", VirtualRun(policy_id, tracked=True), 60))
-    assert [each.step.steering is not None for each in steps] == [each.step.pair.trigger % 8 < 5 for each in steps]
+    assert [each.step.inputs.steering is not None for each in steps] == [
+        each.step.pair.trigger % 8 < 5 for each in steps
+    ]
     assert all(each.same for each in steps[1:])
 
 
@@ -82,8 +86,8 @@ def test_decisions_that_consumers_steered_are_replayed_bit_for_bit(tmp_path: Pat
 def test_what_was_requested_is_replayed_bit_for_bit_and_named(tmp_path: Path, policy_id: str) -> None:
     path = record(tmp_path / "run.mcap", VirtualRun(policy_id, steered=True), 60)
     steps = replayed(path)
-    assert {each.step.override.ev_stops for each in steps} == {0.0, -1.3}
-    assert {each.step.override.unseen for each in steps} == {False, True}
+    assert {each.step.inputs.override.ev_stops for each in steps} == {0.0, -1.3}
+    assert {each.step.inputs.override.unseen for each in steps} == {False, True}
     assert all(each.same for each in steps[1:])
     said: list[str] = []
     assert report_replay(path, None, said.append)

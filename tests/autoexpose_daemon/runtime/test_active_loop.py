@@ -8,6 +8,7 @@ import pytest
 
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.loop import ControlLoop
+from autoexpose_daemon.control.step import StepInputs
 from autoexpose_daemon.runtime.active_loop import ActiveLoop
 from drivers.camera import CameraDescription
 from drivers.rig.events import CameraReady
@@ -23,9 +24,9 @@ class LoopUnderLamps(SteadyLoop):
         super().__init__(ExposureLimits(20.0, 7500.0, 0.0, 30.0), ExposureSetting(2000.0, 0.0))
         self._found_hz = list(found_hz)
 
-    def step(self, pair: StereoPair, *_: object) -> Decision:
+    def step(self, inputs: StepInputs | StereoPair) -> Decision:
         self.flicker_hz = self._found_hz.pop(0)
-        return super().step(pair)
+        return super().step(inputs)
 
 
 def test_the_log_says_once_that_the_light_flickers_or_no_longer_does(caplog: pytest.LogCaptureFixture) -> None:
@@ -33,7 +34,7 @@ def test_the_log_says_once_that_the_light_flickers_or_no_longer_does(caplog: pyt
     active.loop = cast(ControlLoop, LoopUnderLamps(None, 100.0, 100.0, None))
     with caplog.at_level("INFO"):
         for _ in range(4):
-            active.step(pair, None, None)
+            active.step(StepInputs(pair))
     assert caplog.messages == [
         "the light flickers at 100 Hz: exposure times of whole periods, where they fit",
         "the light no longer flickers: any exposure time",

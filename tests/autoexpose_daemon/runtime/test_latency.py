@@ -29,7 +29,7 @@ def test_a_write_is_timed_from_its_own_frame() -> None:
 
 
 def test_a_camera_that_returns_is_not_a_slow_write() -> None:
-    rig = VirtualRig(1, lambda _pair, _decision: None, lambda _now_ns, _health: None)
+    rig = VirtualRig(1, lambda _step: None, lambda _now_ns, _health: None)
     wire = Wire(rig, 2 * SECOND)
     left, right = rig.devices
     for seconds in (5, 13):
@@ -47,7 +47,7 @@ def test_a_camera_that_returns_is_not_a_slow_write() -> None:
 
 
 def test_the_parts_make_up_the_whole() -> None:
-    rig = VirtualRig(2, lambda _pair, _decision: None, lambda _now_ns, _health: None)
+    rig = VirtualRig(2, lambda _step: None, lambda _now_ns, _health: None)
     rig.run(Wire(rig, 2 * SECOND).actors, 20 * SECOND)
     telemetry = rig.control.telemetry
     steps, writes = telemetry.decision_ms, telemetry.frame_to_node_ms
@@ -60,7 +60,7 @@ def test_the_parts_make_up_the_whole() -> None:
 def test_quick_writes_shorten_how_long_decisions_are_held(monkeypatch: pytest.MonkeyPatch) -> None:
     """A readout so slow that many decisions are ready within 5 ms of the next exposure."""
     monkeypatch.setattr(camera, "READOUT_NS", 8 * MS)
-    rig = VirtualRig(3, lambda _pair, _decision: None, lambda _now_ns, _health: None)
+    rig = VirtualRig(3, lambda _step: None, lambda _now_ns, _health: None)
     for device in rig.devices:
         device.write_ns = MS // 2
     rig.run(Wire(rig, 2 * SECOND).actors, 400 * SECOND)

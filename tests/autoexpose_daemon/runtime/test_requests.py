@@ -11,8 +11,8 @@ import pytest
 from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.config.request import new_request
 from autoexpose_daemon.control.decision import Decision
-from autoexpose_daemon.control.light_ahead import LightAhead
 from autoexpose_daemon.control.override import NO_OVERRIDE, Override
+from autoexpose_daemon.control.step import StepInputs
 from autoexpose_daemon.runtime.active_loop import ActiveLoop
 from autoexpose_daemon.runtime.requests import PendingShot, Requests
 from autoexpose_daemon.runtime.setup import Tuning
@@ -40,14 +40,8 @@ class ObedientLoop(SteadyLoop):
         if ev_stops > 2:
             raise ConfigurationError("too bright")
 
-    def step(
-        self,
-        pair: StereoPair,
-        angular_rate_rad_s: float | None = None,
-        light_ahead: LightAhead | None = None,
-        override: Override = NO_OVERRIDE,
-        *_: object,
-    ) -> Decision:
+    def step(self, inputs: StepInputs | StereoPair) -> Decision:
+        override = StepInputs.of(inputs).override
         self._overrides.append(override)
         asked = override.shot or override.held
         return self._decision if asked is None else Decision(asked, asked.level, "asked", 0.5, 0.0, 0.0, 0.0)

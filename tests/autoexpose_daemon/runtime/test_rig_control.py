@@ -63,7 +63,9 @@ def rig_of_two() -> RigControl:
 def test_a_pair_of_which_one_frame_was_decided_on_alone_is_counted_and_goes_out_once() -> None:
     control = rig_of_two()
     seen: list[tuple[int, int, bool]] = []
-    control.outlets.append(lambda pair, decision: seen.append((pair.trigger, len(pair.frames), decision is not None)))
+    control.outlets.append(
+        lambda step: seen.append((step.pair.trigger, len(step.pair.frames), step.decision is not None))
+    )
     control.take([arrived(side, 1) for side in SIDES])
     control.take([arrived("left", 2), CameraSilent("right")])
     control.take([arrived("right", 2)])

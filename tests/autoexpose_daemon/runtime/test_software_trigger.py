@@ -6,7 +6,7 @@ from collections import Counter
 
 import pytest
 
-from autoexpose_daemon.control.decision import Decision
+from autoexpose_daemon.control.step import ControlStep
 from autoexpose_daemon.status.states import Health
 from drivers.triggers.outcomes import LossReason
 from imaging.frames import StereoPair
@@ -44,7 +44,8 @@ class SoftwareRun:
         del lost[LossReason.SHUTDOWN]
         return lost
 
-    def _see_pair(self, pair: StereoPair, _decision: Decision | None) -> None:
+    def _see_pair(self, step: ControlStep) -> None:
+        pair = step.pair
         self.pairs.append(pair)
         slots = {frame.pulse for frame in pair.frames.values() if isinstance(frame, VirtualFrame)}
         assert len(slots) == 1, f"a pair of the slots {slots}"

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from autoexpose_daemon.config.document import Config
+from autoexpose_daemon.control.step import ControlStep
 from autoexpose_daemon.runtime.daemon import Daemon
 from autoexpose_daemon.service.announcer import Announcer
 from autoexpose_daemon.service.notify import Notifier
@@ -20,7 +21,7 @@ from autoexpose_daemon.status.document import Status
 from autoexpose_daemon.status.states import State
 from drivers.camera import Camera
 from imaging.exposure import ExposureSetting
-from imaging.frames import Frame, Side, StereoPair
+from imaging.frames import Frame, Side
 from tests.drivers.rig.test_rig import ScriptedCamera
 
 CONFIG = Config.model_validate({"cameras": {"left": {"serial": "L"}, "right": {"serial": "R"}}})
@@ -129,7 +130,7 @@ def heard(manager: socket.socket) -> list[str]:
 def test_a_stuck_control_thread_starves_the_watchdog(manager: socket.socket) -> None:
     stuck, free, stop = threading.Event(), threading.Event(), threading.Event()
 
-    def hang(_pair: StereoPair, _decision: object) -> None:
+    def hang(_step: ControlStep) -> None:
         stuck.set()
         assert free.wait(LONG_S)
 

@@ -20,6 +20,7 @@ import yaml
 
 from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.config.request import new_request
+from autoexpose_daemon.control.step import ControlStep
 from autoexpose_daemon.runtime.daemon import Daemon
 from autoexpose_daemon.service.notify import Notifier
 from autoexpose_daemon.service.service import Service
@@ -29,7 +30,7 @@ from calibration.response.file import Origin, ResponseFile
 from drivers.camera import Camera
 from imaging.errors import ConfigurationError
 from imaging.exposure import ExposureSetting
-from imaging.frames import Side, StereoPair
+from imaging.frames import Side
 from imaging.pixels import PixelFormat
 from imaging.response import ResponseFunction
 from tests.autoexpose_daemon.scripted import LONG_S, SHAPE, ScriptedRig, Session, TriggeredCamera, config
@@ -193,7 +194,7 @@ def test_a_reload_that_control_did_not_begin_in_time_is_rejected_for_good(
     monkeypatch.setattr("autoexpose_daemon.service.service._TUNE_PATIENCE_S", 0.1)
     free, stuck, daemon = threading.Event(), threading.Event(), running.service.daemon
 
-    def hang(_pair: StereoPair, _decision: object) -> None:
+    def hang(_step: ControlStep) -> None:
         stuck.set()
         assert free.wait(LONG_S)
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from autoexpose_daemon.control.parameters import Bracketing
+from autoexpose_daemon.control.step import StepInputs
 from autoexpose_daemon.recording.file import RecordingFile, Step
 from evaluation.experiments.rejudge.rehearsal import simulated_geometries, simulated_setup
 from evaluation.odometry.lap import odometry_stage
@@ -36,7 +37,11 @@ def drive_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
         pair = delayed.step(stage.take)
         copies = {side: replace(frame, pixels=frame.pixels.copy()) for side, frame in pair.frames.items()}
         step = Step(
-            number + 1, 2, StereoPair(number, copies), delayed.decisions[-1], calibrations=simulated_geometries()
+            number + 1,
+            2,
+            StepInputs(StereoPair(number, copies)),
+            delayed.decisions[-1],
+            calibrations=simulated_geometries(),
         )
         file.write(step, setup, delayed.loop.state() if number == 0 else None)
     file.close(FRAMES, 0)

@@ -14,6 +14,7 @@ from autoexpose_daemon.control.override import Override
 from autoexpose_daemon.control.parameters import Bracketing, ControlParameters
 from autoexpose_daemon.control.policies.bracket import KEPT
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
+from autoexpose_daemon.control.step import StepInputs
 from imaging.errors import ConfigurationError
 from imaging.exposure import ExposureLimits, ExposureSetting
 from imaging.frames import StereoPair
@@ -127,7 +128,7 @@ def test_the_policys_frames_follow_the_light_under_ev_compensation() -> None:
     settings, kept = [START, START], []
     for number in range(80):
         frame = expose(SCENE, settings[number], 13.0 if number < 20 else 16.0)
-        decision = loop.step(StereoPair(number, {"left": frame}), override=Override(ev_stops=-1.0))
+        decision = loop.step(StepInputs(StereoPair(number, {"left": frame}), override=Override(ev_stops=-1.0)))
         settings.append(decision.setting)
         if number % 4 == 3:
             kept.append(decision.level)
@@ -144,7 +145,7 @@ def test_a_compensation_comes_out_in_the_policys_frames_as_asked_for(policy_id: 
         settings, kept = [START, START], []
         for number in range(240):
             frame = expose(SCENE, settings[number], 13.0 if number < 120 else 15.0)
-            decision = loop.step(StereoPair(number, {"left": frame}), override=Override(ev_stops=stops))
+            decision = loop.step(StepInputs(StereoPair(number, {"left": frame}), override=Override(ev_stops=stops)))
             settings.append(decision.setting)
             if decision.reason.startswith(KEPT):
                 kept.append(decision.level)

@@ -17,6 +17,7 @@ from autoexpose_daemon.control.policies.belief.forecast import (
     MOST_BELIEF,
     Foresight,
 )
+from autoexpose_daemon.control.step import StepInputs
 from imaging.exposure import ExposureSetting
 from imaging.frames import StereoPair
 from imaging.response import ResponseFunction
@@ -142,10 +143,11 @@ class ToldLoop(ControlLoop):
 
     off_frames = 0
 
-    def step(self, pair: StereoPair, *_: object) -> Decision:
+    def step(self, inputs: StepInputs | StereoPair) -> Decision:
+        pair = StepInputs.of(inputs).pair
         now = pair.trigger + self.off_frames
         there = np.clip(np.arange(now - 70, now + 50), 0, len(WAY) - 1)
-        return super().step(pair, None, followed(np.array(WAY)[there], 70, 2.0))
+        return super().step(StepInputs(pair, light_ahead=followed(np.array(WAY)[there], 70, 2.0)))
 
 
 START = ExposureSetting(300.0, 0.0)

@@ -1,0 +1,70 @@
+"""One step of control: what it is given, and what came of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from autoexpose_daemon.control.decision import Decision
+from autoexpose_daemon.control.light_ahead import LightAhead
+from autoexpose_daemon.control.override import NO_OVERRIDE, Override
+from autoexpose_daemon.control.picture.steering import Steering
+from imaging.frames import StereoPair
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StepInputs:
+    """Everything that decides on the next setting, apart from what the loop remembers.
+
+    What is added here is passed on, recorded and replayed by itself: it needs a source while the daemon runs, and
+    something that uses it.
+
+    Attributes
+    ----------
+    pair
+        The frames.
+    angular_rate_rad_s
+        How fast the camera turns, from an inertial sensor; the speed of image points is then this rate times the
+        focal length, and no flow is computed. None: flow.
+    light_ahead
+        What an earlier drive along the same route saw, which `belief` uses; None: nothing is known.
+    override
+        What overrides the policy. While a setting is held, the policy keeps looking, so it knows the light when it
+        decides again.
+    steering
+        Where consumers track well, for policies that are `STEERED`; None: nothing is known.
+    """
+
+    pair: StereoPair
+    angular_rate_rad_s: float | None = None
+    light_ahead: LightAhead | None = None
+    override: Override = NO_OVERRIDE
+    steering: Steering | None = None
+
+    @classmethod
+    def of(cls, given: StepInputs | StereoPair) -> StepInputs:
+        """What is given, of which a pair alone is shorthand."""
+        return cls(given) if isinstance(given, StereoPair) else given
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ControlStep:
+    """A step of a running daemon, for those who watch it.
+
+    Attributes
+    ----------
+    inputs
+        What control was given: the pair alone if it made no decision.
+    decision
+        None: a newer pair arrived before control looked at this one.
+    requests
+        The requests that took effect with this step, and who asked.
+    """
+
+    inputs: StepInputs
+    decision: Decision | None = None
+    requests: tuple[str, ...] = ()
+
+    @property
+    def pair(self) -> StereoPair:
+        """The frames."""
+        return self.inputs.pair
