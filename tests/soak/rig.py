@@ -18,7 +18,7 @@ from autoexpose_daemon.status.states import Expectation, Health, State, judge
 from drivers.rig.events import RigEvent
 from drivers.rig.supervision import Slots, Supervisor
 from imaging.exposure import ExposureLimits, ExposureSetting
-from imaging.frames import Side
+from imaging.frames import Side, StereoPair
 from tests.soak.camera import LIMITS, Device
 from tests.soak.clock import MS, SECOND, Actor, Clock, run
 
