@@ -42,6 +42,8 @@ class PendingShot:
     ----------
     is_decided
         Whether the step that asks the cameras for it has been made.
+    command
+        The number of the latest command before it is decided on, and then of its own.
     unwritten
         Cameras that are still to be written.
     written_ns
@@ -53,6 +55,7 @@ class PendingShot:
         self.deadline_ns = deadline_ns
         self.answer = answer
         self.is_decided = False
+        self.command = 0
         self.unwritten: set[Side] = set()
         self.written_ns = 0
         self._cameras: set[Side] = set()
@@ -65,7 +68,7 @@ class PendingShot:
     def see(self, event: RigEvent) -> None:
         """An event of the rig."""
         match event:
-            case Written(side) if event.asked == self.setting:
+            case Written(side) if event.command == self.command:
                 self.unwritten.discard(side)
                 self.written_ns = event.finished_ns
             case WriteFailed(side):
@@ -184,6 +187,11 @@ class Requests:
             held = self._decided
         self._override = Override(self._tally.ev_stops, held, shot, unseen)
         return self._override
+
+    def commanded(self, command: int) -> None:
+        """A command with this number is on its way: that of the shot, if it is just being decided on."""
+        if self.shot is not None and not self.shot.is_decided:
+            self.shot.command = command
 
     def decided(self, decision: Decision, written_to: Iterable[Side], present: Iterable[Side]) -> None:
         """The step was made; some of the cameras present will be written."""

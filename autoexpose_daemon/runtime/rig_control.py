@@ -33,8 +33,8 @@ the daemon runs."""
 class Cameras(Protocol):
     """What control needs from a rig."""
 
-    def write(self, setting: ExposureSetting, not_before_ns: int) -> None:
-        """Write `setting` to every camera, no earlier than `not_before_ns`; replaces a pending write."""
+    def write(self, setting: ExposureSetting, not_before_ns: int, command: int) -> None:
+        """Write `setting` to every camera, no earlier than `not_before_ns`, as this command; replaces a pending one."""
 
     def pace(self, side: Side, slots: Slots) -> None:
         """Trigger a camera in these slots until it is closed; replaces, or moves, the former ones."""
@@ -209,7 +209,9 @@ class RigControl:
         written_to: list[Side] = []
         if decision.setting != self._asked and not self._awaits_shot(decided_ns):
             self._asked, written_to = decision.setting, self.telemetry.present
-            self._cameras.write(decision.setting, self.record.command(decision.setting, arrival_ns, decided_ns).due_ns)
+            command = self.record.command(decision.setting, arrival_ns, decided_ns)
+            self._cameras.write(decision.setting, command.due_ns, command.number)
+            self.requests.commanded(command.number)
         self.requests.decided(decision, written_to, self.telemetry.present)
         if self.tracking is not None:
             self.tracking.decided(inputs.steering if self.active.loop.steered else None)

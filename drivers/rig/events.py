@@ -45,15 +45,23 @@ class FrameArrived:
     stale: bool = False
 
 
+OPENING = 0
+"""In place of a command's number: a camera that is opened is written what was wanted last."""
+
+
 @dataclass(frozen=True, slots=True)
 class Written:
-    """A setting was written: what was asked for, what the nodes read back, and when (CLOCK_MONOTONIC)."""
+    """A setting was written: what was asked for, what the nodes read back, and when (CLOCK_MONOTONIC).
+
+    `command` is the number of the command behind it, or `OPENING`.
+    """
 
     side: Side
     asked: ExposureSetting
     read_back: ExposureSetting
     started_ns: int
     finished_ns: int
+    command: int = OPENING
 
 
 @dataclass(frozen=True, slots=True)

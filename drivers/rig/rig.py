@@ -51,10 +51,13 @@ class Rig:
         """Trigger a camera in these slots until it is closed; replaces, or moves, the former ones."""
         self._units[side].supervisor.pace(slots)
 
-    def write(self, setting: ExposureSetting, not_before_ns: int) -> None:
-        """Write `setting` to every camera, no earlier than `not_before_ns` (host time); replaces a pending write."""
+    def write(self, setting: ExposureSetting, not_before_ns: int, command: int) -> None:
+        """Write `setting` to every camera, no earlier than `not_before_ns` (host time); replaces a pending write.
+
+        `command` is its number, by which what is reported of the write is known.
+        """
         for unit in self._units.values():
-            unit.supervisor.request(setting, not_before_ns)
+            unit.supervisor.request(setting, not_before_ns, command)
 
     def stop(self, timeout_s: float) -> bool:
         """Stop acquisition and close the cameras; False when one did not answer in time."""

@@ -14,6 +14,7 @@ import numpy as np
 from drivers.camera import Camera
 from drivers.log_throttle import LogThrottle
 from drivers.rig.events import (
+    OPENING,
     CameraGone,
     CameraReady,
     CameraSilent,
@@ -160,7 +161,7 @@ class Supervisor:
         self._now_ns = now_ns
         self._throttle = LogThrottle(_LOG_PAUSE_S)
         self._wanted = start
-        self._pending: tuple[ExposureSetting, int] | None = None
+        self._pending: tuple[ExposureSetting, int, int] | None = None  # with its time and number
         self._pacer: Pacer | None = None  # while it is open and triggered by the host
         self._camera: Camera | None = None  # while it is open and streams
         self._opened_ns = 0
@@ -174,11 +175,11 @@ class Supervisor:
         self._last_frame_ns = 0
         self._silent = False
 
-    def request(self, setting: ExposureSetting, not_before_ns: int) -> None:
-        """Write `setting`, no earlier than `not_before_ns`; replaces a pending write. Any thread."""
+    def request(self, setting: ExposureSetting, not_before_ns: int, command: int) -> None:
+        """Write `setting`, no earlier than `not_before_ns`, as this command; replaces a pending write. Any thread."""
         with self.news:
             self._wanted = setting
-            self._pending = (setting, not_before_ns)
+            self._pending = setting, not_before_ns, command
             self.news.notify_all()
 
     def pace(self, slots: Slots) -> None:
@@ -220,17 +221,17 @@ class Supervisor:
             stuck = f"camera {camera.description.serial} {self._stuck}; it is reopened"
             self._report_gone(CameraLostError(stuck), final=False)
             return
-        now_ns, setting = self._now_ns(), None
+        now_ns, due = self._now_ns(), None
         triggers = self._pacer is not None and self._pacer.due_ns <= now_ns
         with self.news:
             if not triggers and self._pending is not None and self._pending[1] <= now_ns:
-                setting, self._pending = self._pending[0], None
+                due, self._pending = self._pending, None
             check, self._check_wanted = self._check_wanted, False
         try:
             if triggers:
                 self._trigger(camera)
-            if setting is not None:
-                self._write(camera, setting)
+            if due is not None:
+                self._write(camera, due[0], due[2])
             elif check or now_ns >= self._latch_due_ns:
                 self._latch_clock(camera)
         except CameraError as error:
@@ -281,7 +282,7 @@ class Supervisor:
         with self.news:
             wanted, self._pending = self._wanted, None
         try:
-            self._write(camera, camera.limits.nearest(wanted))
+            self._write(camera, camera.limits.nearest(wanted), OPENING)
             camera.start()
         except CameraError as error:
             self._lose(camera, error, stays(error))
@@ -337,7 +338,7 @@ class Supervisor:
             if self._throttle.due("trigger", self._now_ns()):
                 log.warning("%s camera: it was not triggered: %s", self._side, error)
 
-    def _write(self, camera: Camera, setting: ExposureSetting) -> None:
+    def _write(self, camera: Camera, setting: ExposureSetting, command: int) -> None:
         started_ns = self._now_ns()
         try:
             read_back = camera.write(setting)
@@ -346,7 +347,7 @@ class Supervisor:
         except CameraError as error:
             self._events.put(WriteFailed(self._side, setting, error.with_traceback(None)))
             return
-        self._events.put(Written(self._side, setting, read_back, started_ns, self._now_ns()))
+        self._events.put(Written(self._side, setting, read_back, started_ns, self._now_ns(), command))
 
     def _latch_clock(self, camera: Camera) -> None:
         """Also shows whether a silent camera still answers, or others send in its place."""

@@ -63,6 +63,7 @@ class RigRecord:
         self._start_check = StartCheck(trigger_sources, rate_hz, by_host=mode in ("software", "ptp"))
         self._writes = RigWrites(sides)
         self._window = WriteWindow()
+        self._commands = 0
 
     @property
     def tally(self) -> Tally:
@@ -135,7 +136,8 @@ class RigRecord:
         """Enter a setting that was decided on; its `due_ns` says when to write it."""
         grid = self._account.grid
         due_ns = decided_ns if grid is None else self._window.next_ns(grid, decided_ns)
-        command = Command(setting, arrival_ns, decided_ns, due_ns)
+        self._commands += 1
+        command = Command(self._commands, setting, arrival_ns, decided_ns, due_ns)
         self._writes.command(command)
         return command
 

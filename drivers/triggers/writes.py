@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import islice
 
-from drivers.rig.events import Written
+from drivers.rig.events import OPENING, Written
 from drivers.triggers.rate import TriggerGrid
 from imaging.exposure import DB_PER_STOP, ExposureSetting
 from imaging.frames import Frame, Side, StereoPair
@@ -23,6 +23,8 @@ class Command:
 
     Attributes
     ----------
+    number
+        From 1 on.
     setting
         What to write to the cameras.
     arrival_ns
@@ -33,6 +35,7 @@ class Command:
         The earliest time to write it; later than `decided_ns` if the write window holds it back.
     """
 
+    number: int
     setting: ExposureSetting
     arrival_ns: int
     decided_ns: int
@@ -64,9 +67,9 @@ class WriteHistory:
         """Enter a write; returns the command behind it, None for the write when a camera is opened."""
         self._writes.append(write)
         self._certain = min(self._certain + 1, REMEMBERED)
-        if not any(command.setting is write.asked for command in self._in_flight):
+        if not any(command.number == write.command for command in self._in_flight):
             return None
-        while (command := self._in_flight.popleft()).setting is not write.asked:
+        while (command := self._in_flight.popleft()).number != write.command:
             pass  # replaced by a newer one before it was written
         return command
 
@@ -81,14 +84,14 @@ class WriteHistory:
         self._unseen.clear()
         self._seen = None
 
-    def read_back(self, asked: ExposureSetting) -> ExposureSetting | None:
-        """What the nodes held when this very setting was last written; None if it never was."""
-        return next((write.read_back for write in reversed(self._writes) if write.asked is asked), None)
+    def read_back(self, command: int) -> ExposureSetting | None:
+        """What the nodes held when a command was last written; None if it never was."""
+        return next((write.read_back for write in reversed(self._writes) if write.command == command), None)
 
     @property
-    def asked(self) -> list[ExposureSetting]:
-        """The settings that were written, newest first."""
-        return [write.asked for write in reversed(self._writes)]
+    def written(self) -> list[int]:
+        """The numbers of the commands that were written, newest first."""
+        return [write.command for write in reversed(self._writes) if write.command != OPENING]
 
     def awaits_write(self, time_ns: int) -> bool:
         """Whether a command that was due at `time_ns` has still not been written."""
@@ -169,7 +172,7 @@ class RigWrites:
     def __init__(self, sides: Sequence[Side]) -> None:
         self.histories = {side: WriteHistory() for side in sides}
         self.late = 0
-        self._asked: ExposureSetting | None = None
+        self._newest: int | None = None  # the number of the command that was written last
         self._present: set[Side] = set()
         self._missing: set[Side] = set()
         self._started_trigger = 0
@@ -187,8 +190,8 @@ class RigWrites:
         `grid` predicts when exposures start; None: not yet known, and so nothing is late.
         """
         command = self.histories[write.side].write(write)
-        new = write.asked is not self._asked
-        self._asked = write.asked
+        new = write.command == OPENING or write.command != self._newest
+        self._newest = write.command
         self._present.add(write.side)
         if grid is not None:
             self._judge(write, grid, new)
@@ -238,11 +241,11 @@ class RigWrites:
             return True
         if any(self.histories[side].awaits_write(frame.host_time_ns) for side, frame in pair.frames.items()):
             return True
-        return any(self._made_of(asked, pair) for asked in self.histories[pair.reference_side].asked)
+        return any(self._made_of(command, pair) for command in self.histories[pair.reference_side].written)
 
-    def _made_of(self, asked: ExposureSetting, pair: StereoPair) -> bool:
-        """Whether each frame was taken with what its camera made of a setting."""
-        taken = {side: self.histories[side].read_back(asked) for side in pair.frames}
+    def _made_of(self, command: int, pair: StereoPair) -> bool:
+        """Whether each frame was taken with what its camera made of a command."""
+        taken = {side: self.histories[side].read_back(command) for side in pair.frames}
         return all(held is not None and held.agrees_with(pair.frames[side].setting) for side, held in taken.items())
 
 

@@ -207,10 +207,10 @@ class VirtualRig:
             unit.device.pulse(number, now_ns)
             unit.plan_frames()
 
-    def write(self, setting: ExposureSetting, not_before_ns: int) -> None:
+    def write(self, setting: ExposureSetting, not_before_ns: int, command: int) -> None:
         """See `Rig.write`."""
         for unit in self.units.values():
-            unit.supervisor.request(setting, not_before_ns)
+            unit.supervisor.request(setting, not_before_ns, command)
             unit.plan_nodes()
 
     def pace(self, side: Side, slots: Slots) -> None:

@@ -22,7 +22,7 @@ from tests.soak.wire import Wire
 def test_a_write_is_timed_from_its_own_frame() -> None:
     telemetry, setting = Telemetry(), ExposureSetting(1000.0, 0.0)
     write = Written("left", setting, setting, 17 * MS, 34 * MS)
-    telemetry.written(write, Command(setting, arrival_ns=10 * MS, decided_ns=15 * MS, due_ns=15 * MS))
+    telemetry.written(write, Command(1, setting, arrival_ns=10 * MS, decided_ns=15 * MS, due_ns=15 * MS))
     assert (telemetry.held_ms.sum_ms, telemetry.write_ms.sum_ms, telemetry.frame_to_node_ms.sum_ms) == (2.0, 17.0, 24.0)
     telemetry.written(write, None)  # no decision caused it
     assert telemetry.frame_to_node_ms.count == telemetry.write_ms.count == telemetry.held_ms.count == 1

@@ -36,7 +36,7 @@ READY = {
 class NoCameras:
     """Takes what control writes (see `autoexpose_daemon.runtime.rig_control.Cameras`)."""
 
-    def write(self, setting: ExposureSetting, not_before_ns: int) -> None:
+    def write(self, setting: ExposureSetting, not_before_ns: int, command: int) -> None:
         pass
 
     def pace(self, side: Side, slots: Slots) -> None:

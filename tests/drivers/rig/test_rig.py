@@ -111,8 +111,8 @@ def test_only_the_latest_waiting_setting_is_written_and_not_early() -> None:
     with running({"left": lambda: camera}) as rig:
         wait_for(rig, CameraReady)
         not_before_ns = time.monotonic_ns() + 100_000_000
-        rig.write(ExposureSetting(2000.0, 0.0), not_before_ns)
-        rig.write(ExposureSetting(3000.0, 0.0), not_before_ns)
+        rig.write(ExposureSetting(2000.0, 0.0), not_before_ns, 1)
+        rig.write(ExposureSetting(3000.0, 0.0), not_before_ns, 2)
         written = wait_for(rig, Written)
         assert written.asked.exposure_time_us == 3000.0
         assert written.started_ns >= not_before_ns
@@ -174,7 +174,7 @@ def test_a_lost_camera_is_reopened_with_the_last_wanted_setting_and_does_not_dis
     with running({"left": lambda: next(lefts), "right": lambda: right}, silence_s=0.05) as rig:
         wait_for(rig, CameraReady)
         wait_for(rig, CameraReady)
-        rig.write(ExposureSetting(4000.0, 0.0), 0)
+        rig.write(ExposureSetting(4000.0, 0.0), 0, 3)
         while left.written[-1].exposure_time_us != 4000.0:
             wait_for(rig, Written)
         left.lost = True
@@ -202,10 +202,10 @@ def test_a_refused_write_is_reported_and_the_camera_kept() -> None:
     with running({"left": lambda: camera}) as rig:
         wait_for(rig, CameraReady)
         camera.refuses = True
-        rig.write(ExposureSetting(2000.0, 0.0), 0)
+        rig.write(ExposureSetting(2000.0, 0.0), 0, 4)
         assert "ExposureTime" in str(wait_for(rig, WriteFailed).error)
         camera.refuses = False
-        rig.write(ExposureSetting(2500.0, 0.0), 0)
+        rig.write(ExposureSetting(2500.0, 0.0), 0, 5)
         assert wait_for(rig, Written).asked.exposure_time_us == 2500.0
 
 

@@ -95,7 +95,7 @@ def pauses_s(attempts_ns: list[int]) -> list[float]:
 def test_a_camera_that_does_not_open_is_retried_less_and_less_often_however_much_is_written() -> None:
     bench = Bench(CameraNotFoundError("no camera S"))
     for _ in range(100):
-        bench.supervisor.request(ExposureSetting(2000.0, 0.0), 0)
+        bench.supervisor.request(ExposureSetting(2000.0, 0.0), 0, 1)
         bench.run(0.1)
     assert pauses_s(bench.attempts_ns) == [0.1, 0.2, 0.4, 0.8, 1.6, 2.0, 2.0, 2.0]
 
@@ -117,7 +117,7 @@ def test_a_camera_that_is_opened_takes_the_newest_setting_once() -> None:
     camera = InstantCamera()
     bench = Bench(CameraNotFoundError("no camera S"))
     bench.run(0.5)
-    bench.supervisor.request(ExposureSetting(2000.0, 0.0), 0)
+    bench.supervisor.request(ExposureSetting(2000.0, 0.0), 0, 1)
     bench.camera = camera
     bench.run(2.0)
     assert camera.written == [ExposureSetting(2000.0, 0.0)]
@@ -188,7 +188,7 @@ def test_a_camera_that_opens_but_does_not_start_is_tried_again_unless_the_fault_
 def test_the_first_setting_is_one_that_the_camera_takes() -> None:
     camera = InstantCamera()
     bench = Bench(camera)
-    bench.supervisor.request(ExposureSetting(1e9, 99.0), 0)
+    bench.supervisor.request(ExposureSetting(1e9, 99.0), 0, 1)
     bench.run(0.1)
     assert camera.written == [camera.limits.brightest]
 
@@ -265,7 +265,7 @@ def test_no_frame_of_a_lost_camera_is_reported_after_its_loss() -> None:
     assert any(isinstance(event, FrameArrived) for event in bench.run(0.1))
     camera.expose()
     camera.lost = True
-    bench.supervisor.request(START, 0)
+    bench.supervisor.request(START, 0, 1)
     assert [type(event) for event in bench.run(0.05, take_frames=False)] == [CameraGone]
     camera.lost = False
     bench.supervisor.take_frame()

@@ -21,11 +21,11 @@ def frame(time_ns: int, setting: ExposureSetting, source: SettingSource = "chunk
 
 
 def decided(setting: ExposureSetting, decided_ns: int, arrival_ns: int = 0) -> Command:
-    return Command(setting, arrival_ns, decided_ns, due_ns=decided_ns)
+    return Command(id(setting), setting, arrival_ns, decided_ns, due_ns=decided_ns)
 
 
 def written(asked: ExposureSetting, time_ns: int, read_back: ExposureSetting | None = None) -> Written:
-    return Written("left", asked, read_back or asked, time_ns - 1, time_ns)
+    return Written("left", asked, read_back or asked, time_ns - 1, time_ns, command=id(asked))
 
 
 def test_the_delay_lasts_until_the_first_frame_with_the_setting() -> None:
@@ -112,13 +112,13 @@ def test_what_the_nodes_held_is_known_from_the_last_write_before() -> None:
     assert history.held_since(55) == [at(4000)]
 
 
-def test_what_a_camera_made_of_a_setting_is_found_by_identity() -> None:
+def test_what_a_camera_made_of_a_command_is_found_by_its_number() -> None:
     history, asked = WriteHistory(), at(1000)
-    history.write(written(asked, 10, read_back=at(900)))
-    assert history.read_back(asked) == at(900)
-    assert history.read_back(at(1000)) is None  # as long, but asked for another time
+    history.write(Written("left", asked, at(900), 9, 10, command=5))
+    assert history.read_back(5) == at(900)
+    assert history.read_back(4) is None
     assert history.has_held(at(900)) and not history.has_held(asked)
-    assert history.asked == [asked]
+    assert history.written == [5]
 
 
 def test_an_overtaken_command_does_not_claim_the_effects_of_later_equal_ones() -> None:

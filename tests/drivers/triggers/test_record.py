@@ -81,7 +81,7 @@ def test_a_command_is_followed_from_its_decision_to_the_frame_that_shows_it() ->
     command = record.command(NEW, arrival_ns=5 * MS, decided_ns=8 * MS)
     assert (command.due_ns, command.held) == (8 * MS, False)
     for side in SIDES:
-        assert record.written(Written(side, NEW, NEW, 8 * MS, 9 * MS)) is command
+        assert record.written(Written(side, NEW, NEW, 8 * MS, 9 * MS, command.number)) is command
     assert record.late_writes == 0
     shown = frame(1, NEW)
     assert record.history("left").first_effect_ns(shown) == PERIOD_NS - 8 * MS
@@ -101,14 +101,14 @@ def test_a_refused_write_leaves_the_nodes_in_doubt_and_a_lost_camera_has_nothing
     assert record.history("left").held_since(0) is None
     command = record.command(NEW, arrival_ns=5 * MS, decided_ns=8 * MS)
     record.take(CameraGone("right", CameraLostError("pulled"), final=False), 10 * MS)
-    assert record.written(Written("left", NEW, NEW, 8 * MS, 11 * MS)) is command
-    assert record.written(Written("right", NEW, NEW, 500 * MS, 501 * MS)) is None
+    assert record.written(Written("left", NEW, NEW, 8 * MS, 11 * MS, command.number)) is command
+    assert record.written(Written("right", NEW, NEW, 500 * MS, 501 * MS, command.number)) is None
 
 
 def test_a_mismatch_is_explained_while_only_one_camera_has_the_new_setting() -> None:
     record = opened_record()
-    record.command(NEW, arrival_ns=5 * MS, decided_ns=8 * MS)
-    record.written(Written("left", NEW, NEW, 8 * MS, 9 * MS))
+    command = record.command(NEW, arrival_ns=5 * MS, decided_ns=8 * MS)
+    record.written(Written("left", NEW, NEW, 8 * MS, 9 * MS, command.number))
     (pair,) = (
         pair
         for side, setting in (("left", NEW), ("right", OLD))

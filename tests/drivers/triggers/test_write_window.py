@@ -106,7 +106,7 @@ def outcome(write_ms: tuple[float, float], triggers: int, seed: int, seldom_ms: 
             window.took(gain_ns - start_ns)
             writes.append((time_ns, camera, "ExposureTime", asked.exposure_time_us))
             writes.append((gain_ns, camera, "Gain", asked.gain_db))
-            kept.write(Written(camera.side, asked, asked, start_ns, gain_ns), grid)
+            kept.write(Written(camera.side, asked, asked, start_ns, gain_ns, command=seen.written), grid)
         writes = deque(sorted(writes, key=lambda write: write[0]))
     return seen
 

@@ -19,7 +19,7 @@ DIM, BRIGHT = ExposureSetting(1000.0, 0.0), ExposureSetting(4000.0, 6.0)
 
 
 def wrote(side: Side, setting: ExposureSetting, start_ms: int, end_ms: int) -> Written:
-    return Written(side, setting, setting, start_ms * MS, end_ms * MS)
+    return Written(side, setting, setting, start_ms * MS, end_ms * MS, command=id(setting))
 
 
 def pair(trigger: int, left: ExposureSetting, right: ExposureSetting, taken_ms: int = 0) -> StereoPair:
@@ -76,7 +76,7 @@ def test_a_setting_that_not_every_camera_has_yet_explains_a_mismatch() -> None:
 def test_a_write_that_takes_longer_than_frames_do_explains_a_mismatch_meanwhile() -> None:
     """Exposures see its time and not yet its gain, and nobody has said yet that it is late."""
     writes = both_written()
-    writes.command(Command(DIM, 0, 25 * MS, 25 * MS))
+    writes.command(Command(id(DIM), DIM, 0, 25 * MS, 25 * MS))
     half = ExposureSetting(DIM.exposure_time_us, BRIGHT.gain_db)
     assert not writes.explains(pair(1, half, half, 20))
     assert writes.explains(pair(2, half, half, 40))
@@ -89,12 +89,12 @@ def test_a_camera_that_refuses_all_writes_since_it_is_back_explains_mismatches()
     writes = both_written()
     writes.gone("left")
     writes.refused("left")
-    writes.command(Command(DIM, 0, 1 * MS, 1 * MS))
+    writes.command(Command(id(DIM), DIM, 0, 1 * MS, 1 * MS))
     writes.write(wrote("right", DIM, 1, 3), GRID)
     writes.refused("left")
     assert writes.explains(pair(1, BRIGHT, DIM, 20))
     newer = replace(DIM)
-    writes.command(Command(newer, 0, 21 * MS, 21 * MS))
+    writes.command(Command(id(newer), newer, 0, 21 * MS, 21 * MS))
     for side in SIDES:
         writes.write(wrote(side, newer, 21, 23), GRID)
     assert not writes.explains(pair(1 + EFFECT_TRIGGERS + 1, BRIGHT, DIM, 120))
@@ -133,7 +133,7 @@ def test_before_the_first_frame_nothing_is_late() -> None:
 def test_a_mismatch_is_explained_when_a_camera_took_something_else_and_said_so() -> None:
     writes = both_written()
     clipped = ExposureSetting(500.0, 0.0)
-    writes.write(Written("left", DIM, clipped, 1 * MS, 3 * MS), GRID)
+    writes.write(Written("left", DIM, clipped, 1 * MS, 3 * MS, command=id(DIM)), GRID)
     writes.write(wrote("right", DIM, 1, 3), GRID)
     assert writes.mismatched(pair(1, clipped, DIM))
     assert writes.explains(pair(1, clipped, DIM))
