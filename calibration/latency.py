@@ -56,7 +56,7 @@ class SeenFrame:
 
 
 @dataclass(frozen=True, slots=True)
-class Trial:
+class WriteTrial:
     """One write, begun and read back at these times (CLOCK_MONOTONIC), with the frames from before it until it shows.
 
     The frames are in order; the last two show the effect, if there is any.
@@ -113,12 +113,12 @@ class _Effect:
     lead_ns: int
 
 
-def is_clear(trial: Trial) -> bool:
+def is_clear(trial: WriteTrial) -> bool:
     """Whether a write lay within one exposure, no frame around its effect was lost, and the light shows it."""
     return _effect(trial) is not None
 
 
-def write_effect(quantity: WrittenQuantity, trials: Sequence[Trial]) -> WriteEffect:
+def write_effect(quantity: WrittenQuantity, trials: Sequence[WriteTrial]) -> WriteEffect:
     """The distribution over many writes, and what is wrong with it."""
     effects = [effect for effect in map(_effect, trials) if effect is not None]
     counts = dict(sorted(Counter(effect.frames for effect in effects).items()))
@@ -130,7 +130,7 @@ def write_effect(quantity: WrittenQuantity, trials: Sequence[Trial]) -> WriteEff
     return WriteEffect(quantity, counts, unclear, delay_us, lead_us, tuple(_findings(quantity, effects, unclear)))
 
 
-def _effect(trial: Trial) -> _Effect | None:
+def _effect(trial: WriteTrial) -> _Effect | None:
     """What one write did; None when that is unclear."""
     under_way = [index for index, frame in enumerate(trial.frames) if frame.start_ns <= trial.started_ns]
     if not under_way or len(trial.frames) < under_way[-1] + 3:
@@ -256,11 +256,11 @@ class _Watch:
         taken = self._session.write(setting)
         return started_ns, time.monotonic_ns(), taken
 
-    def follow(self, started_ns: int, finished_ns: int, old: ExposureSetting, new: ExposureSetting) -> Trial:
+    def follow(self, started_ns: int, finished_ns: int, old: ExposureSetting, new: ExposureSetting) -> WriteTrial:
         """Take frames until a write has shown, or should have, and return everything seen of it."""
         while sum(self._start_ns(frame) > finished_ns for frame in self._recent) < FRAMES_AFTER + 2:
             self.next_frame()
-        return Trial(started_ns, finished_ns, tuple(self._seen(frame, old, new) for frame in self._recent))
+        return WriteTrial(started_ns, finished_ns, tuple(self._seen(frame, old, new) for frame in self._recent))
 
     def _seen(self, frame: Frame, old: ExposureSetting, new: ExposureSetting) -> SeenFrame:
         says_new = None
@@ -321,13 +321,13 @@ def _alternatives(bright: ExposureSetting, limits: ExposureLimits) -> dict[Writt
     return found
 
 
-def _trials(session: Session, settings: Alternatives, count: int, progress: Callable[[], None]) -> list[Trial]:
+def _trials(session: Session, settings: Alternatives, count: int, progress: Callable[[], None]) -> list[WriteTrial]:
     session.take(settings[1], 1)
     old = session.write(settings[1])
     watch = _Watch(session, settings)
     for _ in range(FRAMES_AFTER):
         watch.next_frame()
-    trials: list[Trial] = []
+    trials: list[WriteTrial] = []
     clear = 0
     while clear < count and len(trials) < TRIES * count:
         watch.forget()

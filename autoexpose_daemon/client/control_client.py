@@ -16,7 +16,7 @@ from autoexpose_daemon.config.request import new_request
 from autoexpose_daemon.config.section import LONGEST_NAME
 from autoexpose_daemon.messages.keys import LOOPBACK, check_rig_name, control_key
 from autoexpose_daemon.publish.session import Endpoints, SessionError, open_session
-from autoexpose_daemon.status.inputs import Answer, Shot
+from autoexpose_daemon.status.inputs import Answer, AnsweredShot
 from documents.text import readable
 from imaging.errors import AutoexposeError
 from imaging.frames import Side
@@ -116,7 +116,7 @@ class ControlClient:
         boxes = [{"box": box} for box in rectangles]
         return self.ask({"region": {side: {"rectangles": boxes, "background_weight": background_weight}}})
 
-    def shot(self, exposure_time_us: float, gain_db: float = 0.0) -> Shot:
+    def shot(self, exposure_time_us: float, gain_db: float = 0.0) -> AnsweredShot:
         """Have one pair taken with another setting; returns which one that was."""
         answer = self.ask({"shot": {"exposure_time_us": exposure_time_us, "gain_db": gain_db}})
         if answer.shot is None:

@@ -44,7 +44,7 @@ class LightChange:
     measured: bool
 
 
-class Registration:
+class LightRegistration:
     """The median change of log radiance, with clipped pixels used as bounds.
 
     A pixel unclipped in both frames gives a change. One that is clipped in one of them gives a bound: saturated now, it

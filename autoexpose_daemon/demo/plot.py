@@ -14,7 +14,7 @@ from matplotlib.ticker import LogLocator
 from numpy.typing import NDArray
 
 from autoexpose_daemon.demo.analysis import LightStep, StepLog, lost_pulses
-from autoexpose_daemon.demo.summary import Run
+from autoexpose_daemon.demo.summary import DemoRun
 
 _PICTURES = 8
 _FEW_STEPS = 6  # up to this many, there is room for a sentence each
@@ -31,7 +31,7 @@ _STYLE: dict[Any, Any] = {
 }
 
 
-def draw(path: Path, run: Run, steps: Sequence[LightStep]) -> None:
+def draw(path: Path, run: DemoRun, steps: Sequence[LightStep]) -> None:
     """Draw a run into a PNG file."""
     mpl.use("Agg")
     with mpl.rc_context(_STYLE):

@@ -22,7 +22,7 @@ from autoexpose_daemon.demo.analysis import StepLog, light_steps, pulses_in_wind
 from autoexpose_daemon.demo.fakes import SERIALS, FakeCameras, newest_lux, read_pulses
 from autoexpose_daemon.demo.options import DemoOptions
 from autoexpose_daemon.demo.reference_step import reference_step_ms
-from autoexpose_daemon.demo.summary import Run, figures, in_words
+from autoexpose_daemon.demo.summary import DemoRun, figures, in_words
 from autoexpose_daemon.runtime.daemon import Daemon
 from autoexpose_daemon.runtime.setup import openers
 from autoexpose_daemon.service.logs import set_up_logging
@@ -116,7 +116,7 @@ REFERENCE_REPEATS = 60
 _SEARCH_HOLDS_S = 1.2  # less than the daemon's two seconds: the cameras still have to get ready
 
 
-def show(options: DemoOptions, cameras: FakeCameras, stop: threading.Event, console: Console) -> Run:
+def show(options: DemoOptions, cameras: FakeCameras, stop: threading.Event, console: Console) -> DemoRun:
     """Run the daemon on cameras that are starting, then end them."""
     rate_hz = start(cameras, options, console)
     step_log = StepLog(options.seconds / _PICTURES)
@@ -139,10 +139,12 @@ def show(options: DemoOptions, cameras: FakeCameras, stop: threading.Event, cons
         console.print(recorder.summary)
     pulses = pulses_in_window(read_pulses(cameras.truths), service.daemon.tally)
     reference_ms = reference_step_ms(REFERENCE_REPEATS)
-    return Run(options, rate_hz, service.daemon, cameras.both, pulses, step_log, took_s, took_s, cpu_s, reference_ms)
+    return DemoRun(
+        options, rate_hz, service.daemon, cameras.both, pulses, step_log, took_s, took_s, cpu_s, reference_ms
+    )
 
 
-def report(run: Run, console: Console) -> None:
+def report(run: DemoRun, console: Console) -> None:
     """Print, write and draw the results of a run.
 
     Raises

@@ -20,7 +20,7 @@ _TRANSPORTS = {"gige": "GigE Vision", "usb3": "USB3 Vision"}
 
 
 @dataclass(frozen=True, slots=True)
-class Run:
+class DemoRun:
     """A finished run: how long it took, the daemon's CPU time in it, and the published algorithm's step time here.
 
     The cameras may have run for longer, for another daemon.
@@ -38,7 +38,7 @@ class Run:
     reference_step_ms: float
 
 
-def figures(run: Run, steps: Sequence[LightStep]) -> dict[str, Any]:
+def figures(run: DemoRun, steps: Sequence[LightStep]) -> dict[str, Any]:
     """The figures of a run, as written to the summary file."""
     tally, telemetry = run.daemon.tally, run.daemon.telemetry
     width, height = run.options.width_height

@@ -146,7 +146,7 @@ _TIMES_US: Final = (2000.0, 1000.0)
 _IPV4: Final = re.compile(r"\b\d{1,3}(?:\.\d{1,3}){3}\b")
 
 
-class Seen(NamedTuple):
+class FrameArrival(NamedTuple):
     """What is kept of a frame: its start by the camera's clock, and how long after its exposure it was in memory."""
 
     start_ms: float
@@ -231,7 +231,7 @@ def _anonymous(text: str, found: FoundCamera) -> str:
 
 def _watched(camera: AravisCamera, watched_s: float) -> dict[str, Any]:
     """What the camera sends while its exposure time is written five times a second."""
-    frames: list[Seen] = []
+    frames: list[FrameArrival] = []
     write_ms: list[float] = []
     incomplete, shape = 0, ()
     ids: list[int] = []
@@ -253,7 +253,7 @@ def _watched(camera: AravisCamera, watched_s: float) -> dict[str, Any]:
             taken_us = frame.setting.exposure_time_us
             late_ms = (frame.arrival_time_ns - frame.host_time_ns) * 1e-6 - 1e-3 * taken_us
             doubts += [] if frame.doubt is None else [frame.doubt.sentence]
-            frames.append(Seen(frame.device_time_ns * 1e-6, late_ms, frame.setting_source))
+            frames.append(FrameArrival(frame.device_time_ns * 1e-6, late_ms, frame.setting_source))
         else:
             incomplete += 1
     if not frames:

@@ -17,10 +17,10 @@ from autoexpose_daemon.config.load import load_config
 from autoexpose_daemon.doctor.facts import Facts, gather
 from autoexpose_daemon.doctor.judge_gige import judge_gige
 from autoexpose_daemon.doctor.judge_usb import judge_usb
-from autoexpose_daemon.doctor.need import Finding, Need, Severity
+from autoexpose_daemon.doctor.need import Diagnosis, Need, Severity
 
 
-def judge(facts: Facts, need: Need) -> list[Finding]:
+def judge(facts: Facts, need: Need) -> list[Diagnosis]:
     """What the facts mean for a daemon with these needs."""
     return [
         *_missing(facts, need),
@@ -30,25 +30,25 @@ def judge(facts: Facts, need: Need) -> list[Finding]:
     ]
 
 
-def _without_ptp(facts: Facts, need: Need) -> Iterator[Finding]:
+def _without_ptp(facts: Facts, need: Need) -> Iterator[Diagnosis]:
     for camera in facts.usb.cameras if need.ptp else ():
         if need.wants(camera.serial):
             sentence = f"{need.name(camera.serial)} is on USB3 Vision, where there is no PTP"
-            yield Finding("ptp", "stops", sentence, "trigger.mode: software   # in the configuration, or a wire")
+            yield Diagnosis("ptp", "stops", sentence, "trigger.mode: software   # in the configuration, or a wire")
 
 
-def _missing(facts: Facts, need: Need) -> Iterator[Finding]:
+def _missing(facts: Facts, need: Need) -> Iterator[Diagnosis]:
     there = ", ".join(facts.serials) or "none"
     for side, serial in need.serials.items():
         if serial not in facts.serials:
-            yield Finding(
+            yield Diagnosis(
                 "camera-missing",
                 "stops",
                 f"{need.name(serial)} not found; cameras found: {there}",
                 f"autoexpose doctor   # after checking power, cable and cameras.{side}.serial",
             )
     if not need.serials and not (facts.usb.cameras or facts.gige.cameras):
-        yield Finding(
+        yield Diagnosis(
             "camera-missing",
             "stops",
             "no camera found, neither USB3 Vision nor GigE Vision",
@@ -60,17 +60,17 @@ _COLOURS: dict[Severity, str] = {"stops": "bold red", "warning": "yellow", "ok":
 _INDENT = 9
 
 
-def as_json(findings: Sequence[Finding]) -> str:
+def as_json(findings: Sequence[Diagnosis]) -> str:
     """All findings as a JSON document."""
     return json.dumps({"stops": stops(findings), "findings": [asdict(finding) for finding in findings]}, indent=1)
 
 
-def stops(findings: Sequence[Finding]) -> bool:
+def stops(findings: Sequence[Diagnosis]) -> bool:
     """Whether the daemon would not run."""
     return any(finding.severity == "stops" for finding in findings)
 
 
-def show(findings: Sequence[Finding], console: Console) -> None:
+def show(findings: Sequence[Diagnosis], console: Console) -> None:
     """Print each finding, with its fix unbroken on a line of its own, and a summary."""
     for finding in findings:
         lines = textwrap.wrap(finding.sentence, console.width - _INDENT, break_on_hyphens=False)
@@ -103,7 +103,7 @@ def examine(config: Path | None, as_document: bool, report: Path | None = None) 
         from autoexpose_daemon.doctor.judge_configuration import judge_policy  # noqa: PLC0415  loads OpenCV
 
         findings += judge_policy(loaded)
-        findings += [Finding("calibration", "warning", note) for note in loaded.notes]
+        findings += [Diagnosis("calibration", "warning", note) for note in loaded.notes]
     if loaded is not None and not stops(findings) and any(camera.features for camera in loaded.sides.values()):
         from autoexpose_daemon.doctor.judge_configuration import judge_features  # noqa: PLC0415  loads Aravis
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from autoexpose_daemon.config.document import Config
-from autoexpose_daemon.doctor.need import Finding
+from autoexpose_daemon.doctor.need import Diagnosis
 from imaging.errors import ConfigurationError
 from imaging.response import ResponseFunction
 
 
-def judge_features(config: Config) -> Iterator[Finding]:
+def judge_features(config: Config) -> Iterator[Diagnosis]:
     """Open each camera as the daemon would, and close it again."""
     from autoexpose_daemon.runtime.setup import refusals  # noqa: PLC0415  needs the C extension
 
@@ -18,12 +18,12 @@ def judge_features(config: Config) -> Iterator[Finding]:
         camera = config.sides[side]
         if error is None:
             sentence = f"{side} camera {camera.serial} takes all {len(camera.features)} features"
-            yield Finding("features", "ok", sentence)
+            yield Diagnosis("features", "ok", sentence)
         else:
-            yield Finding("features", "stops", f"{side} camera: {error}", f"autoexpose features {camera.serial}")
+            yield Diagnosis("features", "stops", f"{side} camera: {error}", f"autoexpose features {camera.serial}")
 
 
-def judge_policy(config: Config) -> Iterator[Finding]:
+def judge_policy(config: Config) -> Iterator[Diagnosis]:
     """Build it as the daemon would."""
     limits, start = config.exposure.limits(), config.start
     try:
@@ -31,4 +31,4 @@ def judge_policy(config: Config) -> Iterator[Finding]:
 
         ControlLoop(config.control.policy, ResponseFunction.linear(), limits, start, config.control.parameters())
     except ConfigurationError as error:
-        yield Finding("policy", "stops", str(error))
+        yield Diagnosis("policy", "stops", str(error))

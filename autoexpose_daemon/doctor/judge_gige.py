@@ -7,7 +7,7 @@ from ipaddress import IPv4Interface
 from itertools import groupby
 
 from autoexpose_daemon.doctor.facts import GigeFacts
-from autoexpose_daemon.doctor.need import Finding, Need
+from autoexpose_daemon.doctor.need import Diagnosis, Need
 from drivers.genicam.link_share import bytes_per_s, packets_of
 from drivers.host.network import SOCKET_BUFFER_BYTES, Control, GigeCamera, NetworkInterface
 
@@ -20,17 +20,17 @@ _RAISE_SOCKET_BUFFER = (
 )
 
 
-def judge_gige(gige: GigeFacts, need: Need) -> Iterator[Finding]:
+def judge_gige(gige: GigeFacts, need: Need) -> Iterator[Diagnosis]:
     """Findings on the GigE Vision cameras."""
     for interface, reason in gige.failures.items():
         sentence = f"{interface} could not be searched for GigE Vision cameras: {reason}"
-        yield Finding("gige-search", "warning", sentence, f"ip address show dev {interface}")
+        yield Diagnosis("gige-search", "warning", sentence, f"ip address show dev {interface}")
     wanted = []
     for camera in gige.cameras:
         name = f"{need.name(camera.serial)} ({camera.vendor} {camera.model})"
         where = f"{camera.address.ip} on {camera.interface.name}"
         if not need.wants(camera.serial):
-            yield Finding("gige-camera", "ok", f"{name} is present at {where}; the configuration does not name it")
+            yield Diagnosis("gige-camera", "ok", f"{name} is present at {where}; the configuration does not name it")
         elif not camera.reachable:
             yield _foreign(camera, name)
         else:
@@ -56,10 +56,10 @@ def _interface_name(camera: GigeCamera) -> str:
     return camera.interface.name
 
 
-def _foreign(camera: GigeCamera, name: str) -> Finding:
+def _foreign(camera: GigeCamera, name: str) -> Diagnosis:
     interface = camera.interface
     subnets = " and ".join(str(own.network) for own in interface.addresses)
-    return Finding(
+    return Diagnosis(
         "gige-subnet",
         "stops",
         f"{name} has the address {camera.address.ip}, outside the subnet{'s' * (len(interface.addresses) > 1)} "
@@ -77,38 +77,38 @@ def _neighbour(address: IPv4Interface) -> IPv4Interface:
     return IPv4Interface(f"{host}/{network.prefixlen}")
 
 
-def _judge_control(control: Control, name: str, camera: GigeCamera) -> Finding:
+def _judge_control(control: Control, name: str, camera: GigeCamera) -> Diagnosis:
     if control == "silent":
-        return Finding(
+        return Diagnosis(
             "gige-control",
             "stops",
             f"{name} answers discovery, but not direct requests: a firewall, or a duplicate address",
             f"ping -c 3 {camera.address.ip}; sudo nft list ruleset",
         )
     if control == "held":
-        return Finding(
+        return Diagnosis(
             "gige-control",
             "stops",
             f"{name} is controlled by another program; a killed program keeps control for some seconds",
             "sudo ss -uanp   # lists the programs of this host that use UDP: close the one with the camera",
         )
-    return Finding("gige-control", "ok", f"{name} answers and is free")
+    return Diagnosis("gige-control", "ok", f"{name} answers and is free")
 
 
-def _judge_ptp(status: str | None, name: str) -> Finding:
+def _judge_ptp(status: str | None, name: str) -> Diagnosis:
     match status:
         case "Slave" | "Master":
-            return Finding("ptp", "ok", f"{name} follows a PTP clock (PtpStatus {status})")
+            return Diagnosis("ptp", "ok", f"{name} follows a PTP clock (PtpStatus {status})")
         case "Disabled":
-            return Finding("ptp", "ok", f"{name} has its PTP clock off; the daemon switches it on")
+            return Diagnosis("ptp", "ok", f"{name} has its PTP clock off; the daemon switches it on")
         case None:
-            return Finding(
+            return Diagnosis(
                 "ptp",
                 "warning",
                 f"{name} does not show the state of a PTP clock (register 0x096C)",
                 "autoexpose config check --camera rig.yaml   # says whether it can be driven",
             )
-    return Finding(
+    return Diagnosis(
         "ptp",
         "warning",
         f"{name} follows no PTP master (PtpStatus {status})",
@@ -116,10 +116,10 @@ def _judge_ptp(status: str | None, name: str) -> Finding:
     )
 
 
-def _judge_packets(interface: NetworkInterface, cameras: Sequence[GigeCamera], need: Need) -> Finding:
+def _judge_packets(interface: NetworkInterface, cameras: Sequence[GigeCamera], need: Need) -> Diagnosis:
     name, mtu_bytes, packet_bytes = interface.name, interface.mtu_bytes, need.packet_size_bytes
     if packet_bytes is not None and packet_bytes > mtu_bytes:
-        return Finding(
+        return Diagnosis(
             "gige-packets",
             "stops",
             f"transport.packet_size_bytes {packet_bytes} exceeds the MTU of {name}, {mtu_bytes} bytes",
@@ -128,10 +128,10 @@ def _judge_packets(interface: NetworkInterface, cameras: Sequence[GigeCamera], n
     packets = packets_of(max(need.frame_bytes(camera.serial) for camera in cameras), packet_bytes or mtu_bytes)
     sentence = f"{name} has an MTU of {mtu_bytes} bytes"
     if packet_bytes is not None:
-        return Finding("gige-packets", "ok", f"{sentence}; the configuration asks for {packet_bytes}")
+        return Diagnosis("gige-packets", "ok", f"{sentence}; the configuration asks for {packet_bytes}")
     if mtu_bytes >= JUMBO_BYTES:
-        return Finding("gige-packets", "ok", sentence)
-    return Finding(
+        return Diagnosis("gige-packets", "ok", sentence)
+    return Diagnosis(
         "gige-packets",
         "warning",
         f"{sentence}: a frame takes {packets} packets, any of which may be lost; with jumbo frames it takes a sixth",
@@ -139,8 +139,8 @@ def _judge_packets(interface: NetworkInterface, cameras: Sequence[GigeCamera], n
     )
 
 
-def _fragmented(interface: NetworkInterface, name: str, packet_bytes: int) -> Finding:
-    return Finding(
+def _fragmented(interface: NetworkInterface, name: str, packet_bytes: int) -> Diagnosis:
+    return Diagnosis(
         "gige-packets",
         "warning",
         f"{name} streams packets of {packet_bytes} bytes at present, more than the MTU of {interface.name}, "
@@ -152,7 +152,7 @@ def _fragmented(interface: NetworkInterface, name: str, packet_bytes: int) -> Fi
 
 def _judge_bandwidth(
     interface: NetworkInterface, mbps: float | None, cameras: Sequence[GigeCamera], need: Need
-) -> Finding:
+) -> Diagnosis:
     serials = [camera.serial for camera in cameras]
     names, frames = " and ".join(map(need.name, serials)), need.in_words(serials)
     needed = need.bytes_per_s(serials, need.packet_size_bytes or min(interface.mtu_bytes, LARGEST_PACKET_BYTES))
@@ -160,12 +160,12 @@ def _judge_bandwidth(
     sentence = f"{names} {'share' if several else 'is on'} {interface.name} and need{'' if several else 's'} "
     sentence += f"{needed / 1e6:.0f} MB/s"
     if mbps is None:
-        return Finding("gige-bandwidth", "ok", f"{sentence} of an unknown bandwidth ({frames})")
+        return Diagnosis("gige-bandwidth", "ok", f"{sentence} of an unknown bandwidth ({frames})")
     available = bytes_per_s(mbps, 1)
     sentence += f" of about {available / 1e6:.0f} MB/s ({frames})"
     if needed <= available:
-        return Finding("gige-bandwidth", "ok", sentence)
-    return Finding(
+        return Diagnosis("gige-bandwidth", "ok", sentence)
+    return Diagnosis(
         "gige-bandwidth",
         "warning",
         f"{sentence}: frames will be lost",
@@ -173,12 +173,14 @@ def _judge_bandwidth(
     )
 
 
-def _judge_bursts(interface: NetworkInterface, speed_mbps: float, cameras: Sequence[GigeCamera], need: Need) -> Finding:
+def _judge_bursts(
+    interface: NetworkInterface, speed_mbps: float, cameras: Sequence[GigeCamera], need: Need
+) -> Diagnosis:
     names = " and ".join(need.name(camera.serial) for camera in cameras)
     share = bytes_per_s(speed_mbps, len(cameras)) / 1e6
     if need.plan:
-        return Finding("gige-bursts", "ok", f"{names} each send at most {share:.0f} MB/s to {interface.name}")
-    return Finding(
+        return Diagnosis("gige-bursts", "ok", f"{names} each send at most {share:.0f} MB/s to {interface.name}")
+    return Diagnosis(
         "gige-bursts",
         "warning",
         f"{names} send to {interface.name} at the same instant, each as fast as its own cable allows: a switch with "
@@ -187,10 +189,10 @@ def _judge_bursts(interface: NetworkInterface, speed_mbps: float, cameras: Seque
     )
 
 
-def _unfiltered(interface: NetworkInterface, cameras: Sequence[GigeCamera], reason: str) -> Finding:
+def _unfiltered(interface: NetworkInterface, cameras: Sequence[GigeCamera], reason: str) -> Diagnosis:
     addresses = ", ".join(str(camera.address.ip) for camera in cameras)
     stranger = f'iifname "{interface.name}" meta l4proto udp ip saddr != {{ {addresses} }}'
-    return Finding(
+    return Diagnosis(
         "stream-filter",
         "warning",
         f"the streams on {interface.name} accept packets from anyone, some of which crash the daemon: "
@@ -201,16 +203,16 @@ def _unfiltered(interface: NetworkInterface, cameras: Sequence[GigeCamera], reas
     )
 
 
-def _judge_socket_buffer(largest_bytes: int | None, used: bool) -> Finding:
+def _judge_socket_buffer(largest_bytes: int | None, used: bool) -> Diagnosis:
     if largest_bytes is None:
         sentence = "net.core.rmem_max, the limit on socket buffers, cannot be read"
     else:
         sentence = f"net.core.rmem_max allows socket buffers of {largest_bytes} bytes"
         if largest_bytes >= SOCKET_BUFFER_BYTES:
-            return Finding("socket-buffer", "ok", sentence)
+            return Diagnosis("socket-buffer", "ok", sentence)
         sentence += f", less than the {SOCKET_BUFFER_BYTES} that a camera's stream asks for"
     if not used:
-        return Finding("socket-buffer", "ok", f"{sentence}; no GigE Vision camera needs it")
-    return Finding(
+        return Diagnosis("socket-buffer", "ok", f"{sentence}; no GigE Vision camera needs it")
+    return Diagnosis(
         "socket-buffer", "warning", f"{sentence}: packets get lost when the machine is busy", _RAISE_SOCKET_BUFFER
     )

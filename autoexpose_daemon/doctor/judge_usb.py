@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from itertools import groupby
 
-from autoexpose_daemon.doctor.need import Finding, Need
+from autoexpose_daemon.doctor.need import Diagnosis, Need
 from drivers.genicam.link_share import USB3_MBPS, usb_bytes_per_s
 from drivers.host.usb import UsbCamera, UsbFacts
 
@@ -29,16 +29,16 @@ _BLIND = {
 }
 
 
-def judge_usb(usb: UsbFacts, need: Need, there: Sequence[str]) -> Iterator[Finding]:
+def judge_usb(usb: UsbFacts, need: Need, there: Sequence[str]) -> Iterator[Diagnosis]:
     """Findings on the USB3 Vision cameras; `there` are the serial numbers of all cameras found."""
     if usb.blind is not None:
         why, fix = _BLIND[usb.blind]
         complete = bool(need.serials) and set(need.serials.values()) <= set(there)
         sentence = f"USB3 Vision cameras cannot be seen: {why}"
         yield (
-            Finding("usb-bus", "ok", f"{sentence}; the configuration names none")
+            Diagnosis("usb-bus", "ok", f"{sentence}; the configuration names none")
             if complete
-            else Finding("usb-bus", "warning", sentence, fix)
+            else Diagnosis("usb-bus", "warning", sentence, fix)
         )
     for camera in usb.cameras:
         yield _judge_link(camera, need)
@@ -52,14 +52,14 @@ def judge_usb(usb: UsbFacts, need: Need, there: Sequence[str]) -> Iterator[Findi
         yield _judge_rule(usb.udev_rule, bool(wanted))
 
 
-def _judge_link(camera: UsbCamera, need: Need) -> Finding:
+def _judge_link(camera: UsbCamera, need: Need) -> Diagnosis:
     name = f"{need.name(camera.serial)} ({camera.vendor} {camera.model})"
     speed = "an unknown speed" if camera.speed_mbps is None else f"{camera.speed_mbps:g} Mbit/s"
     if not need.wants(camera.serial):
-        return Finding("usb-link", "ok", f"{name} is present at {speed}; the configuration does not name it")
+        return Diagnosis("usb-link", "ok", f"{name} is present at {speed}; the configuration does not name it")
     if camera.speed_mbps is None or camera.speed_mbps >= USB3_MBPS:
-        return Finding("usb-link", "ok", f"{name} is linked at {speed}")
-    return Finding(
+        return Diagnosis("usb-link", "ok", f"{name} is linked at {speed}")
+    return Diagnosis(
         "usb-link",
         "warning",
         f"{name} is linked at {speed}, which is not SuperSpeed: the cable, hub or port is USB 2",
@@ -67,11 +67,11 @@ def _judge_link(camera: UsbCamera, need: Need) -> Finding:
     )
 
 
-def _judge_node(camera: UsbCamera, need: Need, udev_rule: str | None) -> Finding:
+def _judge_node(camera: UsbCamera, need: Need, udev_rule: str | None) -> Diagnosis:
     node = camera.node
     name = need.name(camera.serial)
     if not node.exists:
-        return Finding(
+        return Diagnosis(
             "usb-node",
             "stops",
             f"{name}: its device node {node.path} does not exist here",
@@ -79,8 +79,8 @@ def _judge_node(camera: UsbCamera, need: Need, udev_rule: str | None) -> Finding
         )
     sentence = f"{name}: its device node {node.path} ({node.mode}, group {node.group})"
     if node.usable:
-        return Finding("usb-node", "ok", f"{sentence} may be opened by this user")
-    return Finding("usb-node", "stops", f"{sentence} may not be opened by this user", _open_node(camera, udev_rule))
+        return Diagnosis("usb-node", "ok", f"{sentence} may be opened by this user")
+    return Diagnosis("usb-node", "stops", f"{sentence} may not be opened by this user", _open_node(camera, udev_rule))
 
 
 def _open_node(camera: UsbCamera, udev_rule: str | None) -> str:
@@ -92,10 +92,10 @@ def _open_node(camera: UsbCamera, udev_rule: str | None) -> str:
     return f"sudo usermod -aG {camera.node.group} $USER   # then log in again"
 
 
-def _judge_holders(camera: UsbCamera, need: Need) -> Iterator[Finding]:
+def _judge_holders(camera: UsbCamera, need: Need) -> Iterator[Diagnosis]:
     if camera.node.holders:
         programs = ", ".join(f"{holder.command} (process {holder.pid})" for holder in camera.node.holders)
-        yield Finding(
+        yield Diagnosis(
             "usb-holder",
             "stops",
             f"{need.name(camera.serial)} is in use by {programs}",
@@ -103,7 +103,7 @@ def _judge_holders(camera: UsbCamera, need: Need) -> Iterator[Finding]:
         )
 
 
-def _judge_bandwidth(cameras: Sequence[UsbCamera], need: Need) -> Iterator[Finding]:
+def _judge_bandwidth(cameras: Sequence[UsbCamera], need: Need) -> Iterator[Diagnosis]:
     """Devices on one root hub share its bandwidth."""
     for bus, group in groupby(sorted(cameras, key=lambda camera: camera.bus), key=lambda camera: camera.bus):
         sharing = list(group)
@@ -116,38 +116,38 @@ def _judge_bandwidth(cameras: Sequence[UsbCamera], need: Need) -> Iterator[Findi
         )
         speed_mbps = sharing[0].bus_speed_mbps
         if speed_mbps is None:
-            yield Finding("usb-bandwidth", "ok", f"{sentence} of an unknown bandwidth ({need.in_words(serials)})")
+            yield Diagnosis("usb-bandwidth", "ok", f"{sentence} of an unknown bandwidth ({need.in_words(serials)})")
             continue
         available = usb_bytes_per_s(speed_mbps, 1)
         sentence += f" of about {available / 1e6:.0f} MB/s ({need.in_words(serials)})"
         if needed <= available:
-            yield Finding("usb-bandwidth", "ok", sentence)
+            yield Diagnosis("usb-bandwidth", "ok", sentence)
         else:
             fix = "lsusb -t   # shows the controllers; give each camera one of its own, or lower trigger.rate_hz"
-            yield Finding("usb-bandwidth", "warning", f"{sentence}: frames will be lost", fix)
+            yield Diagnosis("usb-bandwidth", "warning", f"{sentence}: frames will be lost", fix)
 
 
-def _judge_memory(limit_mb: float | None, used: bool) -> Finding:
+def _judge_memory(limit_mb: float | None, used: bool) -> Diagnosis:
     if limit_mb is None:
         sentence = "usbfs_memory_mb, the limit on the memory of USB transfers, cannot be read"
     elif limit_mb == 0:
-        return Finding("usbfs-memory", "ok", "usbfs_memory_mb is 0: USB transfers may take any amount of memory")
+        return Diagnosis("usbfs-memory", "ok", "usbfs_memory_mb is 0: USB transfers may take any amount of memory")
     else:
         sentence = f"usbfs_memory_mb allows {limit_mb:g} MB for all USB transfers"
         if limit_mb >= USBFS_MEMORY_MB:
-            return Finding("usbfs-memory", "ok", sentence)
+            return Diagnosis("usbfs-memory", "ok", sentence)
         sentence += f", less than the {USBFS_MEMORY_MB} that two cameras may take"
     if not used:
-        return Finding("usbfs-memory", "ok", f"{sentence}; no USB3 Vision camera needs it")
-    return Finding("usbfs-memory", "warning", sentence, _RAISE_LIMIT)
+        return Diagnosis("usbfs-memory", "ok", f"{sentence}; no USB3 Vision camera needs it")
+    return Diagnosis("usbfs-memory", "warning", sentence, _RAISE_LIMIT)
 
 
-def _judge_rule(udev_rule: str | None, used: bool) -> Finding:
+def _judge_rule(udev_rule: str | None, used: bool) -> Diagnosis:
     if udev_rule is not None:
-        return Finding("udev-rule", "ok", f"{udev_rule} has a udev rule for USB3 Vision cameras")
+        return Diagnosis("udev-rule", "ok", f"{udev_rule} has a udev rule for USB3 Vision cameras")
     sentence = "no udev rule opens USB3 Vision cameras to a group"
     if not used:
-        return Finding("udev-rule", "ok", f"{sentence}; no USB3 Vision camera needs it")
-    return Finding(
+        return Diagnosis("udev-rule", "ok", f"{sentence}; no USB3 Vision camera needs it")
+    return Diagnosis(
         "udev-rule", "warning", f"{sentence}: unless a vendor's own rule does, only root can open them", _INSTALL_RULE
     )

@@ -19,7 +19,7 @@ Severity = Literal["ok", "warning", "stops"]
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
+class Diagnosis:
     """One finding in a sentence; `check` names what was checked, `fix` is the command that fixes it."""
 
     check: str

@@ -24,7 +24,7 @@ from autoexpose_daemon.control.policies.ids import POLICY_IDS
 from autoexpose_daemon.page.access import Access, Key, read_body
 from autoexpose_daemon.page.live import serve_browser
 from autoexpose_daemon.page.metrics import CONTENT_TYPE, exposition
-from autoexpose_daemon.page.pair_views import History, PairViews
+from autoexpose_daemon.page.pair_views import ExposureHistory, PairViews
 from imaging.errors import AutoexposeError
 
 ASKED: Final = frozenset({"locked", "ev_stops", "policy", "reset"})
@@ -70,7 +70,7 @@ _STATUS_PERIOD_S = 1.0
 
 def page_app(rig: str, connect: Sequence[str], key: Key | None) -> ASGIApp:
     """The page of a rig as an ASGI application; with a key, only for requests that carry it, and with buttons."""
-    history = History()
+    history = ExposureHistory()
     client = StatusClient(rig, connect)
 
     @asynccontextmanager
@@ -102,7 +102,7 @@ def page_app(rig: str, connect: Sequence[str], key: Key | None) -> ASGIApp:
     return Access(Starlette(routes=routes, lifespan=fed), key)
 
 
-async def _record_status(client: StatusClient, views: PairViews, history: History) -> None:
+async def _record_status(client: StatusClient, views: PairViews, history: ExposureHistory) -> None:
     """Keep the history going from the status, one point a second, while no pairs arrive, as when nobody watches."""
     seen = None
     while True:

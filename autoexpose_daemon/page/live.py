@@ -12,7 +12,7 @@ from pydantic_core import to_json
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from autoexpose_daemon.client.status_client import StatusClient
-from autoexpose_daemon.page.pair_views import LENGTH_S, History, PairViews
+from autoexpose_daemon.page.pair_views import LENGTH_S, ExposureHistory, PairViews
 from autoexpose_daemon.status.counters import DURATIONS, Topic, counters
 from autoexpose_daemon.status.document import Status
 from autoexpose_daemon.status.panel import losses
@@ -57,7 +57,7 @@ NUMBERS_PERIOD_S = 0.5
 
 
 async def serve_browser(
-    socket: WebSocket, client: StatusClient, views: PairViews, history: History, policies: Sequence[str] | None
+    socket: WebSocket, client: StatusClient, views: PairViews, history: ExposureHistory, policies: Sequence[str] | None
 ) -> None:
     """Serve one web socket until it closes.
 
@@ -98,7 +98,7 @@ async def _first_of(parts: Iterable[Coroutine[Any, Any, None]]) -> None:
 
 
 async def _send_numbers(
-    socket: WebSocket, client: StatusClient, views: PairViews, history: History, policies: Sequence[str] | None
+    socket: WebSocket, client: StatusClient, views: PairViews, history: ExposureHistory, policies: Sequence[str] | None
 ) -> None:
     since_s = time.monotonic() - LENGTH_S
     while True:

@@ -23,7 +23,7 @@ from autoexpose_daemon.client import ReceivedPair, StereoClient
 from autoexpose_daemon.client.status_client import StatusClient
 from autoexpose_daemon.control.decision import Decision, Grounds
 from autoexpose_daemon.messages.inputs import RegisteredView
-from autoexpose_daemon.page.picture import DELTA_LEVELS, Picture, PictureMaker
+from autoexpose_daemon.page.picture import DELTA_LEVELS, FramePicture, PictureMaker
 from imaging.errors import ConfigurationError
 from imaging.exposure import ExposureSetting
 from imaging.frames import Frame, Side
@@ -59,7 +59,7 @@ class _Bucket:
                 self.ranges[column] = min(low, value), max(high, value)
 
 
-class History:
+class ExposureHistory:
     """Rows of the last five minutes, oldest first. Any thread may add or read."""
 
     def __init__(self) -> None:
@@ -91,7 +91,7 @@ class History:
 
 
 def pair_message(
-    pair: ReceivedPair, pictures: Mapping[Side, Picture], registered: RegisteredView | None = None
+    pair: ReceivedPair, pictures: Mapping[Side, FramePicture], registered: RegisteredView | None = None
 ) -> bytes:
     """Length of the text (4 bytes, little-endian), the text in JSON, then the JPEGs in its order."""
     frames = pair.stereo.frames
@@ -105,7 +105,7 @@ def pair_message(
     return b"".join([struct.pack("<I", len(head)), head, *(picture.jpeg for picture in pictures.values())])
 
 
-def _described(side: Side, frame: Frame, picture: Picture) -> dict[str, Any]:
+def _described(side: Side, frame: Frame, picture: FramePicture) -> dict[str, Any]:
     return {
         "side": side,
         "jpeg_bytes": len(picture.jpeg),
@@ -198,7 +198,7 @@ class PairViews:
         When the newest pair arrived, from CLOCK_MONOTONIC; 0 before the first.
     """
 
-    def __init__(self, rig: str, connect: Sequence[str], status: StatusClient, history: History) -> None:
+    def __init__(self, rig: str, connect: Sequence[str], status: StatusClient, history: ExposureHistory) -> None:
         self.grounds: Grounds | None = None
         self.curve: Curve | None = None
         self.pair_s = 0.0

@@ -33,7 +33,7 @@ _JPEG = (
 
 
 @dataclass(frozen=True, slots=True)
-class Picture:
+class FramePicture:
     """A frame for a browser, and what control would measure on the whole of it.
 
     Attributes
@@ -65,13 +65,13 @@ class PictureMaker:
         self._shares = ExtremeShares(response)
         self._tables = PackedTables(prediction_tables(response, DELTA_LEVELS.tolist()))
 
-    def picture(self, frame: Frame) -> Picture:
+    def picture(self, frame: Frame) -> FramePicture:
         """The picture of a frame, in its colours; ConfigurationError if it is too small for control, or too narrow."""
         grey = frame.grey8(self.response.saturation)
         image = self._prepared(grey)
         saturated, black = self._shares.measure(image)
         jpeg = self._marked(in_colours(frame), image)
-        return Picture(jpeg, grey.shape[1], self._metric.measure(image), saturated, black)
+        return FramePicture(jpeg, grey.shape[1], self._metric.measure(image), saturated, black)
 
     def curve(self, frame: Frame) -> list[float]:
         """M_g at each of `DELTA_LEVELS`, as the response predicts it (eq. 20); at 0 it is the frame's own."""

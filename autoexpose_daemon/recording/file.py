@@ -133,13 +133,13 @@ class Setup:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class State:
+class LoopState:
     """The state of the control loop after the step before it, `ControlLoop.state`."""
 
     control: Plain
 
 
-Item = Setup | Step | State
+Item = Setup | Step | LoopState
 """In the order of the file: a setup, its first step, the state after it, more steps, the next state, ..."""
 
 

@@ -37,9 +37,9 @@ from autoexpose_daemon.recording.file import (
     STATE,
     STRING,
     Item,
+    LoopState,
     RecordingError,
     Setup,
-    State,
     Step,
     from_json,
 )
@@ -265,7 +265,7 @@ class Recording:
                 return self._image(side, message.data, full_scale=_is_full_scale(channel))
         return None
 
-    def _of_control(self, what: str, data: bytes) -> Setup | State | None:
+    def _of_control(self, what: str, data: bytes) -> Setup | LoopState | None:
         try:
             text = cast(Any, TYPESTORE.deserialize_cdr(data, STRING)).data
         except Exception as error:  # rosbags checks nothing
@@ -280,7 +280,7 @@ class Recording:
                 return Setup(self._setup, parse(content.get("made_with"), dict[str, str]))
             case "state":
                 state, former = content.get("state"), content["format"] in FORMER_FORMATS
-                return State(upgraded_state(state, self._setup) if former and self._setup is not None else state)
+                return LoopState(upgraded_state(state, self._setup) if former and self._setup is not None else state)
             case "requests":
                 self._requests = parse(content.get("requests"), tuple[str, ...])
             case _:

@@ -11,7 +11,7 @@ import numpy as np
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.policies.ids import REMOVED
-from autoexpose_daemon.recording.file import Item, RecordingError, Setup, State, Step, software
+from autoexpose_daemon.recording.file import Item, LoopState, RecordingError, Setup, Step, software
 from autoexpose_daemon.recording.read import Recording
 from documents.text import readable
 
@@ -92,7 +92,7 @@ class Replay:
                 case Setup():
                     self.setup = item
                     self.loop = None if self.faithful else self._new_loop(item)
-                case State():
+                case LoopState():
                     self._resume(item)
                 case Step():
                     yield self._step(item)
@@ -100,7 +100,7 @@ class Replay:
     def _new_loop(self, setup: Setup) -> ControlLoop:
         return (setup.control if self._policy_id is None else setup.control.of_policy(self._policy_id)).loop()
 
-    def _resume(self, state: State) -> None:
+    def _resume(self, state: LoopState) -> None:
         if self.setup is None:
             raise RecordingError("the recording is damaged: a state of control without its setup")
         if self.loop is None and self.removed is None:

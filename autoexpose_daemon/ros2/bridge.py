@@ -17,7 +17,7 @@ from autoexpose_daemon.publish.session import Endpoints, SessionHolder
 from autoexpose_daemon.ros2.diagnostics import diagnostics
 from autoexpose_daemon.ros2.domain import Domain
 from autoexpose_daemon.ros2.node import Node, Writer
-from autoexpose_daemon.ros2.requests import Requests
+from autoexpose_daemon.ros2.requests import RequestTopics
 from autoexpose_daemon.status.document import LARGEST_STATUS_BYTES, Status
 from drivers.log_throttle import LogThrottle
 from imaging.errors import AutoexposeError
@@ -79,7 +79,7 @@ class Bridge:
             for part, (name, kind) in TOPICS.items()
         }
         self._diagnostics = self._node.publisher("/diagnostics", DIAGNOSTICS)
-        self._requests = Requests(self._node, rig, connect) if control else None
+        self._requests = RequestTopics(self._node, rig, connect) if control else None
         self._node.announce()
         self._holder = SessionHolder("client", Endpoints(connect=connect), self._serve, self._on_trouble)
 

@@ -39,7 +39,7 @@ _LOOK = duration(milliseconds=200)
 _AT_ONCE = 10
 
 
-class Requests:
+class RequestTopics:
     """Takes requests from a node's topics until it is stopped.
 
     Parameters

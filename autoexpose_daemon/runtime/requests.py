@@ -11,7 +11,7 @@ from autoexpose_daemon.config.request import Request, ShotRequest
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.override import Override
 from autoexpose_daemon.runtime.active_loop import ActiveLoop
-from autoexpose_daemon.status.inputs import Answer, Bounds, RequestTally, Shot
+from autoexpose_daemon.status.inputs import Answer, AnsweredShot, Bounds, RequestTally
 from drivers.log_throttle import LogThrottle
 from drivers.rig.events import CameraGone, RigEvent, WriteFailed, Written
 from imaging.errors import AutoexposeError, ConfigurationError
@@ -93,7 +93,7 @@ class PendingShot:
             self._seen = showing | self._seen
         return new
 
-    def found(self) -> Shot | None:
+    def found(self) -> AnsweredShot | None:
         """The frames taken for it, once every camera that is still there has shown it.
 
         The trigger is the left frame's, if there is one: a camera that was written late shows it a frame later.
@@ -101,7 +101,7 @@ class PendingShot:
         if not self._seen or not self._seen.keys() >= self._cameras:
             return None
         trigger, frame = self._seen[min(self._seen, key=SIDES.index)]
-        return Shot(frame.setting, trigger, {side: frame.frame_id for side, (_, frame) in self._seen.items()})
+        return AnsweredShot(frame.setting, trigger, {side: frame.frame_id for side, (_, frame) in self._seen.items()})
 
     @property
     def shortfall(self) -> str:
@@ -286,5 +286,5 @@ class Requests:
             self.shot.answer.set_exception(AutoexposeError(f"the shot failed: {why}"))
             self.shot = None
 
-    def _answer(self, shot: Shot | None = None) -> Answer:
+    def _answer(self, shot: AnsweredShot | None = None) -> Answer:
         return Answer(self._active.tuning.config.control.policy, replace(self._tally), shot)

@@ -162,7 +162,7 @@ class RequestTally:
 
 
 @dataclass(frozen=True, slots=True)
-class Shot:
+class AnsweredShot:
     """The pair that was taken for a shot.
 
     Attributes
@@ -186,7 +186,7 @@ class Answer:
 
     policy: _Text
     requests: RequestTally
-    shot: Shot | None = None
+    shot: AnsweredShot | None = None
 
     def to_json(self) -> str:
         """The text that is sent."""

@@ -15,7 +15,7 @@ from rich.console import Console
 from calibration.commands.rig import check_place
 from calibration.geometry.file import check_pair, load_geometry
 from calibration.geometry.formats.read import read_rigs
-from calibration.geometry.formats.rig import Rig, joined
+from calibration.geometry.formats.rig import RigGeometry, joined
 from calibration.geometry.formats.ros import ros_yaml
 from calibration.geometry.formats.tum import is_times_txt
 from calibration.geometry.numbers import baseline_note, numbers
@@ -152,7 +152,7 @@ def import_files(
         console.print(f"to measure the response: {command}", soft_wrap=True)
 
 
-def _add_geometry(rigs: Mapping[str, Rig], side: Side, cameras: str | None, found: Imported) -> None:
+def _add_geometry(rigs: Mapping[str, RigGeometry], side: Side, cameras: str | None, found: Imported) -> None:
     rig = joined(rigs)
     for path, one in rigs.items():
         sizes = {f"{lens.width}x{lens.height} pixels" for lens in one.lenses.values()}

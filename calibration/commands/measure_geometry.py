@@ -18,7 +18,7 @@ from rich.live import Live
 from rich.progress import track
 
 from calibration.commands.rig import CameraMode, rig_of_config
-from calibration.geometry.board import DEFAULT_DICTIONARY, MARKER_SHARE, Board, BoardFinder, View
+from calibration.geometry.board import DEFAULT_DICTIONARY, MARKER_SHARE, Board, BoardFinder, BoardView
 from calibration.geometry.capture import ENOUGH_VIEWS, Capture
 from calibration.geometry.file import load_geometry
 from calibration.geometry.fit import GeometryResult, calibrate_geometry
@@ -114,7 +114,7 @@ def from_folders(board: Board, left: Path, right: Path, console: Console) -> Geo
             if (found := finders[side].find(grey)) is not None:
                 corners[side] = found
         if corners:
-            views.append(View(pair[0].stem, corners))
+            views.append(BoardView(pair[0].stem, corners))
     return calibrate_geometry(board, views, size, instead=_instead(finders))
 
 

@@ -16,7 +16,7 @@ from calibration.report import check_extra
 from calibration.report.page import vignetting_facts, write_vignetting_report
 from calibration.response.file import ResponseFile
 from calibration.sources.session import Session
-from calibration.vignetting.field import LOOKS, Look, capture_looks, field_of
+from calibration.vignetting.field import LOOKS, FieldLook, capture_looks, field_of
 from calibration.vignetting.file import VignettingFile
 from calibration.vignetting.result import VignettingResult, calibrate_vignetting
 from drivers.aravis import open_camera
@@ -80,7 +80,7 @@ def _of_images(folder: Path, response: Path | None) -> VignettingResult:
     from calibration.sources.images import read_pictures  # noqa: PLC0415  it needs pillow, from the extra
 
     curve, pictures = _response(response, None), read_pictures(folder)
-    looks = [Look(field_of([picture], curve)) for picture in pictures]
+    looks = [FieldLook(field_of([picture], curve)) for picture in pictures]
     height, width = pictures[0].pixels.shape if pictures else (0, 0)
     return calibrate_vignetting(f"the pictures of {folder}", (width, height), looks)
 
@@ -89,7 +89,7 @@ def _of_camera(
     mode: CameraMode, response: ResponseFunction, console: Console
 ) -> tuple[VignettingResult, CameraIdentity]:
     columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("left"), TimeRemainingColumn())
-    looks: list[Look] = []
+    looks: list[FieldLook] = []
     try:
         with Session(open_camera(mode.serial, mode.setup()), green_samples) as session:
             who = session.description

@@ -30,7 +30,7 @@ LEAST_PATCHES = 0.02
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Look:
+class GainLook:
     """What was seen at one gain.
 
     Attributes
@@ -47,28 +47,28 @@ class Look:
     time_us: float
     slopes: Array
 
-    def gain_db(self, reference: Look) -> float:
+    def gain_db(self, reference: GainLook) -> float:
         """Its gain above that of another look at the same scene; NaN where too little was seen in both."""
         ratios = self._ratios(reference)
         return float(DB_PER_STOP * np.log2(np.median(ratios))) if len(ratios) else float("nan")
 
-    def unevenness(self, reference: Look) -> float:
+    def unevenness(self, reference: GainLook) -> float:
         """How far the patches disagree about that, as a part: the median deviation from their median."""
         ratios = self._ratios(reference)
         return float(np.median(np.abs(ratios / np.median(ratios) - 1.0))) if len(ratios) else float("nan")
 
-    def _ratios(self, reference: Look) -> Array:
+    def _ratios(self, reference: GainLook) -> Array:
         both = np.isfinite(self.slopes) & np.isfinite(reference.slopes)
         few = both.sum() < max(LEAST_PATCHES * both.size, 1)
         return np.empty(0) if few else self.slopes[both] / reference.slopes[both]
 
 
-def look_near(camera: StaticCamera, number: float, time_us: float) -> Look:
+def look_near(camera: StaticCamera, number: float, time_us: float) -> GainLook:
     """A look with the exposure time, searched from `time_us` on, at which the scene is about half bright."""
     return look(camera, number, half_exposure_us(camera, number, time_us))
 
 
-def look(camera: StaticCamera, number: float, time_us: float) -> Look:
+def look(camera: StaticCamera, number: float, time_us: float) -> GainLook:
     """A look with that exposure time and a shorter one."""
     long_us, long = _patches(camera.take(ExposureSetting(time_us, number), FRAMES))
     short_us = max(time_us * SHORT, camera.limits.min_time_us)
@@ -76,7 +76,7 @@ def look(camera: StaticCamera, number: float, time_us: float) -> Look:
     lit = (long - short > LEAST_RISE) & (long_us > short_us)
     slopes = np.full_like(long, np.nan)
     slopes[lit] = (long - short)[lit] / (long_us - short_us)
-    return Look(number, time_us, slopes)
+    return GainLook(number, time_us, slopes)
 
 
 def _patches(shots: Sequence[Shot]) -> tuple[float, Array]:
@@ -109,8 +109,8 @@ class GainLooks:
     Light that changes steadily cancels in the mean of the two. The camera takes multiples of `step`.
     """
 
-    there: tuple[Look, ...]
-    back: tuple[Look, ...]
+    there: tuple[GainLook, ...]
+    back: tuple[GainLook, ...]
     step: float
 
 
@@ -127,7 +127,7 @@ def capture_gain(camera: StaticCamera, progress: Progress = lambda done, total: 
     limits = camera.limits
     low, high = limits.min_gain_db, limits.max_gain_db
     step = limits.gain_step_db or (high - low) / FLOAT_STEPS
-    looks: dict[float, Look] = {}
+    looks: dict[float, GainLook] = {}
 
     def see(number: float, time_us: float) -> None:
         looks[number] = look_near(camera, number, time_us)
@@ -145,7 +145,7 @@ def capture_gain(camera: StaticCamera, progress: Progress = lambda done, total: 
         if len(looks) + len(spans) < FIRST_LOOKS or _bends(looks[low], looks[below], looks[middle], looks[above]):
             spans += [(below, middle), (middle, above)]
     order = list(looks)
-    back: dict[float, Look] = {}
+    back: dict[float, GainLook] = {}
     for number in reversed(order):
         back[number] = look(camera, number, looks[number].time_us)
         progress(len(looks) + len(back), 2 * len(looks))
@@ -153,7 +153,7 @@ def capture_gain(camera: StaticCamera, progress: Progress = lambda done, total: 
     return GainLooks(there, again, step)
 
 
-def _bends(reference: Look, below: Look, middle: Look, above: Look) -> bool:
+def _bends(reference: GainLook, below: GainLook, middle: GainLook, above: GainLook) -> bool:
     low_db, here_db, high_db = (seen.gain_db(reference) for seen in (below, middle, above))
     part = (middle.number - below.number) / (above.number - below.number)
     return math.isfinite(here_db) and abs(here_db - low_db - part * (high_db - low_db)) > BEND_DB

@@ -162,7 +162,7 @@ _GUESSED_WIDTHS = 1.2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class View:
+class BoardView:
     """The board at one moment: its corners in the pictures of the cameras that see it."""
 
     name: str

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.geometry.board import TILTS, Board, BoardFinder, Corners, View, covered, guessed_lens, pose, tilts
+from calibration.geometry.board import TILTS, Board, BoardFinder, BoardView, Corners, covered, guessed_lens, pose, tilts
 from imaging.frames import SIDES, Side
 
 ENOUGH_VIEWS, MOST_VIEWS = 40, 100
@@ -42,7 +42,7 @@ class Capture:
     """
 
     def __init__(self, board: Board, size: tuple[int, int]) -> None:
-        self.views: list[View] = []
+        self.views: list[BoardView] = []
         self.advice = SHOW
         self.finders: dict[Side, BoardFinder] = {side: BoardFinder(board) for side in SIDES}
         self._board, self._size = board, size
@@ -58,7 +58,7 @@ class Capture:
         )
         self._before = corners
         self._blank = 0 if corners else self._blank + 1
-        view = View(f"{len(self.views) + 1:03}", corners)
+        view = BoardView(f"{len(self.views) + 1:03}", corners)
         if not corners:
             if self._blank == 1:
                 self.advice = SHOW
@@ -90,14 +90,14 @@ class Capture:
         """Whether there are enough views of all kinds, or more than enough of some."""
         return (self.by_both >= ENOUGH_VIEWS and not self._missing()) or len(self.views) >= MOST_VIEWS
 
-    def _keep(self, view: View) -> None:
+    def _keep(self, view: BoardView) -> None:
         self.views.append(view)
         lens = guessed_lens(self._size)
         for side, corners in view.corners.items():
             self._tilted[side].update(tilts(pose(self._board, corners, lens, np.zeros(5))[0][:, 2]))
         self.advice = f"taken: move on {self._missing()}".rstrip()
 
-    def _new(self, view: View) -> bool:
+    def _new(self, view: BoardView) -> bool:
         """Whether the board is elsewhere than in all views kept by the same cameras."""
         kept = [other.corners for other in self.views if view.corners.keys() <= other.corners.keys()]
         least_px = NEW_SHARE * self._size[0]

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.document import Finding
-from calibration.geometry.board import TILTED_DEG, TILTS, Board, Corners, View, covered, pose, tilts
+from calibration.geometry.board import TILTED_DEG, TILTS, Board, BoardView, Corners, covered, pose, tilts
 from calibration.geometry.numbers import check_plausible
 from calibration.geometry.rectify import alone, rectified
 from calibration.result import Verdict, verdict
@@ -45,7 +45,7 @@ class Lens:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Fit:
+class PairFit:
     """Both cameras, and where the right one is: x_right = rotation x_left + translation_m."""
 
     lenses: Mapping[Side, Lens]
@@ -54,7 +54,7 @@ class Fit:
     error_px: float
 
 
-def fit_pair(board: Board, views: Sequence[View], size: tuple[int, int], serials: Mapping[Side, str]) -> Fit:
+def fit_pair(board: Board, views: Sequence[BoardView], size: tuple[int, int], serials: Mapping[Side, str]) -> PairFit:
     """Fit each camera to all of its own views, then the right one's place to those that both see."""
     lenses = {side: _fit_lens(board, views, size, side, serials.get(side)) for side in SIDES}
     shared = [common(view) for view in views if view.by_both]
@@ -71,10 +71,12 @@ def fit_pair(board: Board, views: Sequence[View], size: tuple[int, int], serials
         size,
         flags=cv2.CALIB_FIX_INTRINSIC,
     )
-    return Fit(lenses, np.asarray(rotation, np.float64), np.asarray(translation_m, np.float64).ravel(), float(error_px))
+    return PairFit(
+        lenses, np.asarray(rotation, np.float64), np.asarray(translation_m, np.float64).ravel(), float(error_px)
+    )
 
 
-def common(view: View) -> tuple[Corners, Corners]:
+def common(view: BoardView) -> tuple[Corners, Corners]:
     """The corners that both cameras see, left and right, in the same order."""
     left, right = (view.corners[side] for side in SIDES)
     numbers, of_left, of_right = np.intersect1d(left.numbers, right.numbers, return_indices=True)
@@ -86,7 +88,7 @@ def lens_matrices(geometry: CameraGeometry) -> tuple[NDArray[np.float64], NDArra
     return np.reshape(geometry.camera_matrix, (3, 3)), np.array(geometry.distortion)
 
 
-def _fit_lens(board: Board, views: Sequence[View], size: tuple[int, int], side: Side, serial: str | None) -> Lens:
+def _fit_lens(board: Board, views: Sequence[BoardView], size: tuple[int, int], side: Side, serial: str | None) -> Lens:
     seen = [view.corners[side] for view in views if side in view.corners]
     points = [board.points_m[corners.numbers] for corners in seen]
     pixels = [corners.pixels.astype(np.float32) for corners in seen]
@@ -100,7 +102,7 @@ def _fit_lens(board: Board, views: Sequence[View], size: tuple[int, int], side: 
 
 
 @dataclass(frozen=True, slots=True)
-class Score:
+class ViewScore:
     """The score of one view.
 
     Attributes
@@ -121,12 +123,12 @@ class Score:
     scale_error: float | None = None
 
 
-def score(board: Board, geometries: Mapping[Side, CameraGeometry], views: Sequence[View]) -> list[Score]:
+def score(board: Board, geometries: Mapping[Side, CameraGeometry], views: Sequence[BoardView]) -> list[ViewScore]:
     """The score of each view by the calibration of a pair."""
     return [_of_view(board, geometries, view) for view in views]
 
 
-def overall(scores: Sequence[Score]) -> tuple[float, float, float]:
+def overall(scores: Sequence[ViewScore]) -> tuple[float, float, float]:
     """Over all views: reprojection error and distance from the row in pixels, rms, and the mean error of scale."""
     errors = [error for each in scores for error in each.error_px.values()]
     rows = [each.rows_px for each in scores if each.rows_px is not None]
@@ -134,16 +136,16 @@ def overall(scores: Sequence[Score]) -> tuple[float, float, float]:
     return _rms(np.array(errors)), _rms(np.array(rows)), float(np.mean(scales)) if scales else 0.0
 
 
-def _of_view(board: Board, geometries: Mapping[Side, CameraGeometry], view: View) -> Score:
+def _of_view(board: Board, geometries: Mapping[Side, CameraGeometry], view: BoardView) -> ViewScore:
     errors = {side: _reprojection_px(board, geometries[side], seen) for side, seen in view.corners.items()}
     if not view.by_both:
-        return Score(view.name, errors)
+        return ViewScore(view.name, errors)
     left, right = common(view)
     if len(left.numbers) == 0:
-        return Score(view.name, errors)
+        return ViewScore(view.name, errors)
     places = {side: _rectified(geometries[side], seen.pixels) for side, seen in zip(SIDES, (left, right), strict=True)}
     rows_px = _rms(places["left"][:, 1] - places["right"][:, 1])
-    return Score(view.name, errors, rows_px, _scale_error(board, geometries, left, places))
+    return ViewScore(view.name, errors, rows_px, _scale_error(board, geometries, left, places))
 
 
 def _reprojection_px(board: Board, geometry: CameraGeometry, seen: Corners) -> float:
@@ -194,7 +196,7 @@ OUTLIER = 3.0
 """A view stands out if its error is this many times the median."""
 
 
-def judge_views(views: Sequence[View], size: tuple[int, int], instead: Mapping[Side, str]) -> Iterator[Finding]:
+def judge_views(views: Sequence[BoardView], size: tuple[int, int], instead: Mapping[Side, str]) -> Iterator[Finding]:
     """What is wrong with the views themselves: the board hardly seen, or only in a part of the picture.
 
     `instead` says what else a camera saw.
@@ -224,7 +226,7 @@ def judge_views(views: Sequence[View], size: tuple[int, int], instead: Mapping[S
             yield Finding("refused" if share < LEAST_COVERED else "warned", "poor_coverage", text)
 
 
-def judge_fit(fit: Fit) -> Iterator[Finding]:
+def judge_fit(fit: PairFit) -> Iterator[Finding]:
     """What is wrong with the fit: it does not explain the pictures, or does not follow from them."""
     alone_px = max(lens.error_px for lens in fit.lenses.values())
     for side, lens in fit.lenses.items():
@@ -256,7 +258,7 @@ def judge_fit(fit: Fit) -> Iterator[Finding]:
         yield Finding("refused" if fit.error_px > USABLE_ERROR_PX else "warned", "not_together", text)
 
 
-def judge_scores(used: Sequence[Score], held_out: Sequence[Score]) -> Iterator[Finding]:
+def judge_scores(used: Sequence[ViewScore], held_out: Sequence[ViewScore]) -> Iterator[Finding]:
     """Whether single views stand out, and whether views that the fit has not used agree with it."""
     of_used, *_ = overall(used)
     of_held_out, rows_px, _ = overall(held_out)
@@ -294,13 +296,13 @@ class GeometryResult:
     """
 
     board: Board
-    views: Sequence[View]
+    views: Sequence[BoardView]
     size: tuple[int, int]
     findings: tuple[Finding, ...]
-    fit: Fit | None = None
+    fit: PairFit | None = None
     geometries: Mapping[Side, CameraGeometry] | None = None
-    used: Sequence[Score] = ()
-    held_out: Sequence[Score] = ()
+    used: Sequence[ViewScore] = ()
+    held_out: Sequence[ViewScore] = ()
 
     @property
     def verdict(self) -> Verdict:
@@ -310,7 +312,7 @@ class GeometryResult:
 
 def calibrate_geometry(
     board: Board,
-    views: Sequence[View],
+    views: Sequence[BoardView],
     size: tuple[int, int],
     serials: Mapping[Side, str] | None = None,
     instead: Mapping[Side, str] | None = None,

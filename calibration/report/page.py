@@ -20,10 +20,10 @@ from imaging.errors import ConfigurationError
 from imaging.frames import SIDES
 
 if TYPE_CHECKING:
-    from calibration.report.plots import Picture
+    from calibration.report.plots import ReportPicture
 
 
-def write_page(path: Path, template: str, pictures: Sequence[Picture], **content: object) -> Path:
+def write_page(path: Path, template: str, pictures: Sequence[ReportPicture], **content: object) -> Path:
     """Write the page that a template of this folder makes from its content, and return its path.
 
     Raises
@@ -39,7 +39,7 @@ def write_page(path: Path, template: str, pictures: Sequence[Picture], **content
     return path
 
 
-def _html(template: str, pictures: Sequence[Picture], **content: object) -> str:
+def _html(template: str, pictures: Sequence[ReportPicture], **content: object) -> str:
     import jinja2  # noqa: PLC0415  extras, which only reports need
 
     from calibration.report.plots import one_png  # noqa: PLC0415

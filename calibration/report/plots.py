@@ -42,7 +42,7 @@ GREYS = np.arange(GREY_LEVELS)
 
 
 @dataclass(frozen=True, slots=True)
-class Picture:
+class ReportPicture:
     """One plot: what it is called, what it shows in a sentence or two, and what draws it."""
 
     title: str
@@ -50,15 +50,15 @@ class Picture:
     draw: Callable[[Axes], None]
 
 
-def pictures(result: Result) -> list[Picture]:
+def pictures(result: Result) -> list[ReportPicture]:
     """The plots that a result has the data for."""
     sweep = [
-        Picture(
+        ReportPicture(
             "The sweep",
             "Mean grey level of the parts of the scene over exposure time, the first time and when it was repeated.",
             lambda axes: _draw_sweep(axes, result),
         ),
-        Picture(
+        ReportPicture(
             "Repeats",
             "By how much shots of one exposure differ from their mean: a drift or a step of the light shows here, "
             "flicker as scatter, a moved scene as outliers.",
@@ -69,24 +69,24 @@ def pictures(result: Result) -> list[Picture]:
     if solution is None:
         return sweep
     return [
-        Picture(
+        ReportPicture(
             "Response",
             "Rings: parts of the scene, each placed by its own radiance. Line: the response, with twice its standard "
             "error. Hatched: grey levels beyond the covered range, where the curve is extended or little known.",
             lambda axes: _draw_response(axes, result, solution),
         ),
-        Picture(
+        ReportPicture(
             "Predictions",
             "Grey level of a pixel after a change of exposure level (stops), which is what the daemon decides with.",
             lambda axes: _draw_predictions(axes, solution.response),
         ),
-        Picture(
+        ReportPicture(
             "Residual",
             "Grey levels seen minus those predicted from other exposures. The black line is the mean; dashed: one grey "
             "level.",
             lambda axes: _draw_residual(axes, result),
         ),
-        Picture(
+        ReportPicture(
             "Uncertainty",
             "Standard error of the response; a tenth of a stop is 7 % of the light. It counts from the middle between "
             "the dashed lines, as only differences have a meaning. The error stated is twice the largest value "
@@ -97,7 +97,7 @@ def pictures(result: Result) -> list[Picture]:
     ]
 
 
-def comparison_picture(left: ResponseFunction, right: ResponseFunction) -> Picture:
+def comparison_picture(left: ResponseFunction, right: ResponseFunction) -> ReportPicture:
     """Both responses of a rig in one plot."""
 
     def draw(axes: Axes) -> None:
@@ -108,17 +108,17 @@ def comparison_picture(left: ResponseFunction, right: ResponseFunction) -> Pictu
         axes.set_ylim(0, 256)
         axes.legend(loc="upper left", frameon=False)
 
-    return Picture("Left and right", "Both cameras' responses, each at 0 stops where it saturates.", draw)
+    return ReportPicture("Left and right", "Both cameras' responses, each at 0 stops where it saturates.", draw)
 
 
-def one_png(picture: Picture) -> bytes:
+def one_png(picture: ReportPicture) -> bytes:
     """A picture by itself, as PNG."""
     figure = Figure(figsize=(6.4, 4.2), layout="constrained", dpi=110)
     picture.draw(figure.subplots())
     return _png(figure)
 
 
-def overview_png(title: str, shown: Sequence[Picture]) -> bytes:
+def overview_png(title: str, shown: Sequence[ReportPicture]) -> bytes:
     """All pictures on one sheet, as PNG."""
     rows = (len(shown) + 1) // 2
     figure = Figure(figsize=(12, 4 * rows), layout="constrained", dpi=110)
@@ -271,10 +271,10 @@ COLOURS: dict[Side, str] = {"left": "#0072b2", "right": "#d55e00"}
 MARKERS: dict[Side, str] = {"left": "o", "right": "x"}
 
 
-def geometry_pictures(result: GeometryResult) -> list[Picture]:
+def geometry_pictures(result: GeometryResult) -> list[ReportPicture]:
     """The plots that a result has the data for."""
     coverage = [
-        Picture(
+        ReportPicture(
             f"Corners in the {side} picture",
             "All corners seen. Parts without any, between the dashed lines, are known by extrapolation only.",
             partial(_draw_corners, result=result, side=side),
@@ -283,7 +283,7 @@ def geometry_pictures(result: GeometryResult) -> list[Picture]:
     ]
     if not result.used:
         return coverage
-    errors = Picture(
+    errors = ReportPicture(
         "Reprojection error of each picture",
         "Root mean square over its corners, in the order in which views were taken. Grey bands: views held out of the "
         "fit.",
@@ -329,32 +329,32 @@ _LEVELS = np.arange(0.05, 1.0, 0.05)
 _LEAST_REACH = 0.005
 
 
-def vignetting_pictures(result: VignettingResult) -> list[Picture]:
+def vignetting_pictures(result: VignettingResult) -> list[ReportPicture]:
     """The plots that a result has the data for."""
     if not result.looks:
         return []
     if result.mean is None or result.solution is None:
         draw = partial(_draw_map, values=_relative(result.looks[0].light), size=result.size)
-        return [Picture("The first look", "Its light, relative to its brightest part.", draw)]
+        return [ReportPicture("The first look", "Its light, relative to its brightest part.", draw)]
     return [
-        Picture(
+        ReportPicture(
             "Light in the picture",
             "Mean of all looks, relative to its brightest part. Lines: one for each twentieth of the light.",
             partial(_draw_light, light=result.mean, size=result.size),
         ),
-        Picture(
+        ReportPicture(
             "Light over radius",
             "Dots: parts of the picture, by their distance from the centre of the model. Line: the model along the "
             "half diagonals.",
             partial(_draw_radius, result=result),
         ),
-        Picture(
+        ReportPicture(
             "Residual",
             "How much brighter each part of the picture is than the model says (%). It should be noise: a slope from "
             "side to side is uneven light, rings are a lens that the model does not follow.",
             partial(_draw_lens_residual, result=result),
         ),
-        Picture(
+        ReportPicture(
             "Looks",
             "By how much each look differs from the mean of all, root mean square over the picture: what uneven light "
             "changes when the camera is turned.",

@@ -71,7 +71,7 @@ def cells(shape: tuple[int, ...]) -> tuple[int, int]:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Look:
+class FieldLook:
     """A flat field from one place.
 
     Attributes
@@ -116,7 +116,7 @@ _FACTOR = 8.0
 
 def capture_looks(
     camera: StaticCamera, response: ResponseFunction, pause: Callable[[float], None] = time.sleep
-) -> Iterator[Look]:
+) -> Iterator[FieldLook]:
     """Look again and again, with a pause between the looks.
 
     Raises
@@ -130,7 +130,7 @@ def capture_looks(
         if number:
             pause(PAUSE_S)
         long, short = (_field(camera, response, each_us, gain_db) for each_us in (time_us, SHORT * time_us))
-        yield Look(long[1], short[1], short[0] / long[0])
+        yield FieldLook(long[1], short[1], short[0] / long[0])
 
 
 def _field(camera: StaticCamera, response: ResponseFunction, time_us: float, gain_db: float) -> tuple[float, Field]:

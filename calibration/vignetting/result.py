@@ -12,7 +12,7 @@ import numpy as np
 
 from calibration.document import Finding
 from calibration.result import Verdict, verdict
-from calibration.vignetting.field import Array, Look
+from calibration.vignetting.field import Array, FieldLook
 from imaging.errors import ConfigurationError
 from imaging.vignetting import LEAST_LIGHT, Vignetting, hats, middles, radius_squared
 
@@ -167,7 +167,7 @@ GOOD_TILT, USABLE_TILT = 0.05, 0.15
 GOOD_ERROR, USABLE_ERROR = 0.02, 0.1
 
 
-def judge_looks(looks: Sequence[Look]) -> Iterator[Finding]:
+def judge_looks(looks: Sequence[FieldLook]) -> Iterator[Finding]:
     """What is wrong with the looks themselves."""
     if len(looks) < LEAST_LOOKS:
         text = f"{len(looks)} pictures: take at least {LEAST_LOOKS}, better 8, from several places of the surface"
@@ -216,7 +216,7 @@ def judge_result(mean: Array, error: float) -> Iterator[Finding]:
         yield Finding("refused" if error > USABLE_ERROR else "warned", "inconsistent", text)
 
 
-def _judge_light(looks: Sequence[Look]) -> Iterator[Finding]:
+def _judge_light(looks: Sequence[FieldLook]) -> Iterator[Finding]:
     """Whether the light stayed the same and grey levels follow it, which looks at two exposure times show."""
     slopes = [look.slope for look in looks if look.slope is not None]
     if not slopes:
@@ -271,7 +271,7 @@ class VignettingResult:
 
     name: str
     size: tuple[int, int]
-    looks: Sequence[Look]
+    looks: Sequence[FieldLook]
     findings: tuple[Finding, ...]
     mean: Array | None = None
     solution: Solution | None = None
@@ -289,7 +289,7 @@ class VignettingResult:
         return float(np.median(slopes)) if slopes else None
 
 
-def calibrate_vignetting(name: str, size: tuple[int, int], looks: Sequence[Look]) -> VignettingResult:
+def calibrate_vignetting(name: str, size: tuple[int, int], looks: Sequence[FieldLook]) -> VignettingResult:
     """Judge the looks, solve them unless they are refused, and judge the solution."""
     result = VignettingResult(name, size, looks, tuple(judge_looks(looks)))
     if result.verdict == "refused":

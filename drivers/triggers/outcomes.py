@@ -30,7 +30,7 @@ Outcome = Frame | Fate
 
 
 @dataclass(slots=True)
-class Run:
+class OutcomeRun:
     """Consecutive triggers, up to but excluding `until`, with one outcome at a camera; each frame is its own run."""
 
     until: int
@@ -48,7 +48,7 @@ class Outcomes:
 
     def __init__(self, sides: Sequence[Side]) -> None:
         self.settled: dict[Side, int] = dict.fromkeys(sides, 0)
-        self._runs: dict[Side, deque[Run]] = {side: deque() for side in sides}
+        self._runs: dict[Side, deque[OutcomeRun]] = {side: deque() for side in sides}
         self._closed = 0
 
     def __len__(self) -> int:
@@ -63,7 +63,7 @@ class Outcomes:
         if runs and runs[-1].outcome is outcome:
             runs[-1].until = until
         else:
-            runs.append(Run(until, outcome))
+            runs.append(OutcomeRun(until, outcome))
 
     def close(self) -> Iterator[tuple[int, int, dict[Side, Outcome]]]:
         """Remove what is known for every camera, oldest first: last trigger, number of like triggers, outcomes."""
@@ -86,11 +86,11 @@ class Outcomes:
                 first = run.until
         return None
 
-    def waiting(self, since: int) -> list[tuple[Side, Run]]:
+    def waiting(self, since: int) -> list[tuple[Side, OutcomeRun]]:
         """The frames of triggers from `since` on for which another camera has no outcome yet, oldest first."""
         ahead = max(self.settled, key=self.settled.__getitem__)
         since = max(since, min(self.settled.values()))
-        frames: list[tuple[Side, Run]] = []
+        frames: list[tuple[Side, OutcomeRun]] = []
         for run in reversed(self._runs[ahead]):
             if run.until <= since:
                 break

@@ -9,7 +9,7 @@ from pathlib import Path
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.loop import ControlSetup
 from autoexpose_daemon.control.parameters import Bracketing
-from autoexpose_daemon.recording.file import RecordingError, Setup, State, Step
+from autoexpose_daemon.recording.file import LoopState, RecordingError, Setup, Step
 from autoexpose_daemon.recording.read import Recording
 from evaluation.rejudge.drive import Drive, watched
 from imaging.frames import Side, StereoPair
@@ -58,5 +58,5 @@ def _steps(path: Path, bracket: Bracketing) -> Iterator[Step]:
                 yield item
             case Setup() if item.control.parameters.bracket != bracket:
                 raise RecordingError(f"{path}: its brackets change on the way: record the drive in one piece")
-            case Setup() | State() | Step():
+            case Setup() | LoopState() | Step():
                 pass

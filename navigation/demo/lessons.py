@@ -24,8 +24,8 @@ from navigation.demo.robot import (
     STANDSTILL,
     TURNED_RAD,
     DemoRobot,
-    Place,
-    Step,
+    Pose2D,
+    RobotSample,
 )
 
 TAUGHT_LUX = 150.0
@@ -57,7 +57,7 @@ class Lap:
     light: str
     policy: str
     completed: bool
-    steps: Sequence[Step]
+    steps: Sequence[RobotSample]
     views: Sequence[RegisteredView]
     said: str
 
@@ -106,7 +106,7 @@ class Lessons:
         robot = self._robot
         robot.light(TAUGHT_LUX)
         robot.joystick = STANDSTILL
-        robot.put(Place.at_start(), errs=False)
+        robot.put(Pose2D.at_start(), errs=False)
         focal_length = ["--focal-length-px", str(FOCAL_LENGTH_PX)]
         with self._command("teach", str(file), "--velocity", JOYSTICK, *focal_length) as teach:
             self._wait_for(file)
@@ -124,7 +124,7 @@ class Lessons:
         robot, lux_at = self._robot, LIGHTS[light]
         robot.light(lux := lux_at(0.0))
         robot.joystick = None
-        robot.put(Place.at_start(ASIDE_M, TURNED_RAD), errs=True)
+        robot.put(Pose2D.at_start(ASIDE_M, TURNED_RAD), errs=True)
         with self._command("repeat", str(file), "--command", COMMAND, "--drive") as repeat:
             gives_up_s, last = time.monotonic() + STARTS_S, robot.place
             while repeat.poll() is None and time.monotonic() < gives_up_s and not self._stop.wait(_TURN_S):

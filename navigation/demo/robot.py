@@ -92,7 +92,7 @@ SCALE, DRIFT_RAD_PER_M = 1.02, math.radians(1.0)
 """What the odometry makes of a metre, and how far the robot turns in one while it believes it drives straight."""
 
 
-class Place(NamedTuple):
+class Pose2D(NamedTuple):
     """x and y from the middle of the room (m), and heading (rad), counted from x to y."""
 
     x_m: float
@@ -100,14 +100,14 @@ class Place(NamedTuple):
     heading_rad: float
 
     @classmethod
-    def at_start(cls, aside_m: float = 0.0, turned_rad: float = 0.0) -> Place:
+    def at_start(cls, aside_m: float = 0.0, turned_rad: float = 0.0) -> Pose2D:
         """At the start of the lap, or to the left of it, towards the middle, and turned to the left."""
         return cls(RADIUS_M - aside_m, 0.0, math.pi / 2 + turned_rad)
 
-    def driven(self, forward_m: float, turned_rad: float) -> Place:
+    def driven(self, forward_m: float, turned_rad: float) -> Pose2D:
         """The place after a short way on an arc."""
         middle_rad = self.heading_rad + turned_rad / 2
-        return Place(
+        return Pose2D(
             self.x_m + forward_m * math.cos(middle_rad),
             self.y_m + forward_m * math.sin(middle_rad),
             self.heading_rad + turned_rad,
@@ -136,10 +136,10 @@ class Vehicle:
     """
 
     def __init__(self) -> None:
-        self.place = self.believed = Place.at_start()
+        self.place = self.believed = Pose2D.at_start()
         self._errs = False
 
-    def put(self, place: Place, *, errs: bool) -> None:
+    def put(self, place: Pose2D, *, errs: bool) -> None:
         """Put it somewhere; from there on its odometry errs, or does not."""
         self.place, self._errs = place, errs
 
@@ -164,11 +164,11 @@ STANDSTILL: Velocity = (0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True)
-class Step:
+class RobotSample:
     """Where the robot was at a time (CLOCK_MONOTONIC)."""
 
     time_ns: int
-    place: Place
+    place: Pose2D
 
 
 class DemoRobot:
@@ -195,7 +195,7 @@ class DemoRobot:
 
     def __init__(self, endpoint: str, daemon: str, lines: Sequence[ControlLine], rig: str) -> None:
         self.joystick: Velocity | None = STANDSTILL
-        self.steps: list[Step] = []
+        self.steps: list[RobotSample] = []
         self.views: list[RegisteredView] = []
         self._endpoint, self._lines, self._rig = endpoint, lines, rig
         at_daemon = Endpoints(connect=[daemon])
@@ -218,7 +218,7 @@ class DemoRobot:
         self._daemon_session.close()
         self._thread.join()
 
-    def put(self, place: Place, *, errs: bool) -> None:
+    def put(self, place: Pose2D, *, errs: bool) -> None:
         """Carry it somewhere; from there on its odometry errs, or does not."""
         with self._turn:
             self._vehicle.put(place, errs=errs)
@@ -231,7 +231,7 @@ class DemoRobot:
             line.send(order)
 
     @property
-    def place(self) -> Place:
+    def place(self) -> Pose2D:
         """Where it really is."""
         return self._vehicle.place
 
@@ -250,7 +250,7 @@ class DemoRobot:
             fresh = time.monotonic() - self._commanded_s < PATIENCE_S
             velocity = self.joystick if self.joystick is not None else self._command if fresh else STANDSTILL
             self._vehicle.drive(*velocity, seconds)
-            step = Step(now_ns, self._vehicle.place)
+            step = RobotSample(now_ns, self._vehicle.place)
             self.steps.append(step)
             believed = self._vehicle.believed
         forward_m_s, turn_rad_s = velocity

@@ -21,7 +21,7 @@ from autoexpose_daemon.demo.fakes import FakeCameras, read_pulses
 from autoexpose_daemon.demo.options import DemoOptions
 from autoexpose_daemon.demo.reference_step import reference_step_ms
 from autoexpose_daemon.demo.show import REFERENCE_REPEATS, check_account, configuration, start
-from autoexpose_daemon.demo.summary import Run, figures, in_words
+from autoexpose_daemon.demo.summary import DemoRun, figures, in_words
 from autoexpose_daemon.messages.keys import LOOPBACK
 from autoexpose_daemon.runtime.daemon import Daemon
 from autoexpose_daemon.runtime.setup import openers
@@ -138,7 +138,7 @@ def _report(
     laps = [lap for one in parts.values() for lap in one.laps]
     pulses = pulses_in_window(read_pulses(cameras.truths), part.service.daemon.tally)
     reference_ms = reference_step_ms(REFERENCE_REPEATS)
-    run = Run(
+    run = DemoRun(
         options, rate_hz, part.service.daemon, cameras.both, pulses, part.step_log, part.took_s,
         sum(one.took_s for one in parts.values()), part.cpu_s, reference_ms,
     )  # fmt: skip

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autoexpose_daemon.control.light_ahead import MOST_STOPS
-from autoexpose_daemon.control.registration import Registration
+from autoexpose_daemon.control.registration import LightRegistration
 from autoexpose_daemon.control.view import View
 from imaging.exposure import ExposureSetting
 from imaging.frames import Frame, Side
@@ -35,14 +35,14 @@ class LightTrail:
         self._rows: list[LightRow] = []
         self._waiting: list[LightRow] = []
         self._next_m = self._risen = 0.0
-        self._seen_by: tuple[View, Registration] | None = None
+        self._seen_by: tuple[View, LightRegistration] | None = None
 
     def see(self, distance_m: float, frame: Frame, response: ResponseFunction) -> None:
         """The left frame taken after this distance along the path."""
         if distance_m < self._next_m:
             return
         self._next_m = distance_m + LIGHT_EVERY_M
-        view, registration = self._seen_by = self._seen_by or (View(response), Registration({SIDE: response}))
+        view, registration = self._seen_by = self._seen_by or (View(response), LightRegistration({SIDE: response}))
         look = view.look(SIDE, frame)
         light = registration.change(look, frame.setting.level)
         change = light.stops if light else 0.0

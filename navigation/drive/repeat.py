@@ -16,13 +16,13 @@ from autoexpose_daemon.control.policies.ids import REMOVED
 from autoexpose_daemon.messages.inputs import RegisteredView
 from autoexpose_daemon.publish.session import Endpoints
 from navigation.drive.lesson import LightTrail
-from navigation.drive.repetition import Repetition, View
+from navigation.drive.repetition import PathView, Repetition
 from navigation.drive.robot import Progress, Robot, Source, newest_pair
 from navigation.drive.steering import STANDSTILL, Stop, Velocity
 from navigation.maps.adaptation import Passing, Strategy, best
 from navigation.maps.path import LightMemory
 from navigation.maps.temporal import MODELS
-from navigation.store import MapError, MapFile, Run, newest_of_hour
+from navigation.store import MapDrive, MapError, MapFile, newest_of_hour
 from navigation.views.detectors import FINDERS
 
 NEAR_END_M = 1.0
@@ -30,7 +30,7 @@ NEAR_END_M = 1.0
 
 
 @dataclass(slots=True)
-class Tally:
+class RepeatTally:
     """Counts of a repetition: frames, those that were registered, and why it ended."""
 
     frames: int = 0
@@ -53,7 +53,7 @@ class Repeater:
     """
 
     def __init__(self, file: MapFile, strategy: Strategy, predict: str | None = None) -> None:
-        self.tally = Tally()
+        self.tally = RepeatTally()
         self._file = file
         places, path = file.places(), file.taught_path()
         if not places:
@@ -69,10 +69,10 @@ class Repeater:
         self._light = self._remembered_light()
         # On a drive that gets the light of an earlier one, exposures lead the light, and would lead it more each time.
         self._trail = LightTrail() if self._light is None else None
-        self._run: Run | None = None
+        self._run: MapDrive | None = None
         self._start_m: float | None = None
 
-    def look(self, pair: ReceivedPair, driven_m: float) -> View:
+    def look(self, pair: ReceivedPair, driven_m: float) -> PathView:
         """Register a frame."""
         image, info = pair.left.grey8(), self._file.info
         if image.shape != (info.height, info.width):
@@ -174,7 +174,7 @@ def repeat(repeater: Repeater, source: Source, stop: threading.Event, progress: 
     return f"repeated {tally.distance_m:.1f} of {repetition.length_m:.1f} m, {share}"
 
 
-def _line(tally: Tally, length_m: float, view: View | None, velocity: Velocity) -> str:
+def _line(tally: RepeatTally, length_m: float, view: PathView | None, velocity: Velocity) -> str:
     where = f"{tally.distance_m:.1f} of {length_m:.1f} m"
     if view is None:
         return f"{where}, stopped: {tally.stop}" if tally.stop else f"{where}, waiting for frames"
@@ -188,7 +188,7 @@ def _line(tally: Tally, length_m: float, view: View | None, velocity: Velocity) 
 
 
 def _registered(
-    pair: ReceivedPair, view: View, repetition: Repetition, velocity: Velocity, stop: Stop | None
+    pair: ReceivedPair, view: PathView, repetition: Repetition, velocity: Velocity, stop: Stop | None
 ) -> RegisteredView:
     registration = view.registration
     x_px, y_px = view.features.positions[registration.matches[:, 1]].T.astype(np.float32)

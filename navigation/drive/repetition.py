@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from navigation.drive.steering import STANDSTILL, Steering, Stop, StopRule, Velocity, nearest
+from navigation.drive.steering import STANDSTILL, HeadingControl, Stop, StopRule, Velocity, nearest
 from navigation.maps.adaptation import Passing, Strategy, adapt
 from navigation.maps.path import TaughtPath
 from navigation.store import MapInfo, Place
@@ -38,7 +38,7 @@ LEAST_GROWTH_PER_M = 0.01
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class View:
+class PathView:
     """A frame, beside the nearest local map.
 
     Attributes
@@ -110,16 +110,16 @@ class Repetition:
             if sought is None
             else [place.map.features.take(which) for place, which in zip(places, sought, strict=True)]
         )
-        self.view: View | None = None
+        self.view: PathView | None = None
         self.correction_m = 0.0
         self.obeyed = True
-        self._steering = Steering(info.focal_length_px)
+        self._steering = HeadingControl(info.focal_length_px)
         self._horizon_px = info.height / 2
         self._driven_to_registration_m = 0.0
         self._growths_per_m: dict[int, float | None] = {}
         self._path, self._finder, self._strategy = path, finder, strategy
         self._distances_m = np.array([place.distance_m for place in places])
-        self._nearest_view: View | None = None
+        self._nearest_view: PathView | None = None
         self._last_passed = -1
         self._rule = StopRule(path.length_m)
 
@@ -141,7 +141,7 @@ class Repetition:
         place = nearest(self._distances_m, distance_m)
         registration = self._register(place, features)
         before_px = None if self.view is None else self.view.shift_px
-        self.view = View(place, distance_m, features, registration)
+        self.view = PathView(place, distance_m, features, registration)
         self._rule.frame_ns = now_ns
         if self.view.shift_px is not None:
             if before_px is not None and abs(self.view.shift_px - before_px) <= AGREE_PX:
@@ -176,7 +176,7 @@ class Repetition:
     def _taught(self, place: int) -> Features:
         return self.places[place].map.features if self._sought is None else self._sought[place]
 
-    def _ahead_m(self, view: View) -> float:
+    def _ahead_m(self, view: PathView) -> float:
         """How much further along the path a view lies than believed, by how much larger things appear; 0: unknown."""
         grown = expansion(self._taught(view.place), view.features, view.registration, self._horizon_px)
         per_m = self._growth_per_m(view.place)
@@ -198,24 +198,24 @@ class Repetition:
                 self._growths_per_m[place] = grown / way_m
         return self._growths_per_m[place]
 
-    def _keep_nearest(self, view: View) -> tuple[int, Passing] | None:
+    def _keep_nearest(self, view: PathView) -> tuple[int, Passing] | None:
         before = self._nearest_view
         leaves = before is not None and before.place != view.place
         if before is None or leaves or self._off(view) < self._off(before):
             self._nearest_view = view
         return self._pass(before) if leaves else None
 
-    def _pass(self, view: View | None) -> tuple[int, Passing] | None:
+    def _pass(self, view: PathView | None) -> tuple[int, Passing] | None:
         if view is None or view.shift_px is None or view.place <= self._last_passed:
             return None  # a correction may take the robot back to where it was
         self._last_passed = view.place
         return view.place, self._passing(view)
 
-    def _passing(self, view: View) -> Passing:
+    def _passing(self, view: PathView) -> Passing:
         place, registration = self.places[view.place], view.registration
         if self._sought is not None:
             registration = register(place.map.features, view.features, RULES["overlapping"])
         return adapt(place.map, view.features, registration, self._strategy, place.next_feature)
 
-    def _off(self, view: View) -> float:
+    def _off(self, view: PathView) -> float:
         return abs(view.distance_m - float(self._distances_m[view.place]))

@@ -62,7 +62,7 @@ class Stop(StrEnum):
 
 
 @dataclass(slots=True)
-class Steering:
+class HeadingControl:
     """Turns towards the map (Majer et al. 2018, 3.1, with the angle of the shift in place of its pixels).
 
     A view that is shifted to the right of the map comes from a robot turned to the left. A robot that drifts aside as

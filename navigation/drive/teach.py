@@ -13,7 +13,7 @@ from autoexpose_daemon.publish.session import Endpoints
 from navigation.drive.lesson import Lesson, LightTrail
 from navigation.drive.robot import Progress, Robot, Source, newest_pair
 from navigation.drive.steering import Velocity
-from navigation.store import MapError, MapFile, MapInfo, Run
+from navigation.store import MapDrive, MapError, MapFile, MapInfo
 from navigation.views.detectors import FINDERS
 
 _SILENT_S = 0.5
@@ -39,7 +39,7 @@ class Teacher:
         self._lesson = Lesson(FINDERS[detector]())
         self._trail = LightTrail()
         self._file: MapFile | None = None
-        self._run: Run | None = None
+        self._run: MapDrive | None = None
         self._start_m = 0.0
         self._turn = threading.Lock()
 

@@ -102,7 +102,7 @@ BINS_OF_DAY = 6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class History:
+class FeatureHistory:
     """When the features of a map were seen.
 
     Attributes
@@ -124,12 +124,12 @@ class History:
         """1 where a feature was matched correctly, 0 elsewhere: what the models foretell, float64, (d, n)."""
         return np.asarray((self.states == 1) & self.passed, np.float64)
 
-    def until(self, passings: int) -> History:
+    def until(self, passings: int) -> FeatureHistory:
         """The first passings."""
-        return History(self.times_s[:passings], self.states[:passings], self.passed[:passings])
+        return FeatureHistory(self.times_s[:passings], self.states[:passings], self.passed[:passings])
 
 
-def fremen(history: History, order: int | None = None, periods_s: tuple[float, ...] = PERIODS_S) -> Predict:
+def fremen(history: FeatureHistory, order: int | None = None, periods_s: tuple[float, ...] = PERIODS_S) -> Predict:
     """The mean and the strongest periods of a feature's spectrum (FreMEn); None: as many as foretell best.
 
     The paper's experiment has order 1 of one period, a day. The authors' code means to choose the order, too, but
@@ -140,7 +140,7 @@ def fremen(history: History, order: int | None = None, periods_s: tuple[float, .
     return lambda time_s: spectrum.probability(time_s, chosen)
 
 
-def harmonic(history: History) -> Predict:
+def harmonic(history: FeatureHistory) -> Predict:
     """Ridge regression on the mean and all periods: unlike spectra it copes with passings at uneven times."""
     basis, seen = _harmonics(history.times_s), history.seen
     penalty = RIDGE * np.eye(basis.shape[1])
@@ -150,18 +150,18 @@ def harmonic(history: History) -> Predict:
     return lambda time_s: np.asarray((weights @ _harmonics(np.array([time_s]))[0]).clip(0.01, 0.99))
 
 
-def mean(history: History) -> Predict:
+def mean(history: FeatureHistory) -> Predict:
     """How often each was seen."""
     return fremen(history, order=0)
 
 
-def score_sum(history: History) -> Predict:
+def score_sum(history: FeatureHistory) -> Predict:
     """The sum of the states."""
     total = np.where(history.passed, history.states, 0).sum(axis=0).astype(np.float64)
     return lambda _time_s: total
 
 
-def moving_average(history: History) -> Predict:
+def moving_average(history: FeatureHistory) -> Predict:
     """How often each was seen, weighted by `exp(-age / 12 h)`."""
     seen, passed = history.seen, history.passed.astype(np.float64)
 
@@ -173,7 +173,7 @@ def moving_average(history: History) -> Predict:
     return predict
 
 
-def bins_of_day(history: History) -> Predict:
+def bins_of_day(history: FeatureHistory) -> Predict:
     """How often each was seen in the same sixth of the day; bins begin at midnight UTC, and the mean counts once."""
     bins = _bin_of_day(history.times_s)
     inside = (np.arange(BINS_OF_DAY)[:, None] == bins).astype(np.float64)
@@ -183,7 +183,7 @@ def bins_of_day(history: History) -> Predict:
     return lambda time_s: shares[int(_bin_of_day(np.array([time_s]))[0])]
 
 
-MODELS: MappingProxyType[str, Callable[[History], Predict]] = MappingProxyType({
+MODELS: MappingProxyType[str, Callable[[FeatureHistory], Predict]] = MappingProxyType({
     "fremen": fremen,
     "harmonic": harmonic,
     "mean": mean,
@@ -194,7 +194,7 @@ MODELS: MappingProxyType[str, Callable[[History], Predict]] = MappingProxyType({
 """By name."""
 
 
-def _best_order(history: History, periods_s: tuple[float, ...]) -> int:
+def _best_order(history: FeatureHistory, periods_s: tuple[float, ...]) -> int:
     learnt = len(history.times_s) - math.ceil(TESTED_SHARE * len(history.times_s))
     if learnt < 1:
         return 0

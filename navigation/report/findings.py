@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from navigation.maps.path import TaughtPath
-from navigation.maps.temporal import MODELS, History
-from navigation.store import MapFile, Place, Run
+from navigation.maps.temporal import MODELS, FeatureHistory
+from navigation.store import MapDrive, MapFile, Place
 
 LEAST_PASSINGS = 4
 """Passings of a local map that a model needs, to learn from all but the last."""
@@ -65,7 +65,7 @@ class Findings:
 
     plan_m: NDArray[np.float64]
     marks_m: NDArray[np.float64]
-    runs: list[Run]
+    runs: list[MapDrive]
     seen_share: NDArray[np.float64]
     taught: int
     kept: NDArray[np.int64]
@@ -112,7 +112,7 @@ def _alive(lives: NDArray[np.int64], runs: NDArray[np.int64]) -> NDArray[np.int6
     return np.asarray(there @ counts, np.int64)
 
 
-def _seen_share(file: MapFile, places: Sequence[Place], runs: Sequence[Run]) -> NDArray[np.float64]:
+def _seen_share(file: MapFile, places: Sequence[Place], runs: Sequence[MapDrive]) -> NDArray[np.float64]:
     rows = {run.number: row for row, run in enumerate(runs)}
     columns = {place.number: column for column, place in enumerate(places)}
     shares = np.full((len(runs), len(places)), np.nan)
@@ -122,7 +122,7 @@ def _seen_share(file: MapFile, places: Sequence[Place], runs: Sequence[Run]) -> 
     return shares
 
 
-def _foretold(histories: Sequence[History]) -> list[Foretold]:
+def _foretold(histories: Sequence[FeatureHistory]) -> list[Foretold]:
     """What was foretold about the last passing of each local map that was passed often enough."""
     enough = [history for history in histories if len(history.times_s) >= LEAST_PASSINGS]
     if not enough:

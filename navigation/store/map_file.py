@@ -17,13 +17,13 @@ from imaging.exposure import ExposureSetting
 from imaging.python310 import Self
 from navigation.maps.adaptation import CORRECT, LocalMap, Passing
 from navigation.maps.path import LightRow, TaughtPath
-from navigation.maps.temporal import History
+from navigation.maps.temporal import FeatureHistory
 from navigation.store.rows import (
+    MapDrive,
     MapError,
     MapInfo,
     Place,
     RowError,
-    Run,
     RunKind,
     TaughtPlace,
     connect,
@@ -94,14 +94,14 @@ class MapFile:
         if self._lock is not None:
             self._lock.close()
 
-    def begin_run(self, kind: RunKind, start_s: float) -> Run:
+    def begin_run(self, kind: RunKind, start_s: float) -> MapDrive:
         """Add a new drive, which began at `start_s` (seconds since 1970)."""
-        run = Run(max((run.number for run in self.runs()), default=0) + 1, kind, start_s)
+        run = MapDrive(max((run.number for run in self.runs()), default=0) + 1, kind, start_s)
         self._write("INSERT INTO run VALUES (?, ?, ?)", run.number, run.kind, run.start_s)
         return run
 
     def add_place(
-        self, run: Run, taught: TaughtPlace, speeds: Sequence[SpeedRow] = (), light: Sequence[LightRow] = ()
+        self, run: MapDrive, taught: TaughtPlace, speeds: Sequence[SpeedRow] = (), light: Sequence[LightRow] = ()
     ) -> None:
         """Add a local map at the end of the path, the speeds that were driven up to it, and the light."""
         with self._transaction() as connection:
@@ -125,7 +125,7 @@ class MapFile:
         with self._transaction() as connection:
             _insert_speeds(connection, speeds)
 
-    def add_light(self, run: Run, light: Sequence[LightRow]) -> None:
+    def add_light(self, run: MapDrive, light: Sequence[LightRow]) -> None:
         """Add the last light of a drive, in the order of driving."""
         with self._transaction() as connection:
             _insert_light(connection, run, light)
@@ -136,7 +136,7 @@ class MapFile:
             rows = self._read("SELECT run, MAX(distance_m) FROM light GROUP BY run")
             return {run: finite(reach_m)[0] for run, reach_m in rows}
 
-    def light(self, run: Run) -> list[LightRow]:
+    def light(self, run: MapDrive) -> list[LightRow]:
         """The light of a drive, in the order of driving."""
         with self._checking():
             rows = self._read(
@@ -145,7 +145,7 @@ class MapFile:
             return [(distance_m, level, risen) for distance_m, level, risen in (finite(*row) for row in rows)]
 
     def pass_place(
-        self, run: Run, place: Place, passing: Passing, time_s: float, light: Sequence[LightRow] = ()
+        self, run: MapDrive, place: Place, passing: Passing, time_s: float, light: Sequence[LightRow] = ()
     ) -> Place:
         """Save what a passing showed of a local map and changed in it, and the light; returns the map as it is now."""
         after, added = passing.after, passing.after.take(passing.added)
@@ -190,10 +190,10 @@ class MapFile:
         self._write("PRAGMA wal_checkpoint(TRUNCATE)")
         return gone
 
-    def runs(self) -> list[Run]:
+    def runs(self) -> list[MapDrive]:
         """All drives, the first one first."""
         with self._checking():
-            return [Run(*row) for row in self._read("SELECT id, kind, start_s FROM run ORDER BY id")]
+            return [MapDrive(*row) for row in self._read("SELECT id, kind, start_s FROM run ORDER BY id")]
 
     def taught_path(self) -> TaughtPath:
         """The speeds of the path; it is as long as the last local map and the last speed are far."""
@@ -219,7 +219,7 @@ class MapFile:
         with self._checking():
             return bytes(memoryview(blob))
 
-    def history(self, place: Place) -> History:
+    def history(self, place: Place) -> FeatureHistory:
         """What was seen of the present features of a local map, at all passings."""
         with self._checking():
             observations = self._read(
@@ -234,7 +234,7 @@ class MapFile:
                 states[row, there] = states_of_blob(blob, len(ids))[then]
                 passed[row, there] = len(known) > 0
             times_s = np.array([finite(row[1])[0] for row in observations], np.float64)
-            return History(times_s, states, passed)
+            return FeatureHistory(times_s, states, passed)
 
     def lives(self) -> NDArray[np.int64]:
         """Run in which features were added, run in which they were removed (0: not yet) and how many, int64, (n, 3)."""
@@ -262,7 +262,7 @@ class MapFile:
                 raise RowError(f"{len(rows)} rows that describe it")
             return MapInfo(*rows[0]).check()
 
-    def _insert(self, connection: sqlite3.Connection, place: int, features: LocalMap, run: Run) -> None:
+    def _insert(self, connection: sqlite3.Connection, place: int, features: LocalMap, run: MapDrive) -> None:
         connection.executemany(
             "INSERT INTO feature VALUES (?, ?, ?, ?, ?, ?, ?, ?, NULL)",
             [(place, *row, run.number) for row in feature_rows(features, self.info.detector)],
@@ -311,7 +311,7 @@ def _insert_speeds(connection: sqlite3.Connection, speeds: Sequence[SpeedRow]) -
     connection.executemany("INSERT INTO speed (distance_m, forward_m_s, turn_rad_s) VALUES (?, ?, ?)", speeds)
 
 
-def _insert_light(connection: sqlite3.Connection, run: Run, light: Sequence[LightRow]) -> None:
+def _insert_light(connection: sqlite3.Connection, run: MapDrive, light: Sequence[LightRow]) -> None:
     connection.executemany(
         "INSERT INTO light (run, distance_m, level, risen) VALUES (?, ?, ?, ?)", [(run.number, *row) for row in light]
     )

@@ -198,7 +198,7 @@ class MapInfo:
 
 
 @dataclass(frozen=True, slots=True)
-class Run:
+class MapDrive:
     """One drive along the path: its number, whether it taught or repeated, and when it began (s since 1970)."""
 
     number: int
@@ -210,10 +210,10 @@ class Run:
             raise RowError(f"a run of kind {self.kind!a} at {self.start_s:g} s")
 
 
-def newest_of_hour(runs: Iterable[Run], now_s: float) -> Run | None:
+def newest_of_hour(runs: Iterable[MapDrive], now_s: float) -> MapDrive | None:
     """The newest drive that began at this time of the day, give or take `AS_BRIGHT_S`; None if there is none."""
 
-    def apart_s(run: Run) -> float:
+    def apart_s(run: MapDrive) -> float:
         apart_s = abs(now_s - run.start_s) % DAY_S
         return min(apart_s, DAY_S - apart_s)
 

@@ -7,13 +7,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from calibration.latency import SeenFrame, Trial, write_effect
+from calibration.latency import SeenFrame, WriteTrial, write_effect
 
 PERIOD_NS = 16_000_000
 OLD, NEW = 100.0, 50.0
 
 
-def trial(latency: int, *, lead_ns: int = 2_000_000, took_ns: int = 500_000, told: int | None = None) -> Trial:
+def trial(latency: int, *, lead_ns: int = 2_000_000, took_ns: int = 500_000, told: int | None = None) -> WriteTrial:
     """Frames 10 to 20; the write comes in the exposure of frame 12 and shows `latency` frames later."""
     frames = tuple(
         SeenFrame(
@@ -24,7 +24,7 @@ def trial(latency: int, *, lead_ns: int = 2_000_000, took_ns: int = 500_000, tol
         )
         for number in range(10, 21)
     )
-    return Trial(12 * PERIOD_NS + lead_ns, 12 * PERIOD_NS + lead_ns + took_ns, frames)
+    return WriteTrial(12 * PERIOD_NS + lead_ns, 12 * PERIOD_NS + lead_ns + took_ns, frames)
 
 
 @pytest.mark.parametrize("latency", [1, 2, 3])
@@ -54,11 +54,11 @@ def test_an_irregular_camera_is_clear_with_its_histogram() -> None:
     assert "(15 times 1, 5 times 2)" in finding.text
 
 
-def without(spoilt: Trial, frame_id: int) -> Trial:
+def without(spoilt: WriteTrial, frame_id: int) -> WriteTrial:
     return replace(spoilt, frames=tuple(frame for frame in spoilt.frames if frame.frame_id != frame_id))
 
 
-def torn(spoilt: Trial) -> Trial:
+def torn(spoilt: WriteTrial) -> WriteTrial:
     """Time and gain did not change together: one frame lies between old and new."""
     frames = (replace(frame, grey=75.0) if frame.frame_id == 13 else frame for frame in spoilt.frames)
     return replace(spoilt, frames=tuple(frames))
@@ -75,7 +75,7 @@ def torn(spoilt: Trial) -> Trial:
         torn(trial(1)),
         replace(trial(1), frames=trial(1).frames[:3]),
         replace(trial(1), frames=trial(1).frames[3:]),
-        Trial(0, 1, ()),
+        WriteTrial(0, 1, ()),
     ],
     ids=[
         "met by two exposures",
@@ -89,7 +89,7 @@ def torn(spoilt: Trial) -> Trial:
         "nothing",
     ],
 )
-def test_writes_that_are_unclear_are_counted_apart(unclear: Trial) -> None:
+def test_writes_that_are_unclear_are_counted_apart(unclear: WriteTrial) -> None:
     effect = write_effect("exposure", [trial(2)] * 10 + [unclear] * 3)
     assert (effect.frames, effect.unclear) == ({2: 10}, 3)
     assert [finding.reason for finding in effect.findings] == ["unclear"]

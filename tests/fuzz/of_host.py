@@ -37,7 +37,7 @@ from autoexpose_daemon.messages.client import ConsumerTally, response_from_json,
 from autoexpose_daemon.messages.write import Message
 from autoexpose_daemon.page.access import Access, Key
 from autoexpose_daemon.page.metrics import exposition
-from autoexpose_daemon.page.pair_views import History
+from autoexpose_daemon.page.pair_views import ExposureHistory
 from autoexpose_daemon.page.picture import PictureMaker
 from autoexpose_daemon.recording.file import from_json, to_json
 from autoexpose_daemon.recording.read import Recording
@@ -45,7 +45,7 @@ from autoexpose_daemon.recording.replay import Replay
 from autoexpose_daemon.runtime.setup import Tuning
 from autoexpose_daemon.service.last_exposure import FORMAT, LastExposure
 from autoexpose_daemon.status.document import Status, grounds_from_json, grounds_to_json
-from autoexpose_daemon.status.inputs import Answer, Shot
+from autoexpose_daemon.status.inputs import Answer, AnsweredShot
 from autoexpose_daemon.status.panel import line_of
 from autoexpose_daemon.status.telemetry import Consumers
 from calibration.document import CameraIdentity, Finding
@@ -279,7 +279,7 @@ def published(data: bytes) -> None:
             for frame in taken.stereo.frames.values():
                 frame.grey8().mean()
                 str(frame.setting)
-            History().add(0.0, taken.left.setting, taken.decision)
+            ExposureHistory().add(0.0, taken.left.setting, taken.decision)
     assert ConsumerTally.from_json(tally.to_json()) == tally  # what this consumer reports is a report
 
 
@@ -379,7 +379,9 @@ def control_answer(data: bytes) -> None:
 def control_answer_seeds() -> Iterator[bytes]:
     assert EXPOSING.requests is not None
     yield (
-        Answer(DEFAULT_POLICY, EXPOSING.requests, Shot(ExposureSetting(500.0, 3.0), 7, {"left": 8})).to_json().encode()
+        Answer(DEFAULT_POLICY, EXPOSING.requests, AnsweredShot(ExposureSetting(500.0, 3.0), 7, {"left": 8}))
+        .to_json()
+        .encode()
     )
 
 

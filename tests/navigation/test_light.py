@@ -13,7 +13,7 @@ from imaging.frames import Frame
 from imaging.response import ResponseFunction
 from navigation.drive.lesson import MOST_WAITING, LightTrail
 from navigation.maps.path import LIGHT_EVERY_M, SLOWEST_M_S, SPREAD_M, LightMemory
-from navigation.store import MapFile, Run, newest_of_hour
+from navigation.store import MapDrive, MapFile, newest_of_hour
 from navigation.store.rows import DAY_S, HOUR_S
 from tests.navigation.test_store import INFO, START_S
 
@@ -106,7 +106,11 @@ def test_before_the_start_and_behind_the_end_the_light_stays() -> None:
 
 def test_the_newest_drive_at_this_time_of_the_day_counts() -> None:
     noon = 20_000 * DAY_S + 12 * HOUR_S
-    runs = [Run(1, "teach", noon), Run(2, "repeat", noon + 12 * HOUR_S), Run(3, "repeat", noon + DAY_S + 0.4 * HOUR_S)]
+    runs = [
+        MapDrive(1, "teach", noon),
+        MapDrive(2, "repeat", noon + 12 * HOUR_S),
+        MapDrive(3, "repeat", noon + DAY_S + 0.4 * HOUR_S),
+    ]
     found = [newest_of_hour(runs, noon + hours * HOUR_S) for hours in (7 * 24 - 1.0, 7 * 24 - 1.9, -12.5)]
     assert [run.number for run in found if run is not None] == [3, 1, 2]
     assert newest_of_hour(runs, noon + 6 * HOUR_S) is None

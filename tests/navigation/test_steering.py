@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from navigation.drive.steering import (
     LOST_M,
-    Steering,
+    HeadingControl,
     Stop,
     StopRule,
     Velocity,
@@ -24,7 +24,7 @@ S = 1_000_000_000
 
 @given(st.floats(-300, 300), st.floats(-1, 1))
 def test_mirrored_views_turn_the_other_way(shift_px: float, taught: float) -> None:
-    left, right = Steering(FOCAL_LENGTH_PX), Steering(FOCAL_LENGTH_PX)
+    left, right = HeadingControl(FOCAL_LENGTH_PX), HeadingControl(FOCAL_LENGTH_PX)
     for _ in range(3):
         left.see(-shift_px, 0.1)
         right.see(shift_px, 0.1)
@@ -44,7 +44,7 @@ def test_where_it_rolled_on_after_it_was_told_to_stop_it_drives_to_the_end() -> 
 
 
 def test_a_robot_turned_left_sees_the_world_to_the_right_and_turns_right() -> None:
-    assert Steering(FOCAL_LENGTH_PX).turn_rad_s(Velocity(0.4, 0.0), 50.0) < 0
+    assert HeadingControl(FOCAL_LENGTH_PX).turn_rad_s(Velocity(0.4, 0.0), 50.0) < 0
 
 
 @pytest.mark.parametrize("depth_m", [2.0, 5.0])
@@ -66,7 +66,7 @@ def drive(
     aside: float, depth_m: float, way_m: float, drift_rad_per_m: float, speed_m_s: float = 0.3
 ) -> tuple[float, float]:
     """How far aside of a straight path, and how turned, a robot is that saw landmarks at one depth."""
-    steering, heading, dt_s = Steering(FOCAL_LENGTH_PX), math.radians(5.0), 0.05
+    steering, heading, dt_s = HeadingControl(FOCAL_LENGTH_PX), math.radians(5.0), 0.05
     for _ in range(round(way_m / abs(speed_m_s) / dt_s)):
         bearing = -math.atan2(aside, depth_m) - heading  # of a landmark that was straight ahead
         shift_px = -FOCAL_LENGTH_PX * math.tan(bearing)  # a bearing to the left is at the left of the picture

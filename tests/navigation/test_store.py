@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from imaging.exposure import ExposureSetting
 from navigation.maps.adaptation import LocalMap, Passing, adapt
-from navigation.store import MapError, MapFile, MapInfo, Run, TaughtPlace
+from navigation.store import MapDrive, MapError, MapFile, MapInfo, TaughtPlace
 from navigation.store.rows import FORMAT
 from navigation.views.features import Features
 from navigation.views.registration import register
@@ -256,4 +256,4 @@ def test_a_killed_writer_leaves_whole_places(tmp_path: Path, places: int) -> Non
         assert len(file.taught_path().distances_m) == len(read)
         assert alike(read[places].map, LocalMap.taught(features(places, 500)))
     with MapFile(path, writable=True) as file:
-        assert file.begin_run("repeat", START_S) == Run(2, "repeat", START_S)
+        assert file.begin_run("repeat", START_S) == MapDrive(2, "repeat", START_S)

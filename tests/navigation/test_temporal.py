@@ -7,22 +7,22 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from navigation.maps.adaptation import best, drawn
-from navigation.maps.temporal import DAY_S, MODELS, History, Spectrum, fremen, mean
+from navigation.maps.temporal import DAY_S, MODELS, FeatureHistory, Spectrum, fremen, mean
 
 START_S = 1_700_000_000.0
 HOUR_S = 3600.0
 
 
-def history_of(times_s: NDArray[np.float64], states: NDArray[np.int8]) -> History:
+def history_of(times_s: NDArray[np.float64], states: NDArray[np.int8]) -> FeatureHistory:
     """Of features that were there at every passing."""
-    return History(times_s, states, np.ones(states.shape, bool))
+    return FeatureHistory(times_s, states, np.ones(states.shape, bool))
 
 
-def some_history(seed: int, passings: int = 40, features: int = 7) -> History:
+def some_history(seed: int, passings: int = 40, features: int = 7) -> FeatureHistory:
     random = np.random.default_rng(seed)
     times_s = START_S + np.sort(random.uniform(0, 60 * DAY_S, passings))
     states = random.integers(-1, 2, (passings, features)).astype(np.int8)
-    return History(times_s, states, random.random((passings, features)) < 0.8)
+    return FeatureHistory(times_s, states, random.random((passings, features)) < 0.8)
 
 
 @given(st.integers(0, 10_000))
@@ -60,7 +60,7 @@ def test_a_model_scores_every_feature_and_gives_none_without_passings(model: str
     assert never.shape == (7,) and np.isfinite(never).all()
 
 
-def daily(seed: int) -> tuple[History, NDArray[np.float64], NDArray[np.float64]]:
+def daily(seed: int) -> tuple[FeatureHistory, NDArray[np.float64], NDArray[np.float64]]:
     """One feature seen by day only, one passing in twenty the other way round; later times, and whether it is there."""
     random = np.random.default_rng(seed)
     learnt_s = START_S + np.sort(random.uniform(0, 60 * DAY_S, 60))

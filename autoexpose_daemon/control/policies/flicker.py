@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autoexpose_daemon.control.policy import Look
-from autoexpose_daemon.control.registration import Registration
+from autoexpose_daemon.control.registration import LightRegistration
 from imaging.exposure import ExposureSetting
 from imaging.frames import Side
 from imaging.response import ResponseFunction
@@ -40,7 +40,7 @@ leave less than the first, not even a lamp that goes out between flashes, whose 
 
 
 @dataclass(frozen=True, slots=True)
-class Glimpse:
+class LightSample:
     """The light during one exposure.
 
     Attributes
@@ -59,7 +59,7 @@ class Glimpse:
 
 
 @dataclass(frozen=True, slots=True)
-class Fit:
+class FlickerFit:
     """A flicker in a window: its share of the variance, its swing in frames, and how much of it exposures leave."""
 
     share: float
@@ -85,11 +85,11 @@ class FlickerWatch:
 
     STATE: ClassVar[tuple[str, ...]] = ("registration", "flicker_hz", "glimpses", "suspected")
     flicker_hz: float | None
-    glimpses: list[Glimpse]
+    glimpses: list[LightSample]
     suspected: float | None
 
     def __init__(self, responses: dict[Side, ResponseFunction]) -> None:
-        self.registration = Registration(responses)
+        self.registration = LightRegistration(responses)
         self.flicker_hz = None
         self.glimpses = []
         self.suspected = None
@@ -102,9 +102,9 @@ class FlickerWatch:
         if change is None or last is None or not 0 < middle_ns - last.middle_ns <= LONGEST_GAP_NS:
             if self.glimpses:  # a gap, not an ordinary new window
                 self.suspected = None
-            self.glimpses = [Glimpse(middle_ns, setting.exposure_time_us * 1e-6, 0.0)]
+            self.glimpses = [LightSample(middle_ns, setting.exposure_time_us * 1e-6, 0.0)]
             return
-        self.glimpses.append(Glimpse(middle_ns, setting.exposure_time_us * 1e-6, last.light + change.stops))
+        self.glimpses.append(LightSample(middle_ns, setting.exposure_time_us * 1e-6, last.light + change.stops))
         if len(self.glimpses) == FRAMES:
             reading = self._reading()
             if reading is not None and reading == self.suspected:
@@ -124,7 +124,7 @@ class FlickerWatch:
         return None
 
 
-def _fit(glimpses: list[Glimpse], flicker_hz: float) -> Fit | None:
+def _fit(glimpses: list[LightSample], flicker_hz: float) -> FlickerFit | None:
     """The best sinusoid of a frequency at the true times of the frames, as far as exposures let it through.
 
     None if it would not show: its beat with the frame rate is too slow, or the exposures are whole periods.
@@ -144,7 +144,7 @@ def _fit(glimpses: list[Glimpse], flicker_hz: float) -> Fit | None:
     fitted = seen - _without(_without(slow, wave * factors[:, None]), seen)
     variance = float(np.mean(seen**2))
     swing = float(np.sqrt(2 * np.mean(fitted**2)))
-    return Fit(swing**2 / (2 * variance) if variance > 0 else 0.0, swing, left)
+    return FlickerFit(swing**2 / (2 * variance) if variance > 0 else 0.0, swing, left)
 
 
 def _without(basis: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -11,7 +11,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from calibration.geometry.formats.rig import EXTRA_NUMBERS, Rig, lens_of, model_of
+from calibration.geometry.formats.rig import EXTRA_NUMBERS, RigGeometry, lens_of, model_of
 from calibration.geometry.numbers import inverse_of, mapping, numbers, pose_of, required, size_of
 from documents.text import quoted
 from imaging.errors import ConfigurationError
@@ -27,7 +27,7 @@ def names_in(content: Mapping[Any, Any]) -> list[str]:
     return sorted(found, key=found.__getitem__)
 
 
-def read_camchain(content: Mapping[Any, Any]) -> Rig:
+def read_camchain(content: Mapping[Any, Any]) -> RigGeometry:
     """The cameras of a chain, the first one left; whatever else it holds is ignored.
 
     Raises
@@ -41,13 +41,13 @@ def read_camchain(content: Mapping[Any, Any]) -> Rig:
     for name in names:
         lenses[name], said = _lens(mapping(content, name), name)
         notes += [f"{name}: {note}" for note in said]
-    return Rig("a chain of Kalibr", lenses, _places(content, names), notes=tuple(notes))
+    return RigGeometry("a chain of Kalibr", lenses, _places(content, names), notes=tuple(notes))
 
 
-def read_sensor(content: Mapping[Any, Any]) -> Rig:
+def read_sensor(content: Mapping[Any, Any]) -> RigGeometry:
     """The one camera of EuRoC's `sensor.yaml`, which has the keys of a chain's section; raises ConfigurationError."""
     lens, notes = _lens(content, "")
-    return Rig("a sensor of EuRoC", {"camera": lens}, _place(content, "", "camera"), notes=notes)
+    return RigGeometry("a sensor of EuRoC", {"camera": lens}, _place(content, "", "camera"), notes=notes)
 
 
 def camchain_yaml(

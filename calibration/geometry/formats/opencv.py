@@ -10,7 +10,7 @@ from typing import Any, Final
 import cv2
 import numpy as np
 
-from calibration.geometry.formats.rig import MAY_BE_FISHEYE, Rig, lens_of, model_of
+from calibration.geometry.formats.rig import MAY_BE_FISHEYE, RigGeometry, lens_of, model_of
 from calibration.geometry.formats.ros import camera_matrix, projection_matrix
 from calibration.geometry.numbers import check_plausible, is_rotation, numbers, pixels, size_of
 from imaging.errors import ConfigurationError
@@ -57,7 +57,7 @@ def is_pair(content: Mapping[Any, Any]) -> bool:
     return {("k", "left"), ("k", "right")} <= parts.keys() or {("r", None), ("t", None)} <= parts.keys()
 
 
-def read_pair(content: Mapping[Any, Any], size: tuple[int, int] | None = None) -> Rig:
+def read_pair(content: Mapping[Any, Any], size: tuple[int, int] | None = None) -> RigGeometry:
     """Both cameras, as far as a file has them: OpenCV's sample writes lenses and places into two files.
 
     Raises
@@ -76,7 +76,7 @@ def read_pair(content: Mapping[Any, Any], size: tuple[int, int] | None = None) -
     if ("r", None) in parts and ("t", None) in parts:
         places = {"left": np.eye(4), "right": _pose(parts)}
     given = bool(lenses) and all((thing, side) in parts for thing in ("r", "p") for side in SIDES)
-    return Rig(KINDS[0] if lenses else KINDS[1], lenses, places, given, tuple(notes))
+    return RigGeometry(KINDS[0] if lenses else KINDS[1], lenses, places, given, tuple(notes))
 
 
 def _side(word: str | None, content: Mapping[Any, Any]) -> Side | None:

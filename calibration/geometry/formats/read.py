@@ -10,7 +10,7 @@ from typing import Any, Final
 from xml.etree import ElementTree as ET
 
 from calibration.geometry.formats import kalibr, opencv, ros, slam, tum
-from calibration.geometry.formats.rig import Rig
+from calibration.geometry.formats.rig import RigGeometry
 from documents.files import read_text
 from documents.strict_yaml import MOST_BYTES, parse_mapping
 from documents.text import quoted, shortened
@@ -86,7 +86,7 @@ FORMATS: Final = (
 )
 
 
-def read_rigs(paths: Sequence[Path], size: Size | None = None) -> dict[str, Rig]:
+def read_rigs(paths: Sequence[Path], size: Size | None = None) -> dict[str, RigGeometry]:
     """The cameras of each file, by its name; what OpenCV's sample writes into two files is one pair, of both names.
 
     Raises
@@ -105,7 +105,7 @@ def read_rigs(paths: Sequence[Path], size: Size | None = None) -> dict[str, Rig]
     return rigs
 
 
-def read_rig(path: Path, size: Size | None = None) -> Rig:
+def read_rig(path: Path, size: Size | None = None) -> RigGeometry:
     """The cameras of a file; `size` is that of the pictures if the file does not say.
 
     Raises
@@ -128,7 +128,7 @@ def read_rig(path: Path, size: Size | None = None) -> Rig:
         raise ConfigurationError(f"{path}: {error}") from error
 
 
-def _of(content: Mapping[Any, Any], size: Size | None) -> Rig:
+def _of(content: Mapping[Any, Any], size: Size | None) -> RigGeometry:
     for holds, read in _READERS:
         if holds(content):
             return read(content, size)
@@ -136,18 +136,18 @@ def _of(content: Mapping[Any, Any], size: Size | None) -> Rig:
     raise ConfigurationError(f"has no camera in its keys ({quoted(keys)}): {FORMATS}")
 
 
-def _ini(content: Mapping[Any, Any], size: Size | None) -> Rig:
+def _ini(content: Mapping[Any, Any], size: Size | None) -> RigGeometry:
     cameras = content[INI]
     if not cameras:
         raise ConfigurationError("has no section with a camera matrix and a distortion: give ROS's ost.ini")
     rigs = [ros.read_camera(camera, size) for camera in cameras.values()]
     lenses = {name: lens for rig in rigs for name, lens in rig.lenses.items()}
-    return Rig("cameras of ROS", lenses, is_rectified=all(rig.is_rectified for rig in rigs))
+    return RigGeometry("cameras of ROS", lenses, is_rectified=all(rig.is_rectified for rig in rigs))
 
 
-def _vins(content: Mapping[Any, Any], path: Path) -> Rig:
+def _vins(content: Mapping[Any, Any], path: Path) -> RigGeometry:
     """The settings of VINS-Fusion, which name the file of each camera."""
-    rigs: dict[str, Rig] = {}
+    rigs: dict[str, RigGeometry] = {}
     for name in ("cam0", "cam1"):
         if f"{name}_calib" in content:
             file = content[f"{name}_calib"]
@@ -163,7 +163,7 @@ def _vins(content: Mapping[Any, Any], path: Path) -> Rig:
     return replace(rigs["cam0"], kind="settings of VINS-Fusion", lenses=lenses, places=places, notes=notes)
 
 
-def _camodocal(path: Path) -> Rig:
+def _camodocal(path: Path) -> RigGeometry:
     content = parsed(read_text(path, MOST_BYTES), path, "give a camera of camodocal")
     try:
         if "model_type" not in content:
@@ -173,7 +173,7 @@ def _camodocal(path: Path) -> Rig:
         raise ConfigurationError(f"{path}: {error}") from error
 
 
-_Reader = tuple[Callable[[Mapping[Any, Any]], object], Callable[[Mapping[Any, Any], Size | None], Rig]]
+_Reader = tuple[Callable[[Mapping[Any, Any]], object], Callable[[Mapping[Any, Any], Size | None], RigGeometry]]
 _READERS: Final[tuple[_Reader, ...]] = (
     (lambda content: INI in content, _ini),
     (kalibr.names_in, lambda content, _: kalibr.read_camchain(content)),

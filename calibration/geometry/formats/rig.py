@@ -220,7 +220,7 @@ def _check_size(size: Size, k: tuple[float, ...]) -> None:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Rig:
+class RigGeometry:
     """The cameras of a file.
 
     Attributes
@@ -276,7 +276,7 @@ class Rig:
             check_plausible(one)
         return pair
 
-    def scaled(self, unit_m: float) -> Rig:
+    def scaled(self, unit_m: float) -> RigGeometry:
         """The same for a file whose lengths are in another unit."""
         places = {name: place * np.array([[1.0, 1.0, 1.0, unit_m]]) for name, place in self.places.items()}
         return replace(self, places=places, lenses={name: _scaled(lens, unit_m) for name, lens in self.lenses.items()})
@@ -293,7 +293,7 @@ def side_of(name: str) -> Side | None:
     return next((side for side in SIDES if side == last), None)
 
 
-def joined(rigs: Mapping[str, Rig]) -> Rig:
+def joined(rigs: Mapping[str, RigGeometry]) -> RigGeometry:
     """The cameras of several files as one rig: those of one camera each become left and right.
 
     Raises

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from calibration.geometry.formats.rig import MAY_BE_FISHEYE, Rig, lens_of, model_of
+from calibration.geometry.formats.rig import MAY_BE_FISHEYE, RigGeometry, lens_of, model_of
 from calibration.geometry.numbers import check_plausible, numbers, pixels, required, size_of
 from documents.text import quoted
 from imaging.errors import ConfigurationError
@@ -40,7 +40,7 @@ def is_camera(content: Mapping[Any, Any]) -> bool:
     return any(key in content for key in _KEYS["camera_matrix"])
 
 
-def read_camera(content: Mapping[Any, Any], size: tuple[int, int] | None = None) -> Rig:
+def read_camera(content: Mapping[Any, Any], size: tuple[int, int] | None = None) -> RigGeometry:
     """The camera in the content of a file; keys of others are ignored. Our own files also say its serial.
 
     `size` is that of the pictures if the file does not say it, as many of OpenCV's.
@@ -77,7 +77,7 @@ def read_camera(content: Mapping[Any, Any], size: tuple[int, int] | None = None)
     check_plausible(lens)
     name, given = content.get("camera_name"), rectification is not None
     kind = "a camera of ROS" if given else "a camera without rectification"
-    return Rig(kind, {str(name or "camera"): lens}, is_rectified=given, notes=notes)
+    return RigGeometry(kind, {str(name or "camera"): lens}, is_rectified=given, notes=notes)
 
 
 def ros_yaml(geometry: CameraGeometry, side: Side) -> str:

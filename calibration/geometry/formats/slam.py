@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.geometry.formats.rig import Rig, lens_of, model_of
+from calibration.geometry.formats.rig import RigGeometry, lens_of, model_of
 from calibration.geometry.formats.ros import read_camera
 from calibration.geometry.numbers import inverse_of, mapping, numbers, pixels, pose_of, required
 from documents.text import quoted
@@ -24,7 +24,7 @@ _CAMODOCAL: Final[dict[str, tuple[str, tuple[str, ...], tuple[str, ...]]]] = {
 """Model, intrinsics and coefficients of each of camodocal's."""
 
 
-def read_camodocal(content: Mapping[Any, Any]) -> Rig:
+def read_camodocal(content: Mapping[Any, Any]) -> RigGeometry:
     """One camera with a `model_type`; raises ConfigurationError naming the key."""
     name = content["model_type"]
     if name not in list(_CAMODOCAL):
@@ -48,7 +48,9 @@ def read_camodocal(content: Mapping[Any, Any]) -> Rig:
         listed(coefficients, "distortion_parameters"),
         (_number(mapping(content, "mirror_parameters"), "xi", "mirror_parameters.xi"),) if model == "omni" else (),
     )
-    return Rig(f"a camera of camodocal, {name}", {str(content.get("camera_name") or "camera"): lens}, notes=notes)
+    return RigGeometry(
+        f"a camera of camodocal, {name}", {str(content.get("camera_name") or "camera"): lens}, notes=notes
+    )
 
 
 def body_places(content: Mapping[Any, Any]) -> dict[str, NDArray[np.float64]]:
@@ -62,7 +64,7 @@ def is_orb_slam(content: Mapping[Any, Any]) -> bool:
     return any(key in content for key in ("Camera.fx", "Camera1.fx", "LEFT.K"))
 
 
-def read_orb_slam(content: Mapping[Any, Any], size: tuple[int, int] | None = None) -> Rig:
+def read_orb_slam(content: Mapping[Any, Any], size: tuple[int, int] | None = None) -> RigGeometry:
     """The cameras of ORB-SLAM's settings; raises ConfigurationError naming the key."""
     if "LEFT.K" in content:
         return _rectified_by_orb_slam(content, size)
@@ -86,10 +88,10 @@ def read_orb_slam(content: Mapping[Any, Any], size: tuple[int, int] | None = Non
     places = {}
     if key is not None and len(lenses) > 1:
         places = dict(zip(lenses, (np.eye(4), inverse_of(pose_of(content[key], key))), strict=False))
-    return Rig("settings of ORB-SLAM", lenses, places)
+    return RigGeometry("settings of ORB-SLAM", lenses, places)
 
 
-def _rectified_by_orb_slam(content: Mapping[Any, Any], size: tuple[int, int] | None) -> Rig:
+def _rectified_by_orb_slam(content: Mapping[Any, Any], size: tuple[int, int] | None) -> RigGeometry:
     lenses = {}
     for name in ("LEFT", "RIGHT"):
         one = {key.partition(".")[2]: value for key, value in content.items() if str(key).startswith(f"{name}.")}
@@ -97,7 +99,7 @@ def _rectified_by_orb_slam(content: Mapping[Any, Any], size: tuple[int, int] | N
             lenses[name] = next(iter(read_camera(one, size).lenses.values()))
         except ConfigurationError as error:
             raise ConfigurationError(f"{name}: {error}") from error
-    return Rig("settings of ORB-SLAM", lenses, is_rectified=True)
+    return RigGeometry("settings of ORB-SLAM", lenses, is_rectified=True)
 
 
 def _number(section: Mapping[Any, Any], key: str, named: str = "") -> float:

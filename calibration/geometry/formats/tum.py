@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from calibration.geometry.formats.rig import Rig, lens_of, model_of
+from calibration.geometry.formats.rig import RigGeometry, lens_of, model_of
 from calibration.geometry.numbers import numbers, size_of
 from imaging.errors import ConfigurationError
 
@@ -18,7 +18,7 @@ def is_camera_txt(text: str) -> bool:
     return 5 <= len(values) <= 8 and (name != "" or not any(word[0].isalpha() for word in values))
 
 
-def read_camera_txt(text: str) -> Rig:
+def read_camera_txt(text: str) -> RigGeometry:
     """The camera of such a file; its third and fourth line, about rectified pictures, are left aside.
 
     Raises
@@ -40,7 +40,7 @@ def read_camera_txt(text: str) -> Rig:
     if model == "fov" and values[4] == 0:
         model, extra = "pinhole", ()
     lens, notes = lens_of(size, model, values[:4], values[4:] if len(values) == 8 else (), extra)
-    return Rig(f"a camera of the TUM mono data set, {name}", {"camera": lens}, notes=notes)
+    return RigGeometry(f"a camera of the TUM mono data set, {name}", {"camera": lens}, notes=notes)
 
 
 def is_times_txt(text: str) -> bool:

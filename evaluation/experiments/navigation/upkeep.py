@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from navigation.maps.adaptation import LocalMap, Strategy, adapt, best, drawn, states_of
-from navigation.maps.temporal import MODELS, History, Predict, fremen
+from navigation.maps.temporal import MODELS, FeatureHistory, Predict, fremen
 from navigation.views.features import Features
 from navigation.views.registration import Registration, VoteRule, register
 
@@ -64,13 +64,13 @@ class Remembered:
         """As it is now."""
         return self._kept.map
 
-    def history(self) -> History:
+    def history(self) -> FeatureHistory:
         """Of the features that it has now."""
         ids = self.map.ids.tolist()
         states = [[passing.get(one, 0) for one in ids] for passing in self._states]
         passed = [[one in passing for one in ids] for passing in self._states]
         shape = (len(self._states), len(ids))
-        return History(
+        return FeatureHistory(
             np.array(self._times_s), np.array(states, np.int8).reshape(shape), np.array(passed, bool).reshape(shape)
         )
 

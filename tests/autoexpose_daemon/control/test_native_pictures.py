@@ -17,7 +17,7 @@ from autoexpose_daemon.control.metrics.gradient import ExtremeShares, grey_count
 from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
 from autoexpose_daemon.control.policies.belief.balance import BlurPhotonBalance
 from autoexpose_daemon.control.policy import Look
-from autoexpose_daemon.control.registration import LEAST_SHARE, STRIDE, LightChange, Registration
+from autoexpose_daemon.control.registration import LEAST_SHARE, STRIDE, LightChange, LightRegistration
 from imaging.exposure import ExposureLimits
 from imaging.response import ResponseFunction
 
@@ -88,7 +88,7 @@ def test_many_pixels_of_one_grey_level_are_counted() -> None:
 @given(SEEDS, SIZES, SIZES, st.booleans())
 def test_changes_of_light_are_the_same(seed: int, height: int, width: int, weighted: bool) -> None:
     first, second = two_look(seed, height, width, weighted)
-    registration = Registration({"left": LINEAR})
+    registration = LightRegistration({"left": LINEAR})
     assert registration.change(first, 0.0) is None
     before = registration.previous
     assert before is not None
@@ -183,7 +183,7 @@ def test_results_are_written_only_where_that_is_allowed() -> None:
 def test_a_region_between_the_strides_shows_no_change() -> None:
     weights = np.ones((11, 11), np.uint8)
     weights[::STRIDE, ::STRIDE] = 0
-    registration = Registration({"left": LINEAR})
+    registration = LightRegistration({"left": LINEAR})
     look = Look("left", np.full((11, 11), 90, np.uint8), LINEAR, weights)
     assert registration.change(look, 0.0) is None
     assert registration.change(look, 0.0) is None

@@ -12,7 +12,7 @@ from rich.console import Console
 
 from autoexpose_daemon.demo.analysis import LightStep, StepLog
 from autoexpose_daemon.demo.options import DemoOptions
-from autoexpose_daemon.demo.summary import Run, figures, in_words
+from autoexpose_daemon.demo.summary import DemoRun, figures, in_words
 from autoexpose_daemon.status.panel import lost_in_words
 from autoexpose_daemon.status.telemetry import Telemetry
 from drivers.triggers.outcomes import Tally
@@ -98,7 +98,7 @@ def test_cameras_that_ran_for_several_daemons_take_their_share_of_all_that_time(
     daemon: Any = SimpleNamespace(tally=Tally(), telemetry=Telemetry())
     options = DemoOptions(60.0, "fixed", None, None, "room", None, 0, "gige", None, False, False, None, True)
     cameras: Any = [SimpleNamespace(overruns=0, cpu_s=30.0)] * 2
-    run = Run(options, 30.0, daemon, cameras, [], StepLog(1.0), 60.0, 120.0, 15.0, 3.0)
+    run = DemoRun(options, 30.0, daemon, cameras, [], StepLog(1.0), 60.0, 120.0, 15.0, 3.0)
     result = figures(run, [])
     assert result["fakes"]["cpu_percent"] == [25.0, 25.0]
     assert result["daemon_cpu_percent"] == 25.0

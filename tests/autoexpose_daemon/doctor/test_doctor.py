@@ -20,7 +20,7 @@ from autoexpose_daemon.doctor.examine import as_json, judge, show
 from autoexpose_daemon.doctor.facts import Facts, GigeFacts
 from autoexpose_daemon.doctor.judge_configuration import judge_policy
 from autoexpose_daemon.doctor.judge_gige import judge_gige
-from autoexpose_daemon.doctor.need import Finding, Need, Severity
+from autoexpose_daemon.doctor.need import Diagnosis, Need, Severity
 from drivers.genicam import link_share
 from drivers.host.network import SOCKET_BUFFER_BYTES, Control, GigeCamera, NetworkInterface
 from drivers.host.usb import DeviceNode, Process, UsbCamera, UsbFacts, find_usb
@@ -299,8 +299,8 @@ def test_commands_name_files_that_are_shipped() -> None:
 
 
 FINDINGS = [
-    Finding("a", "ok", "All is well."),
-    Finding("b", "stops", " ".join(["word"] * 40), "command " + "x" * 100),
+    Diagnosis("a", "ok", "All is well."),
+    Diagnosis("b", "stops", " ".join(["word"] * 40), "command " + "x" * 100),
 ]
 
 
@@ -319,7 +319,7 @@ def test_the_report_reads_without_colours_and_commands_stay_whole() -> None:
 def test_the_json_holds_the_same_findings() -> None:
     document = json.loads(as_json(FINDINGS))
     assert document["stops"] is True
-    assert [Finding(**finding) for finding in document["findings"]] == FINDINGS
+    assert [Diagnosis(**finding) for finding in document["findings"]] == FINDINGS
     assert json.loads(as_json(FINDINGS[:1]))["stops"] is False
 
 

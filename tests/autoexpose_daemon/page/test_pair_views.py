@@ -14,7 +14,7 @@ import pytest
 from autoexpose_daemon.client import ReceivedPair
 from autoexpose_daemon.client.status_client import StatusClient
 from autoexpose_daemon.page import pair_views
-from autoexpose_daemon.page.pair_views import History, PairViews
+from autoexpose_daemon.page.pair_views import ExposureHistory, PairViews
 from tests.autoexpose_daemon.publish.steps import DECISION, PATIENCE_S, pair
 
 
@@ -43,7 +43,7 @@ def test_nor_do_frames_too_narrow(shape: tuple[int, int], caplog: pytest.LogCapt
 
 async def followed(pairs: Iterator[ReceivedPair]) -> int:
     """How many views were made of some pairs."""
-    views = PairViews("rig", (), StatusClient(), History())
+    views = PairViews("rig", (), StatusClient(), ExposureHistory())
 
     class Client:
         def next_pair(self, _timeout_s: float) -> ReceivedPair | None:
@@ -85,7 +85,7 @@ def test_nobody_sees_a_picture_from_before_they_watched(monkeypatch: pytest.Monk
 
 
 async def watched_twice() -> None:
-    with PairViews("rig", (), StatusClient(), History()) as views:
+    with PairViews("rig", (), StatusClient(), ExposureHistory()) as views:
         with views.watched() as before:
             number, picture = await asyncio.wait_for(views.next_view(before), PATIENCE_S)
             await until(lambda: views.curve is not None)
@@ -103,7 +103,7 @@ def test_nor_does_who_watches_beside_another_or_just_after(monkeypatch: pytest.M
 
 async def watched_by_two() -> None:
     """The one pair of `Following` arrives while only the first watches."""
-    with PairViews("rig", (), StatusClient(), History()) as views:
+    with PairViews("rig", (), StatusClient(), ExposureHistory()) as views:
         with views.watched() as first:
             await asyncio.wait_for(views.next_view(first), PATIENCE_S)
             with views.watched() as beside:
@@ -120,7 +120,7 @@ def test_the_prediction_of_a_pair_long_ago_is_not_shown(monkeypatch: pytest.Monk
 
 async def watched_on() -> None:
     """After the one pair of `Following` the daemon is silent."""
-    with PairViews("rig", (), StatusClient(), History()) as views, views.watched():
+    with PairViews("rig", (), StatusClient(), ExposureHistory()) as views, views.watched():
         await until(lambda: views.curve is not None)
         await until(lambda: views.curve is None)
 

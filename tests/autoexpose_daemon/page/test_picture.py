@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.metrics.gradient import GradientMetric
-from autoexpose_daemon.page.picture import DELTA_LEVELS, DISPLAY_SIZE, Picture, PictureMaker
+from autoexpose_daemon.page.picture import DELTA_LEVELS, DISPLAY_SIZE, FramePicture, PictureMaker
 from imaging.exposure import ExposureLimits, ExposureSetting
 from imaging.frames import Frame, StereoPair
 from imaging.pixels import Layout, Pixels
@@ -22,7 +22,7 @@ def frame_of(pixels: Pixels, layout: Layout = "grey", bit_depth: int = 8) -> Fra
     return Frame(pixels, bit_depth, 0, 0, 0, 0, SETTING, layout=layout)
 
 
-def colours(picture: Picture) -> NDArray[np.int16]:
+def colours(picture: FramePicture) -> NDArray[np.int16]:
     """Blue, green, red of every pixel, as a browser decodes them."""
     decoded = cv2.imdecode(np.frombuffer(picture.jpeg, np.uint8), cv2.IMREAD_COLOR)
     assert decoded is not None

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from autoexpose_daemon.page import app
-from autoexpose_daemon.page.pair_views import BUCKET_S, History
+from autoexpose_daemon.page.pair_views import BUCKET_S, ExposureHistory
 from tests.autoexpose_daemon.statuses import EXPOSING
 
 AGE_S = 0.9
@@ -22,7 +22,7 @@ HEARD_TIME = (1000.0, 1000.0)
 
 async def recorded(pair_age_s: float) -> list[tuple[Any, ...]]:
     """Rows made of a status that is `AGE_S` old, when the newest pair is `pair_age_s` old."""
-    history = History()
+    history = ExposureHistory()
     client: Any = SimpleNamespace(status=EXPOSING, silent_s=AGE_S)
     views: Any = SimpleNamespace(pair_s=time.monotonic() - pair_age_s)
     with contextlib.suppress(asyncio.TimeoutError):

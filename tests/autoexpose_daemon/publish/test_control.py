@@ -29,7 +29,7 @@ from autoexpose_daemon.publish.session import Endpoints, open_session
 from autoexpose_daemon.recording.recorder import ContinuousRecorder
 from autoexpose_daemon.runtime.daemon import Daemon
 from autoexpose_daemon.status.describe import describe
-from autoexpose_daemon.status.inputs import LARGEST_ANSWER_BYTES, Answer, RequestTally, Shot
+from autoexpose_daemon.status.inputs import LARGEST_ANSWER_BYTES, Answer, AnsweredShot, RequestTally
 from autoexpose_daemon.status.panel import line_of
 from imaging.errors import AutoexposeError, ConfigurationError
 from imaging.exposure import ExposureSetting
@@ -51,7 +51,7 @@ def exposing(at: str, recorder: ContinuousRecorder | None = None) -> Iterator[tu
         yield daemon, seen
 
 
-def shot_by(control: ControlClient, received: Iterator[ReceivedPair]) -> tuple[Shot, ReceivedPair, int]:
+def shot_by(control: ControlClient, received: Iterator[ReceivedPair]) -> tuple[AnsweredShot, ReceivedPair, int]:
     """A shot, its pair, and how often it was asked for: a busy machine loses the pair of some, here or there."""
     for times in range(1, 20):
         try:

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from autoexpose_daemon.recording.file import Setup, State, Step
+from autoexpose_daemon.recording.file import LoopState, Setup, Step
 from autoexpose_daemon.recording.read import Recording
 from autoexpose_daemon.recording.replay import report_replay
 from tests.autoexpose_daemon.service.service_process import AUTOEXPOSE, PATIENCE_S, running_service
@@ -50,7 +50,7 @@ def test_the_last_second_is_written_on_a_signal_and_at_the_end_and_replayed_bit_
     files = sorted(tmp_path.glob("*.mcap"))
     assert [file.name for file in files] == ["last-1.mcap", "last-2.mcap"]
     for file in files:
-        assert [type(item) for item in list(Recording(file))[:3]] == [Setup, Step, State]
+        assert [type(item) for item in list(Recording(file))[:3]] == [Setup, Step, LoopState]
     said: list[str] = []
     assert report_replay(files[1], None, said.append), said
     assert re.search(r"replayed: (\d+), of which \1 are bit for bit as recorded", "\n".join(said))

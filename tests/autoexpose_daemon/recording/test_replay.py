@@ -12,7 +12,7 @@ import pytest
 from autoexpose_daemon.config.document import PublishConfig
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY, POLICY_IDS
 from autoexpose_daemon.recording import recorder as recorder_module
-from autoexpose_daemon.recording.file import RecordingFile, Setup, State, Step
+from autoexpose_daemon.recording.file import LoopState, RecordingFile, Setup, Step
 from autoexpose_daemon.recording.read import Recording
 from autoexpose_daemon.recording.recorder import ContinuousRecorder, LastSecondsRecorder
 from autoexpose_daemon.recording.replay import report_replay
@@ -253,7 +253,7 @@ def test_the_last_seconds_are_kept_and_begin_with_a_snapshot(tmp_path: Path) -> 
     assert sorted(path.name for path in tmp_path.iterdir()) == ["run-1.mcap", "run-2.mcap"]
     for path in tmp_path.iterdir():
         items = list(Recording(path))
-        assert [type(item) for item in items[:3]] == [Setup, Step, State]
+        assert [type(item) for item in items[:3]] == [Setup, Step, LoopState]
         steps = replayed(path)
         assert len(steps) <= 1.1 * 30 + 1
         assert all(each.same for each in steps[1:])

@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.geometry.board import Board, BoardFinder, View
+from calibration.geometry.board import Board, BoardFinder, BoardView
 from fake_camera.imaging import ImageSettings
 from fake_camera.world.lighting import Change, LightScript
 from fake_camera.world.render.renderer import Pinhole, Renderer
@@ -46,12 +46,12 @@ def _renderer() -> Renderer:
     return Renderer(board_on_a_wall(0), Pinhole(*SIZE))
 
 
-def views(path: BoardPath, count: int, board: Board | None = None) -> list[View]:
+def views(path: BoardPath, count: int, board: Board | None = None) -> list[BoardView]:
     """The board at the rests of a path."""
     finder, show = BoardFinder(board or Board()), shown(path)
     found = []
     for number in range(count):
         pictures = show(number * (path.hold_s + path.move_s) + path.hold_s / 2, number)
         corners = {side: seen for side, grey in pictures.items() if (seen := finder.find(grey)) is not None}
-        found.append(View(f"{number:03}", corners))
+        found.append(BoardView(f"{number:03}", corners))
     return found

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from calibration.geometry.board import Board, BoardFinder, Corners, View, tilts
+from calibration.geometry.board import Board, BoardFinder, BoardView, Corners, tilts
 from calibration.geometry.fit import GeometryResult, calibrate_geometry, common, overall, score
 from fake_camera.world.scene.board import BoardPath
 from imaging.frames import SIDES, Side
@@ -22,12 +22,12 @@ BOARD = Board()
 
 
 @pytest.fixture(scope="module")
-def good() -> list[View]:
+def good() -> list[BoardView]:
     return views(BoardPath(1), 40)
 
 
 @pytest.fixture(scope="module")
-def result(good: list[View]) -> GeometryResult:
+def result(good: list[BoardView]) -> GeometryResult:
     return calibrate_geometry(BOARD, good, SIZE, {"left": "A", "right": "B"})
 
 
@@ -74,7 +74,7 @@ def test_another_set_of_views_agrees_and_shows_a_wrong_calibration(result: Geome
     assert scale == pytest.approx(0.01, abs=1e-3)
 
 
-def synthetic(left: tuple[float, ...], right: tuple[float, ...], turn: tuple[float, ...]) -> list[View]:
+def synthetic(left: tuple[float, ...], right: tuple[float, ...], turn: tuple[float, ...]) -> list[BoardView]:
     """Views by lenses with distortion, the right one 120 mm away and turned (rad); 0.05 pixels of noise."""
     rng, path = np.random.default_rng(5), BoardPath(5, distance_m=(0.4, 0.7))
     k = np.array([[FOCAL_PX, 0.0, 350.0], [0.0, FOCAL_PX, 280.0], [0.0, 0.0, 1.0]])
@@ -95,7 +95,7 @@ def synthetic(left: tuple[float, ...], right: tuple[float, ...], turn: tuple[flo
             inside = np.flatnonzero(((noisy >= 0) & (noisy < SIZE)).all(axis=1))
             if BOARD.holds_pose(inside):
                 corners[side] = Corners(inside, noisy[inside])
-        made.append(View(f"{number:03}", corners))
+        made.append(BoardView(f"{number:03}", corners))
     return made
 
 
@@ -137,40 +137,40 @@ def test_corners_are_where_the_fake_has_them() -> None:
         assert np.sqrt((off_px**2).mean()) < 0.15
 
 
-Spoil = Callable[[list[View]], list[View]]
+Spoil = Callable[[list[BoardView]], list[BoardView]]
 
 
-def swap(good: list[View]) -> list[View]:
-    return [View(one.name, {"left": one.corners["right"], "right": one.corners["left"]}) for one in both(good)]
+def swap(good: list[BoardView]) -> list[BoardView]:
+    return [BoardView(one.name, {"left": one.corners["right"], "right": one.corners["left"]}) for one in both(good)]
 
 
-def shift(good: list[View]) -> list[View]:
+def shift(good: list[BoardView]) -> list[BoardView]:
     """The right camera a moment later."""
     pairs = zip(both(good), both(good)[1:], strict=False)
-    return [View(one.name, {**one.corners, "right": other.corners["right"]}) for one, other in pairs]
+    return [BoardView(one.name, {**one.corners, "right": other.corners["right"]}) for one, other in pairs]
 
 
-def both(good: list[View]) -> list[View]:
+def both(good: list[BoardView]) -> list[BoardView]:
     return [view for view in good if view.by_both]
 
 
-def in_the_middle(good: list[View]) -> list[View]:
+def in_the_middle(good: list[BoardView]) -> list[BoardView]:
     def cut(corners: Corners) -> Corners:
         kept = (np.abs(corners.pixels - CENTRE_PX) < (150, 120)).all(axis=1)
         return Corners(corners.numbers[kept], corners.pixels[kept])
 
-    kept = [View(view.name, {side: cut(corners) for side, corners in view.corners.items()}) for view in good]
+    kept = [BoardView(view.name, {side: cut(corners) for side, corners in view.corners.items()}) for view in good]
     return [view for view in kept if min(len(corners.numbers) for corners in view.corners.values()) >= 8]
 
 
-def bent(good: list[View]) -> list[View]:
+def bent(good: list[BoardView]) -> list[BoardView]:
     """A board that is not flat."""
 
     def bend(corners: Corners) -> Corners:
         off = 8.0 * np.sin(BOARD.points_m[corners.numbers, 0] / 0.03)
         return Corners(corners.numbers, corners.pixels + np.column_stack([off, np.zeros(len(off))]))
 
-    return [View(view.name, {side: bend(corners) for side, corners in view.corners.items()}) for view in good]
+    return [BoardView(view.name, {side: bend(corners) for side, corners in view.corners.items()}) for view in good]
 
 
 @pytest.mark.parametrize(
@@ -178,7 +178,7 @@ def bent(good: list[View]) -> list[View]:
     [
         (lambda good: [], "never_seen", "the left camera never saw the board: it must be in the picture"),
         (
-            lambda good: [View(one.name, {"left": one.corners["left"]}) for one in good],
+            lambda good: [BoardView(one.name, {"left": one.corners["left"]}) for one in good],
             "never_seen",
             "the right camera never saw the board",
         ),
@@ -189,7 +189,7 @@ def bent(good: list[View]) -> list[View]:
         (bent, "reprojection", "corners are off by .* pixels rms: check the board's squares"),
     ],
 )
-def test_bad_sets_are_refused(good: list[View], spoil: Spoil, reason: str, words: str) -> None:
+def test_bad_sets_are_refused(good: list[BoardView], spoil: Spoil, reason: str, words: str) -> None:
     result = calibrate_geometry(BOARD, spoil(good), SIZE)
     assert result.verdict == "refused"
     (finding, *_) = [each for each in result.findings if each.reason == reason]
@@ -204,10 +204,10 @@ def test_a_board_that_was_never_turned_is_refused() -> None:
     assert "hardly saw the board turned by 15 degrees to the left, right, up, down" in result.findings[-1].text
 
 
-def test_a_blurred_view_is_named(good: list[View]) -> None:
+def test_a_blurred_view_is_named(good: list[BoardView]) -> None:
     left = good[7].corners["left"]
     noise = np.random.default_rng(1).normal(0, 2, left.pixels.shape)
-    blurred = View("007", {**good[7].corners, "left": Corners(left.numbers, left.pixels + noise)})
+    blurred = BoardView("007", {**good[7].corners, "left": Corners(left.numbers, left.pixels + noise)})
     result = calibrate_geometry(BOARD, [*good[:7], blurred, *good[8:]], SIZE)
     assert result.verdict == "with care"
     assert any(each.reason == "outliers" and "007" in each.text for each in result.findings)
@@ -246,7 +246,7 @@ def test_turns_are_named_as_a_camera_sees_them() -> None:
 def test_common_corners_are_in_one_order() -> None:
     pixels = np.arange(10.0).reshape(5, 2)
     left, right = Corners(np.array([4, 2, 9, 1, 7]), pixels), Corners(np.array([1, 9, 3]), pixels[:3])
-    of_left, of_right = common(View("", {"left": left, "right": right}))
+    of_left, of_right = common(BoardView("", {"left": left, "right": right}))
     assert of_left.numbers.tolist() == of_right.numbers.tolist() == [1, 9]
     assert of_left.pixels.tolist() == [[6, 7], [4, 5]]
     assert of_right.pixels.tolist() == [[0, 1], [2, 3]]

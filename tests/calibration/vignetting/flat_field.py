@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from calibration.sources.sweep import Shot
-from calibration.vignetting.field import Look, field_of
+from calibration.vignetting.field import FieldLook, field_of
 from fake_camera.imaging import ImageSettings
 from fake_camera.world.sensor import Sensor, SensorModel, falloff
 from imaging.exposure import ExposureSetting
@@ -30,7 +30,7 @@ def looks(
     count: int = 8,
     share: float = 0.7,
     changes: float = 0.0,
-) -> list[Look]:
+) -> list[FieldLook]:
     """Looks through a lens: its relative light, or what it leaves in the corners of the fakes.
 
     `tilt` is how much the light changes across the surface, which is turned from look to look; `share` is how bright
@@ -53,7 +53,7 @@ def looks(
             exposure = ExposureSetting(LONG_US * part, 0.0)
             pixels = (sensor.expose(light.astype(np.float32), settings, 100 * number + k) for k in range(4))
             fields.append(field_of([Shot(each, 8, exposure) for each in pixels], response))
-        taken.append(Look(*fields, 0.5))
+        taken.append(FieldLook(*fields, 0.5))
     return taken
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from calibration.sources.sweep import Shot
-from calibration.vignetting.field import Field, Look, bright_exposure_us, capture_looks, cells, field_of
+from calibration.vignetting.field import Field, FieldLook, bright_exposure_us, capture_looks, cells, field_of
 from calibration.vignetting.result import calibrate_vignetting
 from fake_camera.imaging import ImageSettings
 from fake_camera.world.sensor import Sensor, SensorModel
@@ -126,6 +126,6 @@ def test_a_camera_finds_its_exposure_and_pauses_between_looks(lux: float) -> Non
 
 def test_a_black_picture_is_dark_and_not_an_error() -> None:
     black = Field(np.zeros((48, 64)), 0.0, 0.0, 0.0, 0.0)
-    result = calibrate_vignetting("", SIZE, [Look(black, black, 0.5)] * 4)
+    result = calibrate_vignetting("", SIZE, [FieldLook(black, black, 0.5)] * 4)
     assert [finding.reason for finding in result.findings] == ["too_dark"]
     assert result.slope is None

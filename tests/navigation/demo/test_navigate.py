@@ -17,14 +17,14 @@ from autoexpose_daemon.demo.options import DemoOptions
 from imaging.errors import AutoexposeError, ConfigurationError
 from navigation.demo.lessons import LIGHTS, TAUGHT_LUX, Lap
 from navigation.demo.picture import draw
-from navigation.demo.robot import LENGTH_M, RADIUS_M, SCALE, ControlLine, DemoRobot, Place, Step, Vehicle
+from navigation.demo.robot import LENGTH_M, RADIUS_M, SCALE, ControlLine, DemoRobot, Pose2D, RobotSample, Vehicle
 from navigation.demo.run import compared, laps_in_words
 from tests.autoexpose_daemon.messages.registered_view import registered_view
 
 
 def around(errs: bool) -> Vehicle:
     vehicle = Vehicle()
-    vehicle.put(Place.at_start(), errs=errs)
+    vehicle.put(Pose2D.at_start(), errs=errs)
     for _ in range(1000):
         vehicle.drive(0.25, 0.25 / RADIUS_M, LENGTH_M / 0.25 / 1000)
     return vehicle
@@ -33,13 +33,13 @@ def around(errs: bool) -> Vehicle:
 def test_a_robot_without_errors_drives_the_lap() -> None:
     vehicle = around(errs=False)
     assert vehicle.place.aside_m < 1e-4
-    assert vehicle.place[:2] == pytest.approx(Place.at_start()[:2], abs=1e-4)
+    assert vehicle.place[:2] == pytest.approx(Pose2D.at_start()[:2], abs=1e-4)
     assert vehicle.believed == vehicle.place
 
 
 def test_odometry_errs_in_distance_and_does_not_see_the_drift() -> None:
     vehicle = around(errs=True)
-    assert math.dist(vehicle.place[:2], Place.at_start()[:2]) > 0.02
+    assert math.dist(vehicle.place[:2], Pose2D.at_start()[:2]) > 0.02
     assert vehicle.believed.heading_rad == pytest.approx(math.pi / 2 + 2 * math.pi)
     assert vehicle.place.heading_rad > vehicle.believed.heading_rad + 0.05
 
@@ -52,9 +52,9 @@ def test_odometry_sees_more_metres_than_there_are() -> None:
 
 
 def test_progress_and_what_lies_aside() -> None:
-    assert Place.at_start(0.15).aside_m == pytest.approx(0.15)
-    assert Place(0.0, 0.4, 0.0).progress == pytest.approx(0.25)
-    assert Place(0.0, -0.4, 0.0).progress == pytest.approx(0.75)
+    assert Pose2D.at_start(0.15).aside_m == pytest.approx(0.15)
+    assert Pose2D(0.0, 0.4, 0.0).progress == pytest.approx(0.25)
+    assert Pose2D(0.0, -0.4, 0.0).progress == pytest.approx(0.75)
 
 
 def test_the_last_light_goes_out_for_a_third() -> None:
@@ -99,8 +99,8 @@ def test_a_camera_that_is_not_there_is_named(tmp_path: Path) -> None:
 
 
 def lap(policy: str, light: str, *, completed: bool = True) -> Lap:
-    places = [Place(RADIUS_M * math.cos(a / 10), RADIUS_M * math.sin(a / 10) - 0.02, 0.0) for a in range(60)]
-    steps = [Step(20_000_000 * number, place) for number, place in enumerate(places)]
+    places = [Pose2D(RADIUS_M * math.cos(a / 10), RADIUS_M * math.sin(a / 10) - 0.02, 0.0) for a in range(60)]
+    steps = [RobotSample(20_000_000 * number, place) for number, place in enumerate(places)]
     views = [registered_view(number * 0.05, 12.0 if number % 4 else None) for number in range(40)]
     return Lap(light, policy, completed, steps, views, "repeated 3.1 of 3.1 m")
 

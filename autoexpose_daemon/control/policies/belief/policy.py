@@ -30,7 +30,7 @@ from autoexpose_daemon.control.policies.belief.scene_belief import (
 )
 from autoexpose_daemon.control.policies.belief.timing import Cadence, LoopDelay
 from autoexpose_daemon.control.policy import ExposurePolicy, Look, Objective, Observation, PolicySetup, Target
-from autoexpose_daemon.control.registration import LightChange, Registration
+from autoexpose_daemon.control.registration import LightChange, LightRegistration
 from imaging.exposure import ExposureLimits, linear_gain
 from imaging.frames import Side
 from imaging.python310 import Self
@@ -79,7 +79,7 @@ class Belief(ExposurePolicy):
     STEERED: ClassVar[bool] = True
     FILTERED: ClassVar[bool] = False
     compensated = "targets"
-    registrations: dict[Side, Registration]
+    registrations: dict[Side, LightRegistration]
     forecast: Forecast
     foresight: Foresight
     cadence: Cadence
@@ -89,7 +89,7 @@ class Belief(ExposurePolicy):
 
     def __init__(self, responses: Mapping[Side, ResponseFunction], balance: Balance, noise: SensorNoise) -> None:
         self.balance = balance
-        self.registrations = {side: Registration({side: response}) for side, response in responses.items()}
+        self.registrations = {side: LightRegistration({side: response}) for side, response in responses.items()}
         self.forecast = Forecast()
         self.foresight = Foresight()
         self.cadence = Cadence()

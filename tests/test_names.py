@@ -1,0 +1,21 @@
+"""One word for one thing: no public class of the product has the name of another."""
+
+from __future__ import annotations
+
+import ast
+from collections import defaultdict
+
+from tests import REPOSITORY
+
+ROOMS = ("imaging", "documents", "drivers", "calibration", "autoexpose_daemon", "navigation")
+
+
+def test_no_two_classes_have_one_name() -> None:
+    homes: dict[str, list[str]] = defaultdict(list)
+    for room in ROOMS:
+        for path in sorted((REPOSITORY / room).rglob("*.py")):
+            for node in ast.parse(path.read_text()).body:
+                if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+                    homes[node.name].append(str(path.relative_to(REPOSITORY)))
+    assert len(homes) > 300
+    assert {name: paths for name, paths in homes.items() if len(paths) > 1} == {}
