@@ -166,7 +166,7 @@ $(VENV)/packages.stamp: $(VENV)/dev.stamp pyproject.toml
 	@./tools/install-python $(PY) packages
 	@touch $@
 
-wheels: $(VENV)/packages.stamp ## sources and wheels of autoexpose-daemon, autoexpose-client and camera-twin, in dist
+wheels: $(VENV)/packages.stamp ## sources and wheels of autoexpose-daemon, autoexpose-lab, autoexpose-client and camera-twin, in dist
 	@./tools/make-wheels $(PY) $(or $(DIST),dist)
 
 image: ## an OCI image of Debian 12 with the daemon, in build/image; needs root
