@@ -91,14 +91,14 @@ def stage(name: str, folder: Path) -> None:
 
 
 def _project(own: Path) -> str:
-    """The pyproject.toml of a package: its own, with our version and entry points, or ours without entry points."""
+    """The pyproject.toml of a package: its own, with our version for 0.0.0 and our entry points, or ours without entry points."""
     tables = re.split(r"^(?=\[)", Path("pyproject.toml").read_text(encoding="utf-8"), flags=re.MULTILINE)
     points = [table for table in tables if table.startswith("[project.entry-points.")]
     if not own.is_dir():
         return "".join(table for table in tables if table not in points)
     (version,) = re.findall(r'^version = "(.+)"$', "".join(tables), re.MULTILINE)
     text = (own / "pyproject.toml").read_text(encoding="utf-8")
-    return text.replace("@VERSION@", version).replace("@ENTRY-POINTS@\n", "".join(points))
+    return text.replace("0.0.0", version).replace("# @ENTRY-POINTS@\n", "".join(points))
 
 
 class Rewriter:

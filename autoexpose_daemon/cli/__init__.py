@@ -12,7 +12,7 @@ from autoexpose_daemon.cli.listing import LISTINGS, PANELS, LazyGroup, load_comm
 from imaging.errors import AutoexposeError
 
 # Typer loads pydantic to make a bool of a flag that has no value.
-_FLAGS = {name: False for name in ("help", "install_completion", "show_completion")}
+_FLAGS = dict.fromkeys(("help", "install_completion", "show_completion"), False)
 
 app = typer.Typer(
     name="autoexpose",

@@ -65,7 +65,9 @@ def installed(folder: Path, wheels: Path, *packages: str, sees_debian: bool = Fa
     """A new environment with packages of ours: names, with their extras."""
     options = ["--system-site-packages"] if sees_debian else []
     run("/usr/bin/python3", "-m", "venv", *options, folder / "venv", folder=folder)
-    ours = [wheel_of(wheels, name) + bracket + extras for name, bracket, extras in (it.partition("[") for it in packages)]
+    ours = [
+        wheel_of(wheels, name) + bracket + extras for name, bracket, extras in (it.partition("[") for it in packages)
+    ]
     run(folder / "venv/bin/pip", "install", "-q", *ours, "pytest", folder=folder)
     return folder / "venv"
 

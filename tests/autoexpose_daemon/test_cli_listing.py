@@ -50,9 +50,7 @@ def test_the_help_has_a_line_for_each_command_and_loads_none() -> None:
 
 @pytest.mark.parametrize("words", ["", "a"])
 def test_a_shell_completes_names_and_loads_none(words: str) -> None:
-    *names, heavy = said(
-        _AUTOEXPOSE_COMPLETE="complete_bash", COMP_WORDS=f"autoexpose {words}", COMP_CWORD="1"
-    )
+    *names, heavy = said(_AUTOEXPOSE_COMPLETE="complete_bash", COMP_WORDS=f"autoexpose {words}", COMP_CWORD="1")
     assert heavy == "heavy:"
     assert names == [name for name in LISTINGS if name.startswith(words)]
 
@@ -95,7 +93,11 @@ def test_without_the_lab_its_commands_say_what_to_install(within: Within, words:
 def test_without_the_lab_a_shell_completes_nothing_of_its_commands(
     monkeypatch: pytest.MonkeyPatch, within: Within
 ) -> None:
-    for name, value in (("_AUTOEXPOSE_COMPLETE", "complete_bash"), ("COMP_WORDS", "autoexpose map i"), ("COMP_CWORD", "2")):
+    for name, value in (
+        ("_AUTOEXPOSE_COMPLETE", "complete_bash"),
+        ("COMP_WORDS", "autoexpose map i"),
+        ("COMP_CWORD", "2"),
+    ):
         monkeypatch.setenv(name, value)
     assert within() == (0, "\n", "")
 
@@ -108,5 +110,3 @@ def test_an_extra_that_is_missing_is_named(within: Within, monkeypatch: pytest.M
     assert code == 1
     assert "`autoexpose ctl` needs zenoh" in told
     assert "'autoexpose-daemon[publish]'" in told
-
-

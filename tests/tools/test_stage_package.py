@@ -82,12 +82,12 @@ def test_the_daemon_has_nothing_of_the_lab_and_only_the_lab_has_entry_points(tmp
     for name in PACKAGES:
         stage(name, tmp_path / name)
         project = (tmp_path / name / "pyproject.toml").read_text(encoding="utf-8")
-        assert ("project.entry-points.\"autoexpose.commands" in project) == (name == "autoexpose-lab")
+        assert ('project.entry-points."autoexpose.commands' in project) == (name == "autoexpose-lab")
         assert f'version = "{VERSION}"' in project
     daemon = tmp_path / "autoexpose-daemon/autoexpose_daemon"
     assert not {"evaluation", "navigation"} & {path.name for path in daemon.iterdir()}
     lab = tmp_path / "autoexpose-lab"
-    assert f"]=={VERSION}\"" in (lab / "pyproject.toml").read_text(encoding="utf-8")
+    assert f']=={VERSION}"' in (lab / "pyproject.toml").read_text(encoding="utf-8")
     assert {path.name for path in (lab / "autoexpose_lab").iterdir() if path.is_dir()} == {"evaluation", "navigation"}
 
 
