@@ -91,7 +91,7 @@ def stage(name: str, folder: Path) -> None:
 
 
 def _project(own: Path) -> str:
-    """The pyproject.toml of a package: its own, with our version for 0.0.0 and our entry points, or ours without entry points."""
+    """The pyproject.toml of a package: ours without its entry points, or its own with our version in place of 0.0.0."""
     tables = re.split(r"^(?=\[)", Path("pyproject.toml").read_text(encoding="utf-8"), flags=re.MULTILINE)
     points = [table for table in tables if table.startswith("[project.entry-points.")]
     if not own.is_dir():

@@ -115,7 +115,7 @@ def load_command(name: str) -> Any:
     if isinstance(found, typer.Typer):
         return typer.main.get_command(found)
     app = typer.Typer(add_completion=False)
-    app.command()(found)
+    app.command(name)(found)
     return typer.main.get_command(app)
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from importlib.metadata import entry_points
 
 import pytest
 
@@ -23,7 +22,7 @@ sys.argv[0] = "autoexpose"
 from autoexpose_daemon.cli import main
 main()
 """
-LAB = {"arena", "experiments", "rejudge", "train", "teach", "repeat", "map"}
+LAB = sorted(name for name, listing in LISTINGS.items() if not listing.place)
 
 
 def said(*arguments: str, **environment: str) -> list[str]:
@@ -60,17 +59,10 @@ def test_a_shell_completes_the_options_of_a_command() -> None:
     assert {"--config", "--bracket", "--keep", "--help"} <= {*options}
 
 
-def test_every_command_loads_with_its_own_help_and_options() -> None:
+def test_every_command_can_be_loaded_and_explains_itself() -> None:
     commands = whole_command_line().commands
     assert commands.keys() == LISTINGS.keys()
-    for name, command in commands.items():
-        assert command.help, name
-        assert command.params or getattr(command, "commands", {}) or name == "fake-camera", name
-
-
-def test_the_entry_points_of_this_checkout_are_those_of_the_lab() -> None:
-    assert {point.name for point in entry_points(group="autoexpose.commands")} == LAB
-    assert {name for name, listing in LISTINGS.items() if not listing.place} == LAB
+    assert [name for name, command in commands.items() if not command.help] == []
 
 
 @pytest.fixture
@@ -80,7 +72,7 @@ def without_the_lab(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("without_the_lab")
-@pytest.mark.parametrize("words", [*([name] for name in sorted(LAB)), ["map", "--help"], ["demo", "--navigate"]])
+@pytest.mark.parametrize("words", [*([name] for name in LAB), ["map", "--help"], ["demo", "--navigate"]])
 def test_without_the_lab_its_commands_say_what_to_install(within: Within, words: list[str]) -> None:
     code, output, told = within(*words)
     assert code == 1
