@@ -1,7 +1,6 @@
-"""The commands by what a user is doing, each with its line of the help, and loading the one that is asked for.
+"""The list of commands, by what a user is doing, and how the one that is asked for is loaded.
 
-`autoexpose --help` and a shell's completion list names and lines from here; importing what all commands need would take
-seconds.
+`autoexpose --help` and completion need no more than the list; to load all commands takes seconds.
 """
 
 from __future__ import annotations
@@ -16,16 +15,16 @@ from imaging.errors import AutoexposeError
 
 
 class Listing(NamedTuple):
-    """A command before it is loaded.
+    """What is known of a command without loading it.
 
     Attributes
     ----------
     summary
-        Its line of the help: what fits into 80 columns.
+        Its line of the help, which fits into 80 columns.
     place
-        Module and name of its function or Typer app; empty: an entry point of `autoexpose-lab`.
+        Where its function or Typer app is, as in an entry point; empty: an entry point of `autoexpose-lab` says so.
     extra
-        Of `autoexpose-daemon`: what its module imports.
+        The extra of `autoexpose-daemon` that its module imports, in brackets.
     """
 
     summary: str
@@ -49,7 +48,7 @@ PANELS = {
         "calibrate": Listing(
             "Measure response, noise, vignetting and geometry of cameras.",
             "calibration.commands.app:calibrate_app",
-            extra="calibration",
+            extra="[calibration]",
         ),
     },
     "Run the daemon": {
@@ -57,7 +56,7 @@ PANELS = {
         "run": Listing("Run the daemon on the cameras of a configuration.", f"{_HERE}.daemon:run"),
         "record": Listing("Run the daemon and record what it sees and decides.", f"{_HERE}.daemon:record"),
         "ctl": Listing(
-            "Change the control of a running daemon.", "autoexpose_daemon.client.ctl:ctl_app", extra="publish"
+            "Change the control of a running daemon.", "autoexpose_daemon.client.ctl:ctl_app", extra="[publish]"
         ),
         "ros2": Listing("Offer a running daemon's frames to ROS 2.", f"{_HERE}.consumers:ros2"),
     },
@@ -108,7 +107,7 @@ def load_command(name: str) -> Any:
     try:
         found = _load_place(listing.place) if listing.place else _load_entry_point(name)
     except ModuleNotFoundError as error:
-        source = f"'autoexpose-daemon[{listing.extra}]'" if listing.place else "autoexpose-lab"
+        source = f"'autoexpose-daemon{listing.extra}'" if listing.place else "autoexpose-lab"
         raise AutoexposeError(
             f"`autoexpose {name}` needs {error.name}: pip install {source}, or in a checkout make setup"
         ) from error
