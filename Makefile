@@ -40,7 +40,7 @@ $(VENV)/demo.stamp: pyproject.toml $(NATIVE_SOURCES) $(UNBUILT)
 $(VENV)/dev.stamp: $(VENV)/demo.stamp pyproject.toml
 	@echo "setting up what the tests need, once"
 	@./tools/install-debian $(TEST_PACKAGES)
-	@./tools/install-python $(PY) $(EXTRAS),ros2,experiments,examiners,dev
+	@./tools/install-python $(PY) $(EXTRAS),ros2,lab,examiners,dev
 	@touch $@
 
 setup: $(VENV)/dev.stamp ## create .venv with everything
@@ -166,7 +166,7 @@ $(VENV)/packages.stamp: $(VENV)/dev.stamp pyproject.toml
 	@./tools/install-python $(PY) packages
 	@touch $@
 
-wheels: $(VENV)/packages.stamp ## sources and wheels of autoexpose-daemon, autoexpose-client and camera-twin, in dist
+wheels: $(VENV)/packages.stamp ## sources and wheels of autoexpose-daemon, autoexpose-lab, autoexpose-client and camera-twin, in dist
 	@./tools/make-wheels $(PY) $(or $(DIST),dist)
 
 image: ## an OCI image of Debian 12 with the daemon, in build/image; needs root

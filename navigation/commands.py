@@ -31,7 +31,7 @@ from navigation.maps.adaptation import Strategy
 from navigation.report.page import write_report
 from navigation.store import MapError, MapFile, Place
 
-map_app = typer.Typer(help="Inspect the map of a taught path.", no_args_is_help=True)
+map_app = typer.Typer(help="Inspect the map of a taught path.", no_args_is_help=True, add_completion=False)
 
 File = Annotated[Path, typer.Argument(help="A map file.")]
 

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import pytest
-import typer
 import yaml
 
 from autoexpose_daemon import cli
@@ -56,10 +55,7 @@ def each(language: str) -> list[Any]:
     return [pytest.param(block.text, id=block.at) for block in blocks() if block.language == language]
 
 
-@cache
-def command_line() -> Any:
-    cli.add_commands()
-    return typer.main.get_command(cli.app)
+command_line = cache(cli.whole_command_line)
 
 
 def test_links_lead_somewhere(tmp_path: Path) -> None:

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable
-from importlib.metadata import entry_points
 
 import pytest
 
-from autoexpose_daemon.cli import app
+from autoexpose_daemon.cli.listing import LISTINGS
 from autoexpose_daemon.control.policies.ids import POLICY_IDS
 from autoexpose_daemon.status.panel import losses
 from drivers.triggers.outcomes import LossReason
@@ -44,12 +43,7 @@ def test_what_contributors_are_sent_to_is_there(path: str) -> None:
     assert (REPOSITORY / path).exists()
 
 
-def commands() -> list[str]:
-    own = [command.name or command.callback.__name__ for command in app.registered_commands]
-    return own + [point.name for point in entry_points(group="autoexpose.commands")]
-
-
-@pytest.mark.parametrize("command", commands())
+@pytest.mark.parametrize("command", LISTINGS)
 def test_some_page_shows_how_to_call_it(command: str) -> None:
     pages = [REPOSITORY / "README.md", *(REPOSITORY / "docs").rglob("*.md")]
     assert any(f"autoexpose {command}" in file.read_text() for file in pages)

@@ -11,9 +11,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-import typer
-
-from autoexpose_daemon import cli
+from autoexpose_daemon.cli import whole_command_line
 
 _COMMANDS_OF_TYPER = ("--install-completion", "--show-completion")
 
@@ -80,6 +78,5 @@ def _escaped(text: str) -> str:
 if __name__ == "__main__":
     folder = Path(sys.argv[1])
     folder.mkdir(parents=True, exist_ok=True)
-    cli.add_commands()
-    for file, text in pages("autoexpose", typer.main.get_command(cli.app)):
+    for file, text in pages("autoexpose", whole_command_line()):
         (folder / file).write_text(text, encoding="utf-8")

@@ -4,8 +4,8 @@
 
 The rooms (`drivers`, `calibration` ...) are top-level packages here, and would be in anybody's environment, where such
 names collide. So imports are rewritten: in the package `autoexpose-daemon` all other rooms are below
-`autoexpose_daemon`. `autoexpose-client` gets the modules that its face imports, `camera-twin` the fake cameras. What is
-laid out needs nothing else to be built.
+`autoexpose_daemon`. `autoexpose-client` gets the modules that its face imports, `camera-twin` the fake cameras, and
+`autoexpose-lab` what is for a desk or on top of the daemon. What is laid out needs nothing else to be built.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import re
 import shutil
 import sys
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 ROOMS = (
@@ -40,16 +40,23 @@ class Package:
     ----------
     homes
         Its rooms, and the module that each becomes.
+    beside
+        The same of the rooms that it imports from another package.
     face
         A module: only what that imports, directly or not, is in the package; empty: all modules are.
     """
 
     homes: Mapping[str, str]
+    beside: Mapping[str, str] = field(default_factory=dict)
     face: str = ""
 
 
+_LAB = ("evaluation", "navigation")
+_DAEMON = {room: f"autoexpose_daemon.{room}" for room in ROOMS[1:] if room not in _LAB} | {ROOMS[0]: ROOMS[0]}
+
 PACKAGES = {
-    "autoexpose-daemon": Package({room: f"autoexpose_daemon.{room}" for room in ROOMS[1:]} | {ROOMS[0]: ROOMS[0]}),
+    "autoexpose-daemon": Package(_DAEMON),
+    "autoexpose-lab": Package({room: f"autoexpose_lab.{room}" for room in _LAB}, beside=_DAEMON),
     "autoexpose-client": Package(
         {
             "autoexpose_daemon": "autoexpose_client",
@@ -72,23 +79,26 @@ def stage(name: str, folder: Path) -> None:
     own = Path("packages", name)
     if own.is_dir():
         shutil.copytree(own, folder, dirs_exist_ok=True, ignore=shutil.ignore_patterns("__init__.py"))
-        top = folder / name.replace("-", "_")
-        shutil.copy(own / "__init__.py", top)
-        (top / "_version.py").write_text(f'VERSION = "{version()}"\n')
+        shutil.copy(own / "__init__.py", folder / name.replace("-", "_"))
     else:
-        for source in ("pyproject.toml", "setup.py", "README.md"):
+        for source in ("setup.py", "README.md"):
             shutil.copy(source, folder)
     shutil.copy("LICENSE", folder)
-    rewrite = Rewriter(package.homes)
+    (folder / "pyproject.toml").write_text(_project(own), encoding="utf-8")
+    rewrite = Rewriter({**package.homes, **package.beside})
     for file in [*folder.rglob("*.py"), folder / "pyproject.toml"]:
         file.write_text(rewrite(file.read_text(encoding="utf-8")), encoding="utf-8")
 
 
-def version() -> str:
-    """That of all packages."""
-    found = re.search(r'^version = "(.+)"$', Path("pyproject.toml").read_text(encoding="utf-8"), re.MULTILINE)
-    assert found is not None
-    return found.group(1)
+def _project(own: Path) -> str:
+    """The pyproject.toml of a package: ours without its entry points, or its own with our version in place of 0.0.0."""
+    tables = re.split(r"^(?=\[)", Path("pyproject.toml").read_text(encoding="utf-8"), flags=re.MULTILINE)
+    points = [table for table in tables if table.startswith("[project.entry-points.")]
+    if not own.is_dir():
+        return "".join(table for table in tables if table not in points)
+    (version,) = re.findall(r'^version = "(.+)"$', "".join(tables), re.MULTILINE)
+    text = (own / "pyproject.toml").read_text(encoding="utf-8")
+    return text.replace("0.0.0", version).replace("# @ENTRY-POINTS@\n", "".join(points))
 
 
 class Rewriter:

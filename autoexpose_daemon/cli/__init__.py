@@ -2,39 +2,31 @@
 
 from __future__ import annotations
 
-import os
 import signal
-import sys
-from collections.abc import Callable
-from importlib.metadata import entry_points, version
-from typing import Annotated
+from contextlib import suppress
+from typing import Annotated, Any
 
 import typer
 
-from autoexpose_daemon.cli.consumers import page, ros2, top
-from autoexpose_daemon.cli.daemon import record, replay, run
-from autoexpose_daemon.cli.inspection import check_config, doctor, features, list_cameras
-from autoexpose_daemon.cli.simulated import demo, fake_camera
+from autoexpose_daemon.cli.listing import LISTINGS, PANELS, LazyGroup, load_command
 from imaging.errors import AutoexposeError
 
-_COMMANDS: dict[str, Callable[..., None]] = {
-    "run": run, "record": record, "replay": replay, "demo": demo, "page": page, "top": top, "ros2": ros2,
-    "list": list_cameras, "doctor": doctor, "features": features,
-}  # fmt: skip
+# Typer loads pydantic to make a bool of a flag that has no value.
+_FLAGS = dict.fromkeys(("help", "install_completion", "show_completion"), False)
 
-app = typer.Typer(name="autoexpose", no_args_is_help=True, pretty_exceptions_enable=False)
-for name, command in _COMMANDS.items():
-    app.command(name)(command)
-app.command(
-    "fake-camera", context_settings={"allow_extra_args": True, "ignore_unknown_options": True, "help_option_names": []}
-)(fake_camera)
-config_app = typer.Typer(help="Work with configuration files.", no_args_is_help=True)
-config_app.command("check")(check_config)
-app.add_typer(config_app, name="config")
+app = typer.Typer(
+    name="autoexpose",
+    cls=LazyGroup,
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    context_settings={"default_map": _FLAGS},
+)
 
 
 def _print_version(wanted: bool) -> None:
     if wanted:
+        from importlib.metadata import version  # noqa: PLC0415
+
         typer.echo(f"autoexpose {version('autoexpose-daemon')}")
         raise typer.Exit
 
@@ -48,10 +40,28 @@ def autoexpose(
     """Auto-exposure for stereo machine-vision cameras on robots."""
 
 
+def _stand_in() -> None:
+    """A command that has not been loaded."""
+
+
+for panel, commands in PANELS.items():
+    for name, listing in commands.items():
+        app.command(name, help=listing.summary, rich_help_panel=panel)(_stand_in)
+
+
+def whole_command_line() -> Any:
+    """Make the command line with every command that is installed loaded, for manual pages and tests."""
+    command_line: Any = typer.main.get_command(app)
+    command_line.commands = {}
+    for name in LISTINGS:
+        with suppress(AutoexposeError):
+            command_line.commands[name] = load_command(name)
+    return command_line
+
+
 def main() -> None:
     """Run the command line; our own errors become one sentence on stderr and exit code 1."""
     try:
-        add_commands(_requested())
         app()
     except AutoexposeError as error:
         from autoexpose_daemon.service.logs import complain  # noqa: PLC0415
@@ -60,44 +70,3 @@ def main() -> None:
         raise SystemExit(1) from None
     except KeyboardInterrupt:  # before the command has set up its own handling
         raise SystemExit(128 + signal.SIGINT) from None
-
-
-def _requested() -> str | None:
-    """The command that is to run, or whose options a shell completes; None: any."""
-    words = sys.argv[1:]
-    if "_AUTOEXPOSE_COMPLETE" in os.environ:
-        line = os.environ.get("COMP_WORDS", os.environ.get("_TYPER_COMPLETE_ARGS", ""))
-        words = line.split()[1:-1]  # the last one is not complete
-    elif words == ["--version"]:
-        return "--version"
-    return next((word for word in words if not word.startswith("-")), None)
-
-
-def add_commands(requested: str | None = None) -> None:
-    """Add the commands of other packages: the requested one, or all for the help; loading them takes a second."""
-    if requested in (None, "ctl"):
-        _add_ctl(requested)
-    for point in entry_points(group="autoexpose.commands"):
-        if requested in (None, point.name):
-            try:
-                command = point.load()
-                if isinstance(command, typer.Typer):
-                    app.add_typer(command, name=point.name)
-                else:
-                    app.command(point.name)(command)
-            except ImportError as error:
-                if requested is not None:
-                    needs = f"`autoexpose {requested}` needs {error.name}"
-                    raise AutoexposeError(
-                        f"{needs}: pip install 'autoexpose-daemon[sim,calibration,experiments]'"
-                    ) from error
-
-
-def _add_ctl(requested: str | None) -> None:
-    try:
-        from autoexpose_daemon.client.ctl import ctl_app  # noqa: PLC0415  an extra
-    except ImportError as error:
-        if requested is not None:
-            raise AutoexposeError(f"{error.name} is missing: pip install 'autoexpose-daemon[publish]'") from error
-    else:
-        app.add_typer(ctl_app, name="ctl")

@@ -10,6 +10,8 @@ import typer
 from documents.text import readable
 from imaging.errors import AutoexposeError, ConfigurationError
 
+config_app = typer.Typer(no_args_is_help=True, add_completion=False)
+
 
 def list_cameras() -> None:
     """List the cameras that Aravis finds."""
@@ -57,6 +59,12 @@ def features(
         raise typer.Exit(1)
 
 
+@config_app.callback()
+def config() -> None:
+    """Work with configuration files."""
+
+
+@config_app.command("check")
 def check_config(
     file: Path,
     camera: Annotated[

@@ -15,6 +15,8 @@ from autoexpose_daemon.cli.signals import stop_on_signals
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY, POLICY_IDS
 from imaging.errors import ConfigurationError
 
+fake_camera_app = typer.Typer(add_completion=False)
+
 
 def demo(
     *,
@@ -79,6 +81,9 @@ def demo(
     run_demo(options, stop, Console())
 
 
+@fake_camera_app.command(
+    context_settings={"allow_extra_args": True, "ignore_unknown_options": True, "help_option_names": []}
+)
 def fake_camera(context: typer.Context) -> None:
     """Start a fake camera (its own process); options: autoexpose fake-camera --help."""
     from autoexpose_daemon.demo.fakes import check_simulator  # noqa: PLC0415

@@ -17,7 +17,9 @@ from autoexpose_daemon.status.panel import plain
 from imaging.errors import ConfigurationError
 
 ctl_app = typer.Typer(
-    help="Change the control of a running daemon, until it restarts or reloads.", no_args_is_help=True
+    help="Change the control of a running daemon, until it restarts or reloads.",
+    no_args_is_help=True,
+    add_completion=False,
 )
 
 

@@ -7,9 +7,8 @@ import os
 import shutil
 import tempfile
 import threading
-from collections.abc import Callable
 from contextlib import ExitStack
-from importlib.metadata import entry_points
+from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -38,6 +37,7 @@ def run_demo(options: DemoOptions, stop: threading.Event, console: Console) -> N
     AutoexposeError
         When the fakes do not start, or when the daemon's account of triggers disagrees with the wire's.
     """
+    navigation = _navigation() if options.navigate else None  # brings what the others ask for
     check_simulator()
     check_policy_id(options.policy)
     if options.record is not None:
@@ -66,20 +66,19 @@ def run_demo(options: DemoOptions, stop: threading.Event, console: Console) -> N
             take_signals()
         console.print("starting two fake cameras ...")
         cameras = resources.enter_context(fake_cameras(folder, arguments, sockets, stop))
-        if options.navigate:
-            _navigate()(options, cameras, folder, stop, console)
+        if navigation is not None:
+            navigation.load()(options, cameras, folder, stop, console)
             return
         from autoexpose_daemon.demo.show import report, show  # noqa: PLC0415  takes half a second, as they do
 
         report(show(options, cameras, stop, console), console)
 
 
-def _navigate() -> Callable[..., None]:
+def _navigation() -> EntryPoint:
     """The demo of teach and repeat, a program that the daemon does not know."""
     for point in entry_points(group="autoexpose.demos", name="navigate"):
-        demo: Callable[..., None] = point.load()
-        return demo
-    raise ConfigurationError("--navigate needs teach and repeat, which are not installed: see docs/packages.md")
+        return point
+    raise ConfigurationError("--navigate needs autoexpose-lab: pip install autoexpose-lab, or in a checkout make setup")
 
 
 def _keep_room() -> list[str]:

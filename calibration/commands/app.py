@@ -35,7 +35,9 @@ from imaging.errors import ConfigurationError
 from imaging.frames import SIDES
 
 calibrate_app = typer.Typer(
-    help="Measure cameras: what they do to light, and the geometry of a pair.", no_args_is_help=True
+    help="Measure cameras: what they do to light, and the geometry of a pair.",
+    no_args_is_help=True,
+    add_completion=False,
 )
 
 

@@ -10,6 +10,8 @@ from pathlib import Path
 import pytest
 
 from tests import REPOSITORY
+from tests.calibration.made_up_camera import MadeUpCamera
+from tests.calibration.test_commands import write_images
 from tests.systemd.test_install import FILES, OF_THE_PROGRAM
 
 CONFIG = "cameras: {left: {serial: MINE}}\n"
@@ -71,6 +73,33 @@ def test_the_tree_does_not_remember_where_it_was_made(robot: Path) -> None:
 def test_nothing_but_aravis_comes_from_debians_python_packages(robot: Path) -> None:
     packages = {path.name for path in robot.glob("opt/autoexpose/lib/python3*/site-packages/*")}
     assert {"numpy", "cv2", "yaml", "pydantic", "typer", "rich", "usb", "jinja2", "matplotlib", "starlette"} <= packages
+
+
+def test_a_camera_is_calibrated_and_gets_its_report(robot: Path, tmp_path: Path) -> None:
+    images = write_images(tmp_path / "shots", MadeUpCamera(), [100.0 * 2**n for n in range(11)])
+    file = tmp_path / "camera.response.yaml"
+    assert "verdict: believe it" in autoexpose(robot, "calibrate", "response", "--images", images, "-o", file)
+    assert "data:image/png" in file.with_suffix(".html").read_text(encoding="utf-8")
+
+
+def test_it_has_only_what_a_robot_runs(robot: Path) -> None:
+    assert sum(path.lstat().st_blocks * 512 for path in robot.rglob("*")) < 350 << 20
+    programs = {path.name for path in robot.glob("opt/autoexpose/bin/*") if not path.name.startswith("python")}
+    assert programs == {"autoexpose"}
+    packages = {path.name for path in robot.glob("opt/autoexpose/lib/python3*/site-packages/*")}
+    assert not packages & {"pip", "setuptools", "scipy", "pandas", "evo", "numba", "autoexpose_lab"}
+
+
+def test_every_compiled_library_still_loads(robot: Path) -> None:
+    libraries = [path for path in robot.rglob("*.so*") if path.is_file()]
+    assert len(libraries) > 100
+    for library in libraries:
+        output("ldd", library)
+    output(
+        robot / "opt/autoexpose/bin/python",
+        "-c",
+        "import numpy.linalg, cv2, zenoh, cyclonedds.domain, matplotlib.figure",
+    )
 
 
 def test_the_debian_package_holds_the_tree(robot: Path, tmp_path: Path) -> None:

@@ -61,35 +61,54 @@ def wheels(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def installed(folder: Path, wheels: Path, package: str, *options: str, extras: str = "") -> Path:
-    """A new environment with a package."""
-    (wheel,) = wheels.glob(f"{package}-*.whl")
+def installed(folder: Path, wheels: Path, *packages: str, sees_debian: bool = False) -> Path:
+    """A new environment with packages of ours: names, with their extras."""
+    options = ["--system-site-packages"] if sees_debian else []
     run("/usr/bin/python3", "-m", "venv", *options, folder / "venv", folder=folder)
-    run(folder / "venv/bin/pip", "install", "-q", f"{wheel}{extras}", "pytest", folder=folder)
+    ours = [
+        wheel_of(wheels, name) + bracket + extras for name, bracket, extras in (it.partition("[") for it in packages)
+    ]
+    run(folder / "venv/bin/pip", "install", "-q", *ours, "pytest", folder=folder)
     return folder / "venv"
+
+
+def wheel_of(wheels: Path, package: str) -> str:
+    (wheel,) = wheels.glob(f"{package}-*.whl")
+    return str(wheel)
 
 
 def test_every_package_has_sources_and_a_wheel_for_all_pythons(wheels: Path) -> None:
     names = sorted(re.sub(r"-\d+\.\d+\.\d+", "", file.name) for file in wheels.iterdir())
     assert [name for name in names if name.endswith(".tar.gz")] == [
-        "autoexpose_client.tar.gz", "autoexpose_daemon.tar.gz", "camera_twin.tar.gz",
+        "autoexpose_client.tar.gz", "autoexpose_daemon.tar.gz", "autoexpose_lab.tar.gz", "camera_twin.tar.gz",
     ]  # fmt: skip
-    client, daemon, twin = (name for name in names if name.endswith(".whl"))
+    client, daemon, lab, twin = (name for name in names if name.endswith(".whl"))
     assert client == "autoexpose_client-py3-none-any.whl"
+    assert lab == "autoexpose_lab-py3-none-any.whl"
     assert re.fullmatch(r"autoexpose_daemon-cp3\d+-(abi3|cp3\d+)-manylinux.*\.whl", daemon)
     assert re.fullmatch(r"camera_twin-cp310-abi3-manylinux.*\.whl", twin)
 
 
 def test_the_demo_runs(wheels: Path, tmp_path: Path) -> None:
-    venv = installed(tmp_path, wheels, "autoexpose_daemon", "--system-site-packages", extras="[sim,publish]")
+    venv = installed(tmp_path, wheels, "autoexpose_daemon[sim,calibration,publish]", sees_debian=True)
     said = run(venv / "bin/autoexpose", "demo", "--seconds", "5", "--summary", "out.json", folder=tmp_path)
     assert json.loads((tmp_path / "out.json").read_text())["pairs"] > 0
     print(said)
     (packages,) = venv.glob("lib/python3*/site-packages")
     rooms = {"calibration", "documents", "drivers", "evaluation", "fake_camera", "imaging", "navigation"}
     assert not rooms & {path.name for path in packages.iterdir()}
-    for command in (["arena", "--help"], ["calibrate", "--help"], ["fake-camera", "--help"]):
+    for command in (["calibrate", "--help"], ["fake-camera", "--help"]):
         run(venv / "bin/autoexpose", *command, folder=tmp_path)
+    for command in (["arena", "--help"], ["teach"], ["demo", "--navigate"]):
+        run(venv / "bin/autoexpose", *command, folder=tmp_path, status=1)
+
+
+def test_the_lab_brings_its_commands_and_what_they_need(wheels: Path, tmp_path: Path) -> None:
+    venv = installed(tmp_path, wheels, "autoexpose_daemon", "autoexpose_lab", sees_debian=True)
+    for command in ("arena", "experiments", "rejudge", "train", "teach", "repeat", "map"):
+        run(venv / "bin/autoexpose", command, "--help", folder=tmp_path)
+    run(venv / "bin/autoexpose", "arena", "--quick", "--policies", "begin2022", "--json", "out.json", folder=tmp_path)
+    assert json.loads((tmp_path / "out.json").read_text())
 
 
 def test_the_client_receives_frames_with_little_else(wheels: Path, tmp_path: Path) -> None:

@@ -10,11 +10,13 @@ import os
 import re
 import subprocess
 import sys
+from collections.abc import Iterable
 from pathlib import Path
 from zipfile import ZipFile
 
 import pytest
 
+from autoexpose_daemon.cli.listing import LISTINGS
 from tests import REPOSITORY
 from tools.stage_package import stage
 
@@ -26,6 +28,7 @@ else:
 INSTALL_TREE = REPOSITORY / "tools/install-tree"
 PROJECT = tomllib.loads((REPOSITORY / "pyproject.toml").read_text())
 PACKAGES: list[str] = PROJECT["tool"]["importlinter"]["root_packages"]
+LAB = {"evaluation", "navigation"}
 NOT_SHIPPED = {".c", ".h", ".so"}
 """The sources of the C parts, which may be shipped, and what is built on each machine."""
 
@@ -66,42 +69,70 @@ def installed_beside(prefix: str = "usr/local") -> dict[str, str]:
     return dict(zip(words[1::2], words[::2], strict=True))
 
 
-@pytest.fixture(scope="module")
-def wheel(tmp_path_factory: pytest.TempPathFactory) -> ZipFile:
-    """As `tools/install-tree` makes it; without its C parts, which take long to compile."""
-    source = tmp_path_factory.mktemp("source") / "autoexpose-daemon"
-    stage(source.name, source)
+def wheel_of(package: str, folder: Path) -> ZipFile:
+    """Without its C parts, which take long to compile."""
+    source = folder / package
+    stage(package, source)
     build = (
         "import functools, os, sys, setuptools; os.chdir(sys.argv[1]);"
         "setuptools.Extension = functools.partial(setuptools.Extension, optional=True);"
         "from setuptools import build_meta; build_meta.build_wheel('.')"
     )
     output(sys.executable, "-c", build, source, CC="false")
-    (file,) = source.glob("autoexpose_daemon-*.whl")
+    (file,) = source.glob("*.whl")
     return ZipFile(file)
 
 
-def test_the_wheel_holds_every_file_of_our_packages_and_nothing_else(wheel: ZipFile) -> None:
-    files = [file for package in PACKAGES for file in (REPOSITORY / package).rglob("*") if file.is_file()]
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> ZipFile:
+    """As `tools/install-tree` makes it."""
+    return wheel_of("autoexpose-daemon", tmp_path_factory.mktemp("source"))
+
+
+@pytest.fixture(scope="module")
+def wheel_of_the_lab(tmp_path_factory: pytest.TempPathFactory) -> ZipFile:
+    return wheel_of("autoexpose-lab", tmp_path_factory.mktemp("source"))
+
+
+def held(wheel: ZipFile) -> set[str]:
+    """Its files, but for those about it and the C parts."""
+    names = (name for name in wheel.namelist() if ".dist-info/" not in name)
+    return {name for name in names if Path(name).suffix not in NOT_SHIPPED}
+
+
+def files_below(top: str, rooms: Iterable[str]) -> set[str]:
+    """Where the files of our rooms are in a package with this name."""
+    files = [file for room in rooms for file in (REPOSITORY / room).rglob("*") if file.is_file()]
     shipped = (file for file in files if file.suffix not in NOT_SHIPPED and file.parent.name != "__pycache__")
     places = (file.relative_to(REPOSITORY) for file in shipped)
-    top = Path("autoexpose_daemon")
-    ours = {(place if place.parts[0] == top.name else top / place).as_posix() for place in places}
+    return {(place if place.parts[0] == top else Path(top, place)).as_posix() for place in places}
+
+
+def test_the_wheel_holds_every_file_of_our_packages_but_the_lab_and_nothing_else(wheel: ZipFile) -> None:
+    top = "autoexpose_daemon"
+    ours = files_below(top, {*PACKAGES} - LAB)
     assert {f"{top}/page/static/page.js", f"{top}/calibration/report/report.html", f"{top}/drivers/py.typed"} < ours
     assert f"{top}/control/policies/learned/zhang2024.npz" in ours
-    names = (name for name in wheel.namelist() if ".dist-info/" not in name)
-    held = {name for name in names if Path(name).suffix not in NOT_SHIPPED}
-    assert held == ours
+    assert held(wheel) == ours
 
 
-def test_the_wheel_has_our_commands(wheel: ZipFile) -> None:
+def test_the_wheel_of_the_lab_holds_the_rest(wheel_of_the_lab: ZipFile) -> None:
+    assert held(wheel_of_the_lab) == files_below("autoexpose_lab", LAB) | {"autoexpose_lab/__init__.py"}
+
+
+def entry_points(wheel: ZipFile) -> configparser.ConfigParser:
     (listing,) = (name for name in wheel.namelist() if name.endswith(".dist-info/entry_points.txt"))
     points = configparser.ConfigParser()
     points.read_string(wheel.read(listing).decode())
-    assert points["console_scripts"]["autoexpose"] == "autoexpose_daemon.cli:main"
-    commands = {"arena", "calibrate", "experiments", "map", "rejudge", "repeat", "teach", "train"}
-    assert commands == {*points["autoexpose.commands"]}
-    assert points["autoexpose.commands"]["arena"] == "autoexpose_daemon.evaluation.arena.arena_app:arena_app"
+    return points
+
+
+def test_the_wheels_have_our_commands(wheel: ZipFile, wheel_of_the_lab: ZipFile) -> None:
+    of_daemon, of_lab = entry_points(wheel), entry_points(wheel_of_the_lab)
+    assert of_daemon.sections() == ["console_scripts"]
+    assert of_daemon["console_scripts"]["autoexpose"] == "autoexpose_daemon.cli:main"
+    assert {*of_lab["autoexpose.commands"]} == {name for name, listing in LISTINGS.items() if not listing.place}
+    assert of_lab["autoexpose.commands"]["arena"] == "autoexpose_lab.evaluation.arena.arena_app:arena_app"
 
 
 def test_units_rules_and_documentation_are_there_to_be_installed() -> None:

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import ast
+import re
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
+from tests import REPOSITORY
 from tools.stage_package import PACKAGES, ROOMS, Rewriter, reached, stage
+
+(VERSION,) = re.findall(r'^version = "(.+)"$', (REPOSITORY / "pyproject.toml").read_text(), re.MULTILINE)
 
 
 @pytest.fixture(scope="module", params=sorted(PACKAGES))
@@ -19,13 +23,21 @@ def staged(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFact
     return folder
 
 
-def test_it_has_one_import_name_and_imports_only_what_it_has(staged: Path) -> None:
+def modules_of(folder: Path) -> set[str]:
+    """The modules and packages that are laid out in a folder."""
+    names = (".".join(file.relative_to(folder).with_suffix("").parts) for file in folder.rglob("*.py"))
+    return {name.removesuffix(".__init__") for name in names}
+
+
+def test_it_has_one_import_name_and_imports_only_what_there_is(staged: Path, tmp_path: Path) -> None:
     name = staged.name.replace("-", "_")
     assert [path.name for path in staged.iterdir() if path.is_dir()] == [name]
-    modules = {".".join(file.relative_to(staged).with_suffix("").parts): file for file in staged.rglob("*.py")}
-    modules |= {module.removesuffix(".__init__"): file for module, file in modules.items()}
-    assert len(modules) > 30
-    for file in set(modules.values()):
+    files, modules = {*staged.rglob("*.py")}, modules_of(staged)
+    if PACKAGES[staged.name].beside:
+        stage("autoexpose-daemon", tmp_path / "beside")
+        modules |= modules_of(tmp_path / "beside")
+    assert len(files) > 30
+    for file in files:
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
             if isinstance(node, ast.ImportFrom) and node.module and node.module.split(".")[0] in {name, *ROOMS}:
                 assert node.module in modules, f"{file}: {node.module}"
@@ -64,6 +76,19 @@ from camera_twin.usb3.run import (
 points = "camera_twin.a:main", "camera_twin/usb3/shim"  # from drivers, `python -m camera_twin --help`
 """
     )
+
+
+def test_the_daemon_has_nothing_of_the_lab_and_only_the_lab_has_entry_points(tmp_path: Path) -> None:
+    for name in PACKAGES:
+        stage(name, tmp_path / name)
+        project = (tmp_path / name / "pyproject.toml").read_text(encoding="utf-8")
+        assert ('project.entry-points."autoexpose.commands' in project) == (name == "autoexpose-lab")
+        assert f'version = "{VERSION}"' in project
+    daemon = tmp_path / "autoexpose-daemon/autoexpose_daemon"
+    assert not {"evaluation", "navigation"} & {path.name for path in daemon.iterdir()}
+    lab = tmp_path / "autoexpose-lab"
+    assert f']=={VERSION}"' in (lab / "pyproject.toml").read_text(encoding="utf-8")
+    assert {path.name for path in (lab / "autoexpose_lab").iterdir() if path.is_dir()} == {"evaluation", "navigation"}
 
 
 def test_the_client_has_only_what_frames_need() -> None:

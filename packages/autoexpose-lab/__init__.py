@@ -1,0 +1,1 @@
+"""More commands for `autoexpose`: teach and repeat, and the comparison of policies in simulation and on recordings."""
