@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
-from evaluation.experiments.navigation.lap import LIGHTS, Taught, taught
-from evaluation.experiments.navigation.scene import Scene
+from evaluation.experiments.navigation.laps import LIGHTS, Taught, taught
+from evaluation.experiments.navigation.seasons import Scene
 from evaluation.experiments.teach.path import TaughtPath
 from evaluation.experiments.teach.replay import Robot
 from evaluation.stage.camera import SimulatedCamera

@@ -17,7 +17,6 @@ import numpy as np
 
 from autoexpose_daemon.client import ReceivedPair, alike
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
-from evaluation.experiments.worth.matches.motions import Similarity
 from evaluation.experiments.worth.matches.pairs import (
     FEWEST_INLIERS,
     PREPARATIONS,
@@ -28,6 +27,7 @@ from evaluation.experiments.worth.matches.pairs import (
     seen,
     sift_inliers,
 )
+from evaluation.experiments.worth.matches.scenes import Similarity
 from evaluation.scenes.scenarios import RATE_HZ, SCENARIOS, Course, steady
 from evaluation.scenes.stills import PAINTERS
 from evaluation.scenes.views import CAMERA, Gaze, build_views

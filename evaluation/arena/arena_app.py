@@ -16,17 +16,19 @@ from rich.console import Console
 from rich.table import Table
 
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY, POLICY_IDS, check_policy_id
-from evaluation.arena.ablation.ablation import ablate as ablate_policy
-from evaluation.arena.ablation.ablation import ablation_courses, policy_constants
-from evaluation.arena.ablation.ablation_report import ablation_document, print_ablation, write_ablation
-from evaluation.arena.ablation.course import Course
+from evaluation.arena.ablation import ablate as ablate_policy
+from evaluation.arena.ablation import (
+    ablation_courses,
+    ablation_document,
+    policy_constants,
+    print_ablation,
+    write_ablation,
+)
+from evaluation.arena.ablation_course import Course
 from evaluation.arena.arena_report import cells, mean_ratios, write_arena_report
 from evaluation.arena.count import count_policy, print_count
-from evaluation.arena.plan import Task, full_plan, quick_plan
-from evaluation.arena.results import document
-from evaluation.arena.runs import Run, run_plan
-from evaluation.effort import check_chosen, make_writable
-from evaluation.progress import LongProgress
+from evaluation.arena.runs import Run, Task, document, full_plan, quick_plan, run_plan
+from evaluation.long_runs import LongProgress, check_chosen, make_writable
 from evaluation.scenes.scenarios import SCENARIOS
 from fake_camera.world.scene.panorama import load_radiance
 from imaging.errors import AutoexposeError, ConfigurationError

@@ -1,20 +1,144 @@
-"""The Markdown report of the arena, with its figures."""
+"""The Markdown report of the arena: targets, tables and figures."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import matplotlib.pyplot as plt
 import numpy as np
 from numpy.typing import NDArray
 
-from evaluation.arena.plan import HELD_OUT_SEEDS, MAIN_DELAY, OTHER_DELAYS, TUNE_SCENES
-from evaluation.arena.plots import plot_table, plot_traces
-from evaluation.arena.results import results
-from evaluation.arena.runs import Run
-from evaluation.arena.targets import outcomes
-from evaluation.scenes.scenarios import SCENARIOS
+from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
+from evaluation.arena.runs import HELD_OUT_SEEDS, MAIN_DELAY, OTHER_DELAYS, TUNE_SCENES, Run, results
+from evaluation.drawing import save
+from evaluation.scenes.scenarios import RATE_HZ, SCENARIOS
+
+SHOWN_POLICIES = (DEFAULT_POLICY, "begin2022-code", "neves2009", "zhang2024")
+"""With more lines than these, a plot is unreadable. The oracle shown is that of the first."""
+
+
+def plot_table(
+    policies: Sequence[str], scenarios: Sequence[str], values: NDArray[np.float64], title: str, file: Path
+) -> None:
+    """A heat map of shares 0..1, float64 (policies, scenarios), with the numbers in its cells."""
+    figure, axes = plt.subplots(figsize=(1.6 + 1.05 * len(scenarios), 1.2 + 0.36 * len(policies)), layout="constrained")
+    axes.imshow(values, vmin=0, vmax=1, cmap="viridis", aspect="auto")
+    axes.set_xticks(range(len(scenarios)), scenarios, rotation=30, ha="right")
+    axes.set_yticks(range(len(policies)), policies)
+    for row, column in np.ndindex(values.shape):
+        value = values[row, column]
+        if np.isfinite(value):
+            axes.text(column, row, f"{value:.2f}", ha="center", va="center", color="white" if value < 0.6 else "black")
+    axes.set_title(title)
+    save(figure, file, dpi=110)
+
+
+def plot_traces(runs: Sequence[Run], folder: Path) -> Mapping[str, str]:
+    """One figure per scenario of the runs that carry a trace; returns file names by scenario."""
+    traced = [run for run in runs if run.trace is not None and run.delay_frames == MAIN_DELAY]
+    known = [run for run in traced if run.policy in SHOWN_POLICIES]
+    shown = sorted(known, key=lambda run: SHOWN_POLICIES.index(run.policy)) or traced
+    files = {}
+    for scenario in dict.fromkeys(run.scenario for run in shown):
+        files[scenario] = f"{scenario}.png"
+        _plot_scenario(scenario, [run for run in shown if run.scenario == scenario], folder / files[scenario])
+    return files
+
+
+def _plot_scenario(scenario: str, runs: Sequence[Run], file: Path) -> None:
+    figure, (upper, lower) = plt.subplots(2, 1, sharex=True, figsize=(9, 5), layout="constrained")
+    for index, run in enumerate(runs):
+        if run.trace is None:
+            continue
+        time_s = (np.arange(len(run.trace.levels)) - run.trace.first_scored) / RATE_HZ
+        if index == 0:
+            upper.plot(
+                time_s,
+                run.trace.oracle_levels,
+                color="black",
+                linewidth=2.5,
+                alpha=0.4,
+                label=f"oracle of {run.policy}",
+            )
+        upper.plot(time_s, run.trace.levels, label=run.policy, linewidth=1.2)
+        lower.plot(time_s, run.trace.ratios, linewidth=1.2)
+    upper.set_title(f"{scenario}: {runs[0].scene}, seed {runs[0].seed}, delay {MAIN_DELAY} frames")
+    upper.set_ylabel("exposure level E (stops)")
+    upper.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8)
+    lower.set_ylabel("objective / oracle's")
+    lower.set_ylim(0, 1.05)
+    lower.set_xlabel("time since the first scored frame (s)")
+    for axes in (upper, lower):
+        axes.grid(alpha=0.3)
+        axes.axvline(0.0, color="grey", linewidth=0.8)
+    save(figure, file, dpi=110)
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """A figure of held-out runs of one scenario, the least it must reach (None: no bound), and the least it should."""
+
+    scenario: str
+    what: str
+    figure: Callable[[Sequence[Run]], float]
+    must: float | None
+    stretch: float
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """A target, and what was reached."""
+
+    target: Target
+    reached: float
+
+
+def settled_within(per_delay: int, more: int) -> Callable[[Sequence[Run]], float]:
+    """Share of the runs that settle within `per_delay` D + `more` frames."""
+
+    def figure(runs: Sequence[Run]) -> float:
+        frames = [(run.score.settle_frames, per_delay * run.delay_frames + more) for run in runs]
+        return float(np.mean([settle is not None and settle <= bound for settle, bound in frames]))
+
+    return figure
+
+
+def _ratio(runs: Sequence[Run]) -> float:
+    return float(np.mean([run.score.objective_ratio_mean for run in runs]))
+
+
+def _worst(runs: Sequence[Run]) -> float:
+    return float(np.mean([run.score.objective_ratio_p05 for run in runs]))
+
+
+def _calm(runs: Sequence[Run]) -> float:
+    return float(np.mean([run.score.steady_std_stops <= 0.1 for run in runs]))
+
+
+TARGETS = (
+    Target("step_up", "settled within 3D+2 frames, share of runs", settled_within(3, 2), 0.85, 0.95),
+    Target("step_up", "settled within 3D frames, share of runs", settled_within(3, 0), None, 0.95),
+    Target("step_down", "settled within 3D frames, share of runs", settled_within(3, 0), 0.95, 0.95),
+    Target("step_down", "settled within 2D frames, share of runs", settled_within(2, 0), None, 0.95),
+    Target("tunnel", "objective ratio, mean", _ratio, 0.95, 0.985),
+    Target("pan", "objective ratio, mean", _ratio, 0.93, 0.97),
+    Target("lowlight_fast", "objective ratio, mean", _ratio, 0.93, 0.97),
+    Target("tunnel", "objective ratio, worst 5 % of frames", _worst, 0.80, 0.92),
+    Target("pan", "objective ratio, worst 5 % of frames", _worst, 0.50, 0.80),
+    Target("step_up", "spread of E at most 0.1 stop at the end, share of runs", _calm, 0.90, 1.0),
+    Target("step_down", "spread of E at most 0.1 stop at the end, share of runs", _calm, 0.90, 1.0),
+    Target("flicker", "objective ratio, mean", _ratio, 0.88, 0.95),
+)
+
+
+def outcomes(runs: Sequence[Run]) -> list[Outcome]:
+    """What `runs` reached of each target whose scenario was run; all are held out, of one policy and one delay."""
+    grouped = [(target, [run for run in runs if run.scenario == target.scenario]) for target in TARGETS]
+    return [Outcome(target, target.figure(group)) for target, group in grouped if group]
+
 
 _PAINTED = " and ".join(f"`{scene}`" for scene in sorted({*HELD_OUT_SEEDS} - {*TUNE_SCENES}))
 
@@ -34,7 +158,7 @@ applies from frame k + D; D = {MAIN_DELAY} unless stated otherwise.
 * **Metric ratio to the best time and gain**: the metric ratio when the oracle also tries six ways of splitting each
   level (times of at most 7500, 3750, 1875, 938, 469 and 234 us, the rest gain). It shows what a split costs.
 * **Pair ratio**: what two successive frames are worth to each other, as localization uses them: the information of
-  the difference between them, from the true radiance ([successive.py](../../evaluation/arena/successive.py)), as a
+  the difference between them, from the true radiance ([successive.py](../../evaluation/arena/scores.py)), as a
   share of the most that one setting for both gives. All policies are in the same unit, and none maximises it. **Lost
   pairs** have less than a tenth.
 * **Settled**: an objective ratio of at least 0.9 for 10 frames in a row. Frames count from the first one exposed

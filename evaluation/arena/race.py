@@ -19,8 +19,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from evaluation.arena.scores import Score, score
-from evaluation.arena.successive import SuccessiveFrames
+from evaluation.arena.scores import Score, SuccessiveFrames, score
 from evaluation.scenes.scenarios import SCENARIOS
 from evaluation.scenes.views import build_views
 from evaluation.stage.delayed_loop import DelayedLoop, Entrant

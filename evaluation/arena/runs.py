@@ -1,19 +1,85 @@
-"""Runs of a plan, spread over processes."""
+"""The runs of the arena: which courses a time budget allows, each run spread over processes, and all in one table."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Generator, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import partial
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from evaluation.arena.plan import Split, Task
 from evaluation.arena.race import Series, run_course
 from evaluation.arena.scores import Score
+from evaluation.committed import HELD_OUT_SEED
 from evaluation.pool import over_processes
+from evaluation.scenes.scenarios import SCENARIOS
 from evaluation.stage.delayed_loop import Entrant
+
+Split = Literal["tune", "heldout"]
+
+QUICK_SEED = 2000
+"""Of quick arenas, which anyone may look at. Seeds 0 to 99 are for tuning; reports had 2000 to 2013."""
+
+MAIN_DELAY = 2
+"""The delay (frames) that results are for."""
+
+OTHER_DELAYS = (1, 3)
+
+TUNE_SCENES = ("room", "leaves", "street")
+
+HELD_OUT_SEEDS = {"room": 14, "shelves": 8, "hall": 8}
+"""The scenes that judge, with the number of their seeds, from `HELD_OUT_SEED`; `shelves` and `hall` with other seeds
+are in `worth-tuning`."""
+
+TUNE_SEEDS = 3
+SEEDS_OF_OTHER_DELAYS = 3
+"""Seeds per scene in the full arena: about 40 minutes on two cores for 14 policies."""
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """One course, which all policies run side by side with each of the delays."""
+
+    scenario: str
+    scene: str
+    seed: int
+    delays: tuple[int, ...]
+    split: Split
+    keep_traces: bool = False
+
+    @property
+    def frames(self) -> int:
+        """Frames of the course."""
+        return SCENARIOS[self.scenario].frames
+
+
+def full_plan(scenarios: Sequence[str], pictures: Sequence[str] = ()) -> list[Task]:
+    """Every scenario in many scenes; `pictures` are .hdr files added to the held-out scenes, with one seed each."""
+    tasks = []
+    for scenario in scenarios:
+        for scene, seeds in HELD_OUT_SEEDS.items():
+            for index in range(seeds):
+                delays = (MAIN_DELAY, *OTHER_DELAYS) if index < SEEDS_OF_OTHER_DELAYS else (MAIN_DELAY,)
+                trace = scene == "room" and index == 0
+                tasks.append(Task(scenario, scene, HELD_OUT_SEED + index, delays, "heldout", trace))
+        tasks += [Task(scenario, picture, HELD_OUT_SEED, (MAIN_DELAY,), "heldout") for picture in pictures]
+        tasks += [
+            Task(scenario, scene, seed, (MAIN_DELAY,), "tune") for scene in TUNE_SCENES for seed in range(TUNE_SEEDS)
+        ]
+    return sorted(tasks, key=lambda task: -task.frames * len(task.delays))
+
+
+def quick_plan(scenarios: Sequence[str], pictures: Sequence[str] = ()) -> list[Task]:
+    """Every scenario once, cycling through the held-out scenes."""
+    scenes = (*HELD_OUT_SEEDS, *pictures)
+    tasks = [
+        Task(scenario, scenes[index % len(scenes)], QUICK_SEED, (MAIN_DELAY,), "heldout", keep_traces=True)
+        for index, scenario in enumerate(scenarios)
+    ]
+    return sorted(tasks, key=lambda task: -task.frames)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,3 +128,63 @@ def _run_of(task: Task, series: Series) -> Run:
     return Run(
         entrant.name, task.scenario, task.scene, task.seed, entrant.delay_frames, task.split, series.score(), trace
     )
+
+
+MEANS = (
+    "overshoot_stops",
+    "steady_std_stops",
+    "metric_ratio_mean",
+    "metric_ratio_p05",
+    "bad_frame_share",
+    "gain_db_mean",
+    "objective_ratio_mean",
+    "objective_ratio_p05",
+    "any_split_ratio_mean",
+    "pair_ratio_mean",
+    "lost_pair_share",
+)
+
+
+def document(runs: Sequence[Run], default_policy: str) -> dict[str, Any]:
+    """The JSON document: every run, and the results of the held-out runs with a delay of two frames."""
+    ordered = sorted(runs, key=lambda run: (run.policy, run.scenario, run.scene, run.seed, run.delay_frames))
+    return {
+        "default_policy": default_policy,
+        "runs": [
+            {
+                "policy": run.policy,
+                "scenario": run.scenario,
+                "scene": run.scene,
+                "seed": run.seed,
+                "delay_frames": run.delay_frames,
+                "split": run.split,
+                **asdict(run.score),
+            }
+            for run in ordered
+        ],
+        "results": results([run for run in ordered if run.split == "heldout" and run.delay_frames == MAIN_DELAY]),
+    }
+
+
+def results(runs: Sequence[Run]) -> list[dict[str, Any]]:
+    """One row per policy and scenario: the median of the frames to settle, the share of stuck runs, and means.
+
+    In the median, a stuck run counts as settling later than all others. The median is None when it is itself stuck.
+    """
+    rows = []
+    for policy, scenario in sorted({(run.policy, run.scenario) for run in runs}):
+        group = [run for run in runs if (run.policy, run.scenario) == (policy, scenario)]
+        settle = [math.inf if run.score.settle_frames is None else run.score.settle_frames for run in group]
+        median = float(np.median(settle))
+        rows.append(
+            {
+                "policy": policy,
+                "scenario": scenario,
+                "delay_frames": group[0].delay_frames,
+                "split": group[0].split,
+                "settle_frames": None if math.isinf(median) else median,
+                **{name: float(np.mean([getattr(run.score, name) for run in group])) for name in MEANS},
+                "stuck_share": sum(math.isinf(frames) for frames in settle) / len(settle),
+            }
+        )
+    return rows

@@ -1,7 +1,8 @@
-"""The interface of stereo odometry: pairs in, poses out."""
+"""The interface of stereo odometry, pairs in and poses out, and the error of an estimated trajectory."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -78,3 +79,42 @@ def images(pair: StereoPair) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
 def prepared(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """An image as the paper gives it to odometry: 3x3 median, then a gamma of 0.3."""
     return np.asarray(cv2.LUT(cv2.medianBlur(image, 3), _CONTRAST), np.uint8)
+
+
+SUB_TRAJECTORY_M = 0.02
+"""Path length over which errors accumulate (Begin & Hunter 2022, section 3.1)."""
+
+TOLERANCE = 0.1
+"""By which share a sub-trajectory's length may be off."""
+
+
+def relative_errors_mm(
+    truth: Sequence[NDArray[np.float64]],
+    estimate: Sequence[NDArray[np.float64]],
+    length_m: float = SUB_TRAJECTORY_M,
+    tolerance: float = TOLERANCE,
+) -> list[float]:
+    """Translation RPE (mm) over each sub-trajectory of a length, one beginning at every pose.
+
+    Lengths are measured along the true path: the estimated one is longer because of its noise.
+
+    Parameters
+    ----------
+    truth, estimate
+        Poses (4, 4) in metres at the same instants, each in its own frame of reference.
+    length_m, tolerance
+        Of a sub-trajectory, and by which share it may be off.
+    """
+    from evo.core.metrics import RPE, PoseRelation, Unit  # noqa: PLC0415  takes half a second to load
+    from evo.core.trajectory import PosePath3D  # noqa: PLC0415
+
+    errors = RPE(
+        PoseRelation.translation_part,
+        length_m,
+        Unit.meters,
+        rel_delta_tol=tolerance,
+        all_pairs=True,
+        pairs_from_reference=True,
+    )
+    errors.process_data((PosePath3D(poses_se3=list(truth)), PosePath3D(poses_se3=list(estimate))))
+    return [1e3 * float(error) for error in errors.error]

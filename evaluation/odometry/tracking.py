@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from evaluation.odometry.errors import relative_errors_mm
-from evaluation.odometry.stereo import StereoOdometry, images
+from evaluation.odometry.stereo import StereoOdometry, images, relative_errors_mm
 from evaluation.stage.delayed_loop import DelayedLoop, Entrant
 from evaluation.stage.oracle import Oracle, best_start
 from evaluation.stage.rendering import Stage

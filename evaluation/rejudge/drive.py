@@ -1,19 +1,169 @@
-"""A drive that was recorded in brackets, read as often as needed and never held in memory as a whole."""
+"""A drive recorded in brackets, never held in memory as a whole, and which shots show the light at each instant."""
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import accumulate, pairwise
+
+import numpy as np
 
 from autoexpose_daemon.control.decision import Decision
-from autoexpose_daemon.control.loop import ControlSetup
-from evaluation.rejudge.glimpse import Watcher, delay_frames
-from evaluation.rejudge.timeline import REACH, Timeline
+from autoexpose_daemon.control.loop import REFERENCE_RATE_HZ, ControlSetup
+from evaluation.rejudge.glimpse import BRIGHT, FAINT, Glimpse, Watcher, delay_frames
 from imaging.errors import AutoexposeError
 from imaging.frames import Side, StereoPair
 from imaging.geometry import CameraGeometry
 from imaging.pixels import plane_shape
+from imaging.python310 import exp2
+
+REACH = 2
+"""Cycles before and after an instant from which a shot may stand for it: the ladder needs one to follow a jump of the
+light, and all shots of that cycle may be saturated."""
+
+EMPTY = 0.98
+"""A shot with a larger share of saturated places shows nothing."""
+
+JUMP_STOPS = 1.0
+"""A larger change of the light of the median pixel, from one shot to the next that knows it, is a jump of the light."""
+
+STOPS_PER_FRAME = 0.05
+"""What a shot is farther off in time counts against this much off in level."""
+
+STOPS_PER_CLIPPED = 20.0
+"""What a brighter shot saturates that the wanted exposure would not: a hundredth of the picture counts like a fifth of
+a stop."""
+
+
+@dataclass(frozen=True, slots=True)
+class Timeline:
+    """The glimpses of a drive, by their numbers, and what follows from all of them.
+
+    Attributes
+    ----------
+    glimpses
+        In order.
+    cycle
+        Pairs in a cycle of the bracket.
+    sections
+        For each, the number of jumps of the light before it.
+    still
+        For each, whether nothing moves or changes from half a cycle before it to half a cycle after it.
+    """
+
+    glimpses: Sequence[Glimpse]
+    cycle: int
+    sections: Sequence[int]
+    still: Sequence[bool]
+
+    @classmethod
+    def of(cls, glimpses: Sequence[Glimpse], cycle: int) -> Timeline:
+        """Of a whole drive."""
+        sections = _sections(glimpses)
+        return cls(glimpses, cycle, sections, list(_still(glimpses, cycle, sections)))
+
+    def near(self, number: int) -> range:
+        """The shots that may stand for an instant: those of some cycles before and after it, in the same light."""
+        first, last = max(number - REACH * self.cycle, 0), min(number + REACH * self.cycle, len(self.glimpses) - 1)
+        while self.sections[first] != self.sections[number]:
+            first += 1
+        while self.sections[last] != self.sections[number]:
+            last -= 1
+        return range(first, last + 1)
+
+    def around(self, number: int) -> Sequence[int]:
+        """A cycle's worth of shots nearest to an instant, for fusion, and the darkest of all that may stand for it.
+
+        Those that show nothing are there only if no others are.
+        """
+        near = self.near(number)
+        by_use = sorted(near, key=lambda shot: (self.glimpses[shot].share_above(1.0) > EMPTY, abs(shot - number)))
+        darkest = min(near, key=lambda shot: self.glimpses[shot].level)
+        return sorted({*by_use[: self.cycle], darkest})
+
+    def nearest(self, number: int, level: float) -> int:
+        """The shot from which an exposure level is best made at an instant in motion.
+
+        It is near in level and time, and does not saturate what the wanted exposure would not.
+        """
+        near = self.near(number)
+        darker = [shot for shot in near if self.glimpses[shot].level <= level]
+        wanted_clipped = 1.0
+        if darker:
+            best = max(darker, key=lambda shot: self.glimpses[shot].level)
+            wanted_clipped = self.glimpses[best].share_above(exp2(self.glimpses[best].level - level))
+
+        def cost(shot: int) -> float:
+            glimpse = self.glimpses[shot]
+            off = abs(glimpse.level - level) + STOPS_PER_FRAME * abs(shot - number)
+            if glimpse.level <= level:
+                return off
+            return off + STOPS_PER_CLIPPED * max(glimpse.share_above(1.0) - wanted_clipped, 0.0)
+
+        return min(near, key=cost)
+
+    def motion_px(self, number: int) -> float:
+        """Speed of the image at an instant: flow between unlike exposures is rough, so its median over a cycle."""
+        if self.still[number]:
+            return 0.0
+        return float(np.median([self.glimpses[shot].motion_px for shot in self.around(number)]))
+
+    @property
+    def cycle_motion_px(self) -> float | None:
+        """By how much the image moves in a cycle, in the median of the time in motion; None: it never moves."""
+        moving = [glimpse.motion_px for glimpse, still in zip(self.glimpses, self.still, strict=True) if not still]
+        return REFERENCE_RATE_HZ * self.cycle_s * float(np.median(moving)) if moving else None
+
+    @property
+    def cycle_s(self) -> float:
+        """How often the bracket shows what a policy wants."""
+        seconds = self.glimpses[-1].time_s - self.glimpses[0].time_s
+        return seconds * self.cycle / (len(self.glimpses) - 1)
+
+
+def _still(glimpses: Sequence[Glimpse], cycle: int, sections: Sequence[int]) -> Iterator[bool]:
+    """For each shot, whether those of half a cycle before and after it repeat what others of their light show."""
+    half, last = cycle // 2, len(glimpses) - 1
+
+    def repeats(shot: int) -> bool | None:
+        return glimpses[shot].repeats if shot >= cycle and sections[shot - cycle] == sections[shot] else None
+
+    for number, section in enumerate(sections):
+        around = range(max(number - half, 0), min(number + half, last) + 1)
+        same = [shot for shot in around if sections[shot] == section]
+        answers = {repeats(shot) for shot in same} | {repeats(min(shot + cycle, last)) for shot in same}
+        yield True in answers and False not in answers
+
+
+def _sections(glimpses: Sequence[Glimpse]) -> list[int]:
+    """For each shot, the number of jumps of the light before it."""
+    known = [number for number, glimpse in enumerate(glimpses) if glimpse.middle_stops is not None]
+    starts = [0] * len(glimpses)
+    for before, after in pairwise(known):
+        first, second = glimpses[before].middle_stops, glimpses[after].middle_stops
+        assert first is not None
+        assert second is not None
+        if abs(second - first) > JUMP_STOPS:
+            starts[_jump_between(glimpses, before, after, first, second)] = 1
+    return list(accumulate(starts))
+
+
+def _jump_between(glimpses: Sequence[Glimpse], before: int, after: int, first: float, second: float) -> int:
+    """The first shot in the new light, by what the shots in between saturate or leave black."""
+    for number in range(before + 1, after):
+        glimpse = glimpses[number]
+        if not _explains(first, glimpse) and _explains(second, glimpse):
+            return number
+    unlike = [number for number in range(before + 1, after) if not _explains(second, glimpses[number])]
+    return max(unlike, default=before) + 1
+
+
+def _explains(middle_stops: float, glimpse: Glimpse) -> bool:
+    """Whether a light makes the median pixel of a shot as black or saturated as it is."""
+    share = exp2(middle_stops + glimpse.level)
+    return share >= BRIGHT if glimpse.median_share > BRIGHT else share <= FAINT
+
 
 FEWEST_CYCLES = 3
 

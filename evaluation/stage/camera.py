@@ -1,18 +1,22 @@
-"""The simulated camera of the evaluation: from radiance to the frames that control gets."""
+"""The simulated camera of the evaluation: from radiance to the frames that control gets, and its response."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fake_camera.imaging import ImageSettings
+from fake_camera.world.response import CURVES
 from fake_camera.world.sensor import DEFAULT_F_NUMBER, Sensor, SensorModel
 from fake_camera.world.simulation import Side
 from imaging.exposure import ExposureLimits, ExposureSetting
 from imaging.frames import Frame, StereoPair
 from imaging.python310 import exp2
+from imaging.response import ResponseFunction
 
 LIMITS = ExposureLimits(min_time_us=20.0, max_time_us=7500.0, min_gain_db=0.0, max_gain_db=30.0)
 
@@ -65,3 +69,40 @@ def pair_of(images: Mapping[Side, Image], setting: ExposureSetting, number: int,
 def time_first(level: float) -> ExposureSetting:
     """The setting of an exposure level (stops) that takes time before gain."""
     return LIMITS.realise(level, exp2(level))
+
+
+@dataclass(frozen=True, slots=True)
+class CameraResponse:
+    """A sensor's response function and the camera's Gamma node on top of it, a power law.
+
+    Attributes
+    ----------
+    curve
+        Name of the sensor's response (`fake_camera.world.response.CURVES`).
+    gamma
+        The Gamma node; below 1 it brightens.
+    """
+
+    curve: str = "linear"
+    gamma: float = 1.0
+
+    @property
+    def function(self) -> ResponseFunction:
+        """What an error-free calibration would find."""
+        return _function(self.curve, self.gamma)
+
+    def __str__(self) -> str:
+        return self.curve.replace("_", "-") + (f"^{self.gamma:g}" if self.gamma != 1.0 else "")
+
+
+FAKE_CAMERAS = tuple(CameraResponse(curve) for curve in CURVES)
+"""Those available to fake cameras."""
+
+
+@cache
+def _function(curve: str, gamma: float) -> ResponseFunction:
+    light = np.concatenate([[0.0], np.logspace(-14, 0, 500_001)])
+    greys = 255.0 * CURVES[curve](light) ** gamma
+    # As in `ResponseFunction.linear`, black stands for half a grey level of light.
+    inverse = np.interp(np.maximum(np.arange(256.0), 0.5), greys, light)
+    return ResponseFunction(np.log2(inverse / inverse[-1]), 0, 255)

@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from evaluation.training.weights_file import Arrays
+from evaluation.training.training import Arrays
 
 Batch = NDArray[np.float32]
 

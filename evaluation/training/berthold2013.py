@@ -11,10 +11,8 @@ from numpy.typing import NDArray
 
 from autoexpose_daemon.control.policies.learned.berthold2013 import MEAN_TARGET, Berthold2013
 from autoexpose_daemon.control.policies.learned.learned_policy import Sight
-from evaluation.training.babbling import babbled_levels, sights_of
-from evaluation.training.episode import Episode
-from evaluation.training.pictures import Picture, tuning_pictures
-from evaluation.training.weights_file import Arrays, net_arrays
+from evaluation.training.episode import Episode, Picture, babbled_levels, sights_of, tuning_pictures
+from evaluation.training.training import Arrays, net_arrays
 
 UNITS = 200
 

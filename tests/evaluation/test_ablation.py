@@ -14,12 +14,18 @@ import pytest
 from rich.console import Console
 
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
-from evaluation.arena.ablation import ablation as ablation_module
-from evaluation.arena.ablation.ablation import ALL, ablate, ablation_courses, policy_constants
-from evaluation.arena.ablation.ablation_report import ablation_document, print_ablation, write_ablation
-from evaluation.arena.ablation.altered import AlteredModule, Request, run_altered
-from evaluation.arena.ablation.constants import constants_in_c, constants_of
-from evaluation.arena.ablation.course import Course, Decisions, judge, roll_out, start_of
+from evaluation.arena import ablation as ablation_module
+from evaluation.arena.ablation import (
+    ALL,
+    ablate,
+    ablation_courses,
+    ablation_document,
+    policy_constants,
+    print_ablation,
+    write_ablation,
+)
+from evaluation.arena.ablation_course import Course, Decisions, judge, roll_out, start_of
+from evaluation.arena.altered_policy import AlteredModule, Request, constants_in_c, constants_of, run_altered
 from evaluation.arena.scores import Score
 from evaluation.scenes.scenarios import SCENARIOS, WARM_UP_FRAMES
 from imaging.errors import AutoexposeError, ConfigurationError

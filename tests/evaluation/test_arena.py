@@ -11,14 +11,11 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from evaluation.arena import arena_app, plan, runs
+from evaluation.arena import arena_app, runs
 from evaluation.arena.arena_app import arena_app as app
-from evaluation.arena.arena_report import mean_ratios
-from evaluation.arena.plan import Task, full_plan, quick_plan
-from evaluation.arena.results import document, results
-from evaluation.arena.runs import Run, run_plan, run_task
+from evaluation.arena.arena_report import mean_ratios, outcomes
+from evaluation.arena.runs import Run, Task, document, full_plan, quick_plan, results, run_plan, run_task
 from evaluation.arena.scores import Score
-from evaluation.arena.targets import outcomes
 from evaluation.experiments.worth.matches.courses import courses
 from evaluation.scenes.scenarios import SCENARIOS, WARM_UP_FRAMES
 from imaging.errors import AutoexposeError, ConfigurationError
@@ -52,7 +49,7 @@ SHORT = {name: replace(SCENARIOS[name], frames=WARM_UP_FRAMES + 10) for name in 
 def short_scenarios(monkeypatch: pytest.MonkeyPatch) -> None:
     for name, scenario in SHORT.items():
         monkeypatch.setitem(SCENARIOS, name, scenario)
-    monkeypatch.setattr(plan, "HELD_OUT_SEEDS", {"shelves": 1, "street": 1})
+    monkeypatch.setattr(runs, "HELD_OUT_SEEDS", {"shelves": 1, "street": 1})
 
 
 @pytest.mark.usefixtures("short_scenarios")

@@ -13,12 +13,11 @@ import pytest
 from typer.testing import CliRunner
 
 from evaluation.experiments import cache, experiments_app
-from evaluation.experiments.cache import ResultCache
-from evaluation.experiments.drives.policy_drives import measure as measure_policies
+from evaluation.experiments.cache import ResultCache, run_jobs
+from evaluation.experiments.drives.drives import measure_policies
 from evaluation.experiments.experiment import Claim, Experiment, Figure, Job, Plain, Results, Section, Table, Verdict
+from evaluation.experiments.experiments_app import count_of_verdicts, write_experiments_report
 from evaluation.experiments.experiments_app import experiments_app as app
-from evaluation.experiments.experiments_report import count_of_verdicts, write_experiments_report
-from evaluation.experiments.jobs import run_jobs
 from evaluation.experiments.statistics import clustered, mean_interval, pearson
 from imaging.errors import AutoexposeError
 

@@ -15,14 +15,12 @@ import pytest
 from numpy.typing import NDArray
 
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY, POLICY_IDS
-from evaluation.experiments.cache import ResultCache
-from evaluation.experiments.drives import fig7, fig12, fig12_claims, fixed_drives, policy_drives
-from evaluation.experiments.drives.courses import FEWEST_ROOMS, over_rooms
-from evaluation.experiments.drives.policy_runs import LOW, SCENES, UNEVEN, PolicyRuns
-from evaluation.experiments.drives.verdicts import above, alike, below, not_above, together
+from evaluation.experiments.cache import ResultCache, run_jobs
+from evaluation.experiments.drives import drives, fig7, fig12, fig12_claims
+from evaluation.experiments.drives.drives import FEWEST_ROOMS, over_rooms
+from evaluation.experiments.drives.fig12_claims import LOW, SCENES, UNEVEN, PolicyRuns
 from evaluation.experiments.experiment import Experiment, Figure, Results, Section, Verdict
-from evaluation.experiments.jobs import run_jobs
-from evaluation.experiments.statistics import Interval
+from evaluation.experiments.statistics import Interval, above, alike, below, not_above, together
 from evaluation.odometry.stereo import Tracked
 from tests.evaluation.sections import check_no_prose
 
@@ -56,8 +54,8 @@ def quick(experiment: Experiment, folder: Path, last: int = 1) -> Iterator[tuple
 @pytest.mark.long
 @pytest.mark.timeout(300)
 def test_longer_exposures_cost_odometry_more(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    extremes = fixed_drives.SETTINGS[:: len(fixed_drives.SETTINGS) - 1]
-    for module in (fixed_drives, fig7):
+    extremes = drives.SETTINGS[:: len(drives.SETTINGS) - 1]
+    for module in (drives, fig7):
         monkeypatch.setattr(module, "SETTINGS", extremes)
     with quick(fig7.EXPERIMENT, tmp_path) as (results, section):
         runs = results[0][1]
@@ -78,7 +76,7 @@ def test_laws_by_gradients_blur_less_than_the_built_in_exposure_and_both_reading
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """By their exposures; odometry, the same as in fig7, takes most of the time and is left out here."""
-    monkeypatch.setattr(policy_drives, "in_house", Unmoved)
+    monkeypatch.setattr(drives, "in_house", Unmoved)
     with quick(fig12.EXPERIMENT, tmp_path, last=4) as (results, section):
         runs = PolicyRuns(results)
         (ours,), (coded,), (printed,), (built_in,) = (runs.of(LOW, policy) for policy in runs.policies)

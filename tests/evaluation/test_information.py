@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from autoexpose_daemon.control.metrics.contrast import Contrast, GreyBins, contrast
 from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
-from evaluation.stage.information import FRONT_END_DN, QUANTISATION, Information
+from evaluation.stage.oracle import FRONT_END_DN, QUANTISATION, Information
 from imaging.response import ResponseFunction
 
 LINEAR = ResponseFunction.linear()

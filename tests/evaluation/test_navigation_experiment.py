@@ -12,15 +12,30 @@ import numpy as np
 import pytest
 
 from evaluation.experiments.experiment import Verdict
-from evaluation.experiments.navigation.claims import CLAIMED, claims
-from evaluation.experiments.navigation.lap import LIGHTS
-from evaluation.experiments.navigation.laps import POLICIES
-from evaluation.experiments.navigation.looks import FINDERS, Look
-from evaluation.experiments.navigation.months import STRATEGIES, THRESHOLDS, Maps, measure_hours
-from evaluation.experiments.navigation.navigation import BETTER, LAP_PARKS, PARKS, data, jobs, section
-from evaluation.experiments.navigation.scene import LAMP_LUX_M2, Lamp
-from evaluation.experiments.navigation.seasons import DARK_SHARE, DRIVES, Night, When, months, nightfall, sun_deg
-from evaluation.experiments.navigation.upkeep import MODELS_COMPARED, Remembered, foretold
+from evaluation.experiments.navigation.laps import LIGHTS, POLICIES
+from evaluation.experiments.navigation.months import (
+    FINDERS,
+    MODELS_COMPARED,
+    STRATEGIES,
+    THRESHOLDS,
+    Look,
+    Maps,
+    Remembered,
+    foretold,
+    measure_hours,
+)
+from evaluation.experiments.navigation.navigation import BETTER, CLAIMED, LAP_PARKS, PARKS, claims, data, jobs, section
+from evaluation.experiments.navigation.seasons import (
+    DARK_SHARE,
+    DRIVES,
+    LAMP_LUX_M2,
+    Lamp,
+    Night,
+    When,
+    months,
+    nightfall,
+    sun_deg,
+)
 from evaluation.experiments.teach.park import park
 from fake_camera.world.scene.shapes import upright
 from navigation.views.features import Features

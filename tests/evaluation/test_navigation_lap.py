@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
-from evaluation.experiments.navigation.lap import Repeater, Taught, Wanderer, taught
+from evaluation.experiments.navigation.laps import Repeater, Taught, Wanderer, taught
 from evaluation.experiments.teach.path import TaughtPath
 from navigation.drive.steering import Stop, Velocity
 

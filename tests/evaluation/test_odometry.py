@@ -9,12 +9,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from evaluation.odometry.errors import relative_errors_mm
+from evaluation.odometry.features import place
 from evaluation.odometry.lap import lap, odometry_stage
-from evaluation.odometry.orb import OrbOdometry
-from evaluation.odometry.patches import place
-from evaluation.odometry.pose import project, refined_pose, rough_pose, transform, triangulate
-from evaluation.odometry.stereo import StereoCamera, images
+from evaluation.odometry.orb import OrbOdometry, project, refined_pose, rough_pose, transform, triangulate
+from evaluation.odometry.stereo import StereoCamera, images, relative_errors_mm
 from evaluation.odometry.tracking import FAILED_PAIRS, lost_for_good
 from evaluation.stage.rendering import Stage
 from fake_camera.world.simulation import RoomView

@@ -7,7 +7,7 @@ import io
 import pytest
 from rich.console import Console
 
-from evaluation.progress import LongProgress
+from evaluation.long_runs import LongProgress
 
 
 @pytest.mark.parametrize("terminal", [False, True])

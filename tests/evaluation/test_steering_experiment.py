@@ -9,8 +9,7 @@ import pytest
 
 from evaluation.experiments.experiment import Results, Table
 from evaluation.experiments.steering import steering
-from evaluation.experiments.steering.consumers import HALVES, Caring, Liar, Orb
-from evaluation.experiments.steering.halves import PARTS, Judge, stage_of
+from evaluation.experiments.steering.consumers import HALVES, PARTS, Caring, Judge, Liar, Orb, stage_of
 from evaluation.experiments.steering.steering import EXPERIMENT, NOBODY, measure_halves
 from evaluation.stage.camera import time_first
 from tests.evaluation.sections import check_no_prose

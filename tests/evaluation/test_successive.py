@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from evaluation.arena.race import course_of, run_course
-from evaluation.arena.successive import LOG2_RADIANCES, SuccessiveFrames, energy_by_radiance, information, variances
+from evaluation.arena.scores import LOG2_RADIANCES, SuccessiveFrames, energy_by_radiance, information, variances
 from evaluation.scenes.scenarios import WARM_UP_FRAMES
 from evaluation.stage.camera import LIMITS
 from evaluation.stage.delayed_loop import Entrant

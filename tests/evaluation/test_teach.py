@@ -14,18 +14,23 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from evaluation.experiments.cache import ResultCache
+from evaluation.experiments.cache import ResultCache, run_jobs
 from evaluation.experiments.experiment import Figure, Verdict
-from evaluation.experiments.jobs import run_jobs
-from evaluation.experiments.teach.cases import FIXED, FULL, STANDARD, cases_of, errors_of
-from evaluation.experiments.teach.daylight import REPLAYS, TEACHING, Daylight
-from evaluation.experiments.teach.judge import LOST_PX, Errors, better_everywhere, compare, paired_t
-from evaluation.experiments.teach.operator_setting import BRIGHTNESS, at_half
-from evaluation.experiments.teach.park import park
+from evaluation.experiments.teach.judge import (
+    FIXED,
+    FULL,
+    LOST_PX,
+    STANDARD,
+    Errors,
+    better_everywhere,
+    cases_of,
+    compare,
+    errors_of,
+    paired_t,
+)
+from evaluation.experiments.teach.park import REPLAYS, TEACHING, Daylight, park
 from evaluation.experiments.teach.path import MAPS, TaughtPath
-from evaluation.experiments.teach.registration import Truth
-from evaluation.experiments.teach.replay import IMAGES_PER_MAP
-from evaluation.experiments.teach.sweep import OFFSETS, sweep
+from evaluation.experiments.teach.replay import BRIGHTNESS, IMAGES_PER_MAP, OFFSETS, Truth, at_half, measure_sweep
 from evaluation.experiments.teach.teach_repeat import EXPERIMENT
 from evaluation.scenes.stills import leaves
 from evaluation.scenes.views import CAMERA
@@ -104,7 +109,7 @@ def test_the_top_half_alone_can_be_held_at_one_half() -> None:
 @pytest.mark.long
 def test_images_that_are_far_too_bright_are_not_registered() -> None:
     """From the exposure of `standard`, votes fall to both sides."""
-    result: Any = sweep(0, 0.0, "sunset", 2)
+    result: Any = measure_sweep(0, 0.0, "sunset", 2)
     votes = np.array(result["votes"]).mean(axis=0)
     assert len(votes) == len(OFFSETS)
     assert votes[OFFSETS.index(4)] < 0.5 * votes[OFFSETS.index(0)]

@@ -17,19 +17,25 @@ from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY, POLICY_IDS
 from evaluation.committed import PAINTINGS
 from evaluation.experiments.experiment import Figure, Table
 from evaluation.experiments.statistics import Comparison, over_places
-from evaluation.experiments.worth import matches_judge, odometry_judge, worth
+from evaluation.experiments.worth import odometry_judge, worth
 from evaluation.experiments.worth.contenders import CONTENDERS
-from evaluation.experiments.worth.matches import courses, hindsight
-from evaluation.experiments.worth.matches.closed_loop import START
+from evaluation.experiments.worth.matches import courses
+from evaluation.experiments.worth.matches import judge as matches_judge
 from evaluation.experiments.worth.matches.courses import Course
-from evaluation.experiments.worth.matches.groups import SHOWN
-from evaluation.experiments.worth.matches.hindsight import best, measure_bounds
+from evaluation.experiments.worth.matches.judge import (
+    CHOICE_SEED,
+    JUDGES,
+    PAIR_JUDGES,
+    SCORING_SEEDS,
+    START,
+    best,
+    measure_bounds,
+    measure_contender,
+)
 from evaluation.experiments.worth.matches.scenes import StillView
-from evaluation.experiments.worth.matches.scoring import CHOICE_SEED, JUDGES, PAIR_JUDGES, SCORING_SEEDS
-from evaluation.experiments.worth.matches_judge import measure_contender
-from evaluation.experiments.worth.names import BOUNDS
-from evaluation.experiments.worth.odometry.drives import LUX, PERIODS_S, Drive, drives
-from evaluation.experiments.worth.tables import MARGINS, Verdicts, claims_tables
+from evaluation.experiments.worth.matches.tables import SHOWN
+from evaluation.experiments.worth.odometry_drives import LUX, PERIODS_S, Drive, drives
+from evaluation.experiments.worth.tables import BOUNDS, MARGINS, Verdicts, claims_tables
 from evaluation.stage.camera import LIMITS
 from imaging.exposure import ExposureSetting
 from tests.evaluation.sections import check_no_prose
@@ -42,15 +48,15 @@ GRID = (ExposureSetting(1200.0, 0.0), ExposureSetting(75.0, 0.0))
 def short(monkeypatch: pytest.MonkeyPatch) -> None:
     """Courses of four pairs, a grid of two settings, and one noise to score on."""
     monkeypatch.setattr(courses, "STEADY_FRAMES", courses.WARM_UP + 10)
-    monkeypatch.setattr(hindsight, "GRID", GRID)
-    monkeypatch.setattr(hindsight, "SCORING_SEEDS", (1,))
+    monkeypatch.setattr(matches_judge, "GRID", GRID)
+    monkeypatch.setattr(matches_judge, "SCORING_SEEDS", (1,))
 
 
 @pytest.mark.usefixtures("short")
 def test_hindsight_is_chosen_on_one_noise_and_scored_on_others(monkeypatch: pytest.MonkeyPatch) -> None:
     assert CHOICE_SEED not in SCORING_SEEDS
     first = {row["judge"]: row for row in measure_bounds(course=COURSE.plain()) if "time_us" in row}
-    monkeypatch.setattr(hindsight, "SCORING_SEEDS", (7,))
+    monkeypatch.setattr(matches_judge, "SCORING_SEEDS", (7,))
     other = {row["judge"]: row for row in measure_bounds(course=COURSE.plain()) if "time_us" in row}
     assert set(first) == set(PAIR_JUDGES)
     for judge, row in first.items():

@@ -11,25 +11,24 @@ import numpy as np
 import pytest
 
 from evaluation.committed import ROOMS
-from evaluation.experiments.worth.contender import HAND_TUNED
-from evaluation.experiments.worth.contenders import CONTENDERS
+from evaluation.experiments.worth import odometry_judge as closed_loop
+from evaluation.experiments.worth.contenders import CONTENDERS, HAND_TUNED
 from evaluation.experiments.worth.matches.pairs import PREPARATIONS
-from evaluation.experiments.worth.names import FIXED_IN_HINDSIGHT
-from evaluation.experiments.worth.odometry import closed_loop
-from evaluation.experiments.worth.odometry.closed_loop import hindsight
-from evaluation.experiments.worth.odometry.drives import CHOICE, LUX, PERIODS_S, SCORED, SEEN, Drive, drives
-from evaluation.experiments.worth.odometry.follower import WORST_MM, Follower
+from evaluation.experiments.worth.odometry_drives import CHOICE, LUX, PERIODS_S, SCORED, SEEN, Drive, drives
 from evaluation.experiments.worth.odometry_judge import (
     CLOSEST,
     GROUP,
     JUDGES,
     SCREENED_EVERY,
+    WORST_MM,
+    Follower,
+    hindsight,
     jobs_of,
     measure_contender,
 )
+from evaluation.experiments.worth.tables import FIXED_IN_HINDSIGHT
 from evaluation.odometry.tracking import EVERY, FAILED_PAIRS
-from evaluation.scenes.natural_rooms import WINDOW_AWAY_M
-from evaluation.scenes.views import CAMERA
+from evaluation.scenes.views import CAMERA, WINDOW_AWAY_M
 from evaluation.stage.camera import Image
 from evaluation.stage.rendering import Stage
 from imaging.exposure import ExposureSetting

@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from evaluation.experiments.worth import pictures
-from evaluation.experiments.worth.matches.motions import Rotation, Similarity, found_motion
 from evaluation.experiments.worth.matches.pairs import (
     LOST_PX,
     Seen,
@@ -24,7 +23,16 @@ from evaluation.experiments.worth.matches.pairs import (
     seen,
 )
 from evaluation.experiments.worth.matches.rig import Eyes, Film, Rig
-from evaluation.experiments.worth.matches.scenes import CANVAS, HEIGHT, WIDTH, PanoramaView, StillView
+from evaluation.experiments.worth.matches.scenes import (
+    CANVAS,
+    HEIGHT,
+    WIDTH,
+    PanoramaView,
+    Rotation,
+    Similarity,
+    StillView,
+    found_motion,
+)
 from evaluation.scenes.stills import leaves
 from fake_camera.world.sensor import SensorModel
 from imaging.exposure import ExposureSetting

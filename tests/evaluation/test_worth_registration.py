@@ -13,13 +13,13 @@ import numpy as np
 import pytest
 
 from evaluation.experiments.teach import replay as teach_replay
-from evaluation.experiments.teach.daylight import Daylight
+from evaluation.experiments.teach.park import Daylight
+from evaluation.experiments.worth import registration_judge as bounds
+from evaluation.experiments.worth import registration_replays as replays
 from evaluation.experiments.worth.contenders import APART, PUBLISHED
-from evaluation.experiments.worth.names import BOUNDS
-from evaluation.experiments.worth.registration import bounds, replays
-from evaluation.experiments.worth.registration.closed_loop import TEACHER, measure_bounds, measure_policies
-from evaluation.experiments.worth.registration.replays import CHOICE, SCORING, SETS, Look, Replay
-from evaluation.experiments.worth.registration_judge import JUDGES, jobs_of
+from evaluation.experiments.worth.registration_judge import JUDGES, TEACHER, jobs_of, measure_bounds, measure_policies
+from evaluation.experiments.worth.registration_replays import CHOICE, SCORING, SETS, Look, Replay
+from evaluation.experiments.worth.tables import BOUNDS
 from fake_camera.world.render.renderer import Surface
 from fake_camera.world.scene.shapes import upright
 from navigation.views.registration import Vote

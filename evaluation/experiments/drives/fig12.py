@@ -10,10 +10,8 @@ import numpy as np
 
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY, LEARNED, POLICY_IDS
 from evaluation.drawing import COLOURS, boxes, panels, save
-from evaluation.experiments.drives.courses import ROOMS, unless_few
-from evaluation.experiments.drives.fig12_claims import LAWS, RIVALS, claims
-from evaluation.experiments.drives.policy_drives import FIXED, measure
-from evaluation.experiments.drives.policy_runs import LOW, SCENES, UNEVEN, PolicyRuns, Scene
+from evaluation.experiments.drives.drives import FIXED, ROOMS, measure_policies, unless_few
+from evaluation.experiments.drives.fig12_claims import LAWS, LOW, RIVALS, SCENES, UNEVEN, PolicyRuns, Scene, claims
 from evaluation.experiments.experiment import (
     Experiment,
     Figure,
@@ -92,7 +90,7 @@ def data(results: Results) -> Plain:
 
 def _job(scene: Scene, room: int, policy: str, seconds: float) -> Job:
     return Job(
-        measure,
+        measure_policies,
         {
             "light": scene.light, "lens_f_number": scene.lens_f_number, "room": room, "seed": room, "repeat": 0,
             "policies": [policy], "frames": round(seconds * RATE_HZ),

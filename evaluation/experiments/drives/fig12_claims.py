@@ -1,15 +1,91 @@
-"""The claims of B&H's Fig. 12 to 14, for the law as coded and as printed, and ours about our default."""
+"""The claims of B&H's Fig. 12 to 14 and ours, judged on the runs of fig12 by scene and policy."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
 
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
-from evaluation.experiments.drives.courses import ALIKE_MM
-from evaluation.experiments.drives.policy_runs import LOW, LOW_SCENES, UNEVEN, PolicyRuns, Scene, error, level
-from evaluation.experiments.drives.policy_runs import metric as metric_of
-from evaluation.experiments.drives.verdicts import above, alike, below, not_above, together
-from evaluation.experiments.experiment import Claim, Verdict
+from evaluation.experiments.drives.drives import ALIKE_MM, over_rooms
+from evaluation.experiments.experiment import Claim, Results, Verdict
+from evaluation.experiments.statistics import Interval, above, alike, below, not_above, together
+from evaluation.odometry.lap import Light
+from fake_camera.world.sensor import DEFAULT_F_NUMBER
+
+Run = Mapping[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Scene:
+    """A light, and the cameras' lenses."""
+
+    title: str
+    light: Light
+    lens_f_number: float = DEFAULT_F_NUMBER
+
+
+UNEVEN = Scene("(a) 1 to 217 lux", "uneven")
+LOW = Scene("(b) 2 to 4 lux", "low")
+LOW_SCENES = (LOW, Scene("(b) half a lux", "faint"), Scene("(b) 2 to 4 lux, f/2.8", "low", 2.8))
+SCENES = (UNEVEN, *LOW_SCENES)
+
+
+class PolicyRuns:
+    """Results of jobs: each policy of a scene has driven through the same rooms.
+
+    Attributes
+    ----------
+    policies
+        In the order of their first runs.
+    room
+        The first one.
+    """
+
+    def __init__(self, results: Results) -> None:
+        self._runs: dict[tuple[Any, Any], dict[str, list[Run]]] = {}
+        for case, runs in results:
+            of_scene = self._runs.setdefault((case["light"], case["lens_f_number"]), {})
+            policies: Any = case["policies"]
+            for policy, run in zip(policies, runs, strict=True):
+                of_scene.setdefault(policy, []).append(run)
+        self.policies = list(dict.fromkeys(policy for of_scene in self._runs.values() for policy in of_scene))
+        self.room: Any = results[0][0]["room"]
+
+    def of(self, scene: Scene, policy: str) -> list[Run]:
+        """All runs of a policy, in the order of their jobs: one for each room."""
+        return self._runs.get((scene.light, scene.lens_f_number), {}).get(policy, [])
+
+    def rooms(self, scene: Scene) -> int:
+        """How many rooms were driven through."""
+        return len(self.of(scene, self.policies[0]))
+
+    def difference(self, scene: Scene, first: str, second: str, figure: Callable[[Run], float]) -> Interval:
+        """First minus second, paired by room."""
+        pairs = zip(self.of(scene, first), self.of(scene, second), strict=True)
+        return over_rooms(np.array([figure(a) - figure(b) for a, b in pairs]))
+
+    def failed(self, scene: Scene, policy: str) -> int:
+        """How many runs failed."""
+        return sum(run["failed"] for run in self.of(scene, policy))
+
+
+def error(run: Run) -> float:
+    """Of odometry, mm."""
+    return float(run["rpe_mm"])
+
+
+def metric_of(run: Run) -> float:
+    """Median gradient information of the frames that odometry gets."""
+    return float(run["metric_after_gamma"])
+
+
+def level(run: Run) -> float:
+    """Mean exposure level, stops."""
+    return float(np.mean(np.log2(run["times_us"]) + np.array(run["gains_db"]) / (20 * np.log10(2))))
+
 
 LAWS = {"begin2022-code": "as coded", "begin2022": "as printed"}
 """The paper's law as its authors' code runs it, which counts as their claim, and as the paper prints it."""

@@ -8,10 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
-from evaluation.experiments.drives.courses import ROOMS
-from evaluation.experiments.drives.fig12_claims import LAWS
-from evaluation.experiments.drives.policy_runs import LOW, UNEVEN
-from evaluation.experiments.drives.slam_drives import measure
+from evaluation.experiments.drives.drives import ROOMS, measure_orb_slam3
+from evaluation.experiments.drives.fig12_claims import LAWS, LOW, UNEVEN
 from evaluation.experiments.experiment import Experiment, Job, Results, Section, Table
 from evaluation.odometry.orb_slam3 import PACKAGE, installed
 from evaluation.scenes.scenarios import RATE_HZ
@@ -36,7 +34,7 @@ def jobs(quick: bool) -> list[Job]:
     rooms, seconds = ((2,), 1.7) if quick else (FEW_ROOMS, 8.0)
     return [
         Job(
-            measure,
+            measure_orb_slam3,
             {
                 "light": scene.light, "room": room, "seed": room, "policy": policy, "frames": round(seconds * RATE_HZ),
                 "version": version(PACKAGE),

@@ -10,11 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evaluation.drawing import COLOURS, boxes, panels, save
-from evaluation.experiments.drives.courses import ALIKE_MM, ROOMS, over_rooms, unless_few
-from evaluation.experiments.drives.fixed_drives import SETTINGS, measure
-from evaluation.experiments.drives.verdicts import above, alike, below, not_above, together
+from evaluation.experiments.drives.drives import ALIKE_MM, ROOMS, SETTINGS, measure_fixed, over_rooms, unless_few
 from evaluation.experiments.experiment import Claim, Experiment, Figure, Job, Results, Section, Table, Verdict
-from evaluation.experiments.statistics import Interval, clustered, pearson
+from evaluation.experiments.statistics import Interval, above, alike, below, clustered, not_above, pearson, together
 from evaluation.odometry.proxies import PROXIES
 from evaluation.scenes.scenarios import RATE_HZ
 
@@ -45,7 +43,7 @@ def jobs(quick: bool) -> list[Job]:
     courses, seconds = ([(1, 0)], 2.0) if quick else ([(room, room) for room in ROOMS], 8.0)
     return [
         Job(
-            measure,
+            measure_fixed,
             {"room": room, "seed": heading, "repeat": 0, "frames": round(seconds * RATE_HZ)},
             cost_s=11.0 * seconds,
         )

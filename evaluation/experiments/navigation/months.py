@@ -1,20 +1,219 @@
-"""Drives over hours and months: each local map kept up in every way, on the same views."""
+"""Local maps kept up over hours and months in every way, on the same views, and how well they register."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from itertools import product
-from typing import get_args
+from typing import Final, get_args
 
 import numpy as np
+from numpy.typing import NDArray
 
 from evaluation.experiments.experiment import Plain
-from evaluation.experiments.navigation.looks import FINDERS, Look, Surveyor
-from evaluation.experiments.navigation.seasons import HOURS, months
-from evaluation.experiments.navigation.upkeep import Kept, Remembered, foretold
-from navigation.maps.adaptation import Strategy
+from evaluation.experiments.navigation.seasons import HOURS, TAUGHT, Scene, When, months
+from evaluation.experiments.teach.path import MAPS, TaughtPath
+from evaluation.experiments.teach.replay import Robot, Truth
+from evaluation.stage.camera import Image, SimulatedCamera
+from evaluation.stage.delayed_loop import Entrant
+from navigation.maps.adaptation import LocalMap, Strategy, adapt, best, drawn, states_of
+from navigation.maps.temporal import MODELS, History, Predict, fremen
+from navigation.views.detectors import AdaptiveFinder, FastOrb
 from navigation.views.features import Features
-from navigation.views.registration import RULES
+from navigation.views.registration import RULES, Registration, VoteRule, register
+
+EXPOSURE = "majer2018-standard"
+"""The paper's, with which it made its maps."""
+
+PLACES = 20
+"""Of the 80 local maps of a path, every fourth."""
+
+STILL_FRAMES, FOUND_FRAMES = 10, 3
+"""Frames taken at each place, so that exposure and threshold have settled, and the last ones, which are searched."""
+
+PART: Final = "top half"
+"""Where all but one of `FINDERS` look."""
+
+
+class FixedFinder(AdaptiveFinder):
+    """Keeps the threshold that the first place settled."""
+
+    def __init__(self) -> None:
+        super().__init__(FastOrb(), PART)
+        self._seen = 0
+
+    def find(self, image: Image) -> Features:
+        """As `AdaptiveFinder`, whose threshold moves for the pictures of the first place only."""
+        kept = self.threshold
+        features = super().find(image)
+        self._seen += 1
+        if self._seen > FOUND_FRAMES:
+            self.threshold = kept
+        return features
+
+
+FINDERS: dict[str, Callable[[], AdaptiveFinder]] = {
+    "upper half": lambda: AdaptiveFinder(FastOrb(), PART),
+    "whole image": lambda: AdaptiveFinder(FastOrb(), "whole image"),
+    "fixed threshold": FixedFinder,
+}
+"""What sets the threshold: the responses in the upper half, in the whole image, or nobody. The features themselves are
+taken from the upper half in the first and the last."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Look:
+    """A view near a local map.
+
+    Attributes
+    ----------
+    features
+        By finder.
+    shift_px
+        By how much the view is shifted to the right in truth; NaN where nothing upright is seen in both.
+    """
+
+    features: dict[str, Features]
+    shift_px: float
+
+
+class Surveyor:
+    """Drives a path of a park; its finders keep their thresholds from drive to drive.
+
+    Parameters
+    ----------
+    seed
+        Of the park.
+    finders
+        Names of `FINDERS`.
+    """
+
+    def __init__(self, seed: int, finders: Sequence[str]) -> None:
+        self._seed, self._path = seed, TaughtPath(seed, 0.0)
+        self._finders = {name: FINDERS[name]() for name in finders}
+        self._places = range(0, MAPS, MAPS // PLACES)
+        scene = Scene(seed, TAUGHT.daylight(0))
+        self._truth = Truth(scene.surfaces)
+        poses = [self._path.taught(place) for place in self._places]
+        self.taught = [Look(features, 0.0) for features in self._found(scene, poses, camera=2 * seed)]
+        """What is seen from where the maps are taught."""
+
+    def drive(self, number: int, when: When) -> list[Look]:
+        """The looks of one drive, counted from 1, at each place."""
+        poses = [self._path.repeated(number, place * self._path.spacing_m) for place in self._places]
+        shifts = [
+            self._truth.shift(self._path.taught(place), pose) for place, pose in zip(self._places, poses, strict=True)
+        ]
+        found = self._found(Scene(self._seed, when.daylight(number)), poses, camera=2 * self._seed + number)
+        return [Look(features, shift) for features, shift in zip(found, shifts, strict=True)]
+
+    def _found(self, scene: Scene, poses: Sequence[NDArray[np.float64]], camera: int) -> Iterator[dict[str, Features]]:
+        robot: Robot | None = None
+        for pose in poses:
+            radiance = scene.radiance(pose)
+            robot = robot or Robot(SimulatedCamera(camera, camera), radiance, [Entrant.of(EXPOSURE, 2)])
+            images = [robot.step(radiance)[EXPOSURE] for _ in range(STILL_FRAMES)]
+            for image in images[-FOUND_FRAMES:]:
+                features = {name: finder.find(image) for name, finder in self._finders.items()}
+            yield features
+
+
+class Kept:
+    """A local map that one strategy keeps up.
+
+    Parameters
+    ----------
+    taught
+        Its first features.
+    strategy
+        How it changes at each passing.
+    rule
+        How views are registered with it.
+    """
+
+    def __init__(self, taught: Features, strategy: Strategy, rule: VoteRule) -> None:
+        self.map = LocalMap.taught(taught)
+        self._strategy, self._rule, self._next_id = strategy, rule, len(taught)
+
+    def look(self, seen: Features) -> tuple[float | None, Registration]:
+        """The shift of a view against the map (pixels), which is then kept up."""
+        registration = register(self.map.features, seen, self._rule)
+        passing = adapt(self.map, seen, registration, self._strategy, self._next_id)
+        self.map = passing.after
+        self._next_id += int(passing.added.sum())
+        return registration.vote.shift_px, registration
+
+
+class Remembered:
+    """A local map of strategy `summary` and what was seen of each of its features when.
+
+    A feature that has left is forgotten.
+    """
+
+    def __init__(self, taught: Features, rule: VoteRule) -> None:
+        self._kept, self._rule = Kept(taught, "summary", rule), rule
+        self._times_s: list[float] = []
+        self._states: list[dict[int, int]] = []
+
+    def look(self, seen: Features, time_s: float) -> None:
+        """Learn from a view."""
+        before = self._kept.map
+        shift_px, registration = self._kept.look(seen)
+        if shift_px is not None:
+            states = states_of(len(before), registration)
+            self._times_s.append(time_s)
+            self._states.append(dict(zip(before.ids.tolist(), states.tolist(), strict=True)))
+
+    @property
+    def map(self) -> LocalMap:
+        """As it is now."""
+        return self._kept.map
+
+    def history(self) -> History:
+        """Of the features that it has now."""
+        ids = self.map.ids.tolist()
+        states = [[passing.get(one, 0) for one in ids] for passing in self._states]
+        passed = [[one in passing for one in ids] for passing in self._states]
+        shape = (len(self._states), len(ids))
+        return History(
+            np.array(self._times_s), np.array(states, np.int8).reshape(shape), np.array(passed, bool).reshape(shape)
+        )
+
+    def register(self, seen: Features, which: NDArray[np.int64]) -> float | None:
+        """The shift of a view (pixels) against some of its features."""
+        return register(self.map.features.take(which), seen, self._rule).vote.shift_px
+
+
+PAPERS = "fremen, as the paper"
+"""One period, a day, and always used."""
+
+MODELS_COMPARED = {PAPERS: lambda history: fremen(history, order=1, periods_s=(86_400.0,)), **MODELS}
+"""What says which features will be seen, by name."""
+
+DRAWN = "fremen, drawn"
+"""Features drawn by their probability (Monte Carlo), instead of the most probable ones."""
+
+ALL = "all features"
+"""No choice."""
+
+
+def foretold(
+    remembered: Remembered, tests: Sequence[tuple[float, Features]], seed: int
+) -> dict[str, list[float | None]]:
+    """Shifts found (pixels) at given times, by model; the models learn from what was seen before the first."""
+    history = remembered.history()
+    models: dict[str, Predict] = {name: learn(history) for name, learn in MODELS_COMPARED.items()}
+    random = np.random.default_rng([seed, 53])
+    shifts: dict[str, list[float | None]] = {name: [] for name in (*models, DRAWN, ALL)}
+    for time_s, seen in tests:
+        scores = {name: predict(time_s) for name, predict in models.items()}
+        chosen = {name: best(one) for name, one in scores.items()}
+        chosen[DRAWN] = drawn(scores["fremen"], random)
+        chosen[ALL] = np.arange(len(remembered.map))
+        for name, which in chosen.items():
+            shifts[name].append(remembered.register(seen, which))
+    return shifts
+
 
 LEARNT = 57
 """Of the drives of the months, as in the paper; the rest is foretold."""

@@ -9,15 +9,15 @@ import numpy as np
 
 from evaluation.drawing import panels, save
 from evaluation.experiments.experiment import Claim, Experiment, Figure, Job, Results, Section, Table, Verdict
-from evaluation.experiments.prediction.noise_coupling import (
+from evaluation.experiments.prediction.still_life import (
     DELTAS,
     GAINS_DB,
     Rows,
     coupling,
     curve_of_least_gain,
-    measure,
+    measure_coupling,
+    plateau_centre,
 )
-from evaluation.experiments.prediction.still_life import plateau_centre
 from evaluation.experiments.statistics import Interval, mean_interval
 
 LUX = 50.0
@@ -61,7 +61,7 @@ def jobs(quick: bool) -> list[Job]:
     shots = 1 if quick else _SHOTS
     return [
         Job(
-            measure,
+            measure_coupling,
             {"scene": scene, "seed": seed, "lux": LUX, "levels": levels.tolist(), "shots": shots},
             0.4 if quick else 1.6,
         )

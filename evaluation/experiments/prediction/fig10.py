@@ -23,7 +23,7 @@ from evaluation.experiments.prediction.step_response import (
     measure,
 )
 from evaluation.experiments.statistics import Interval, mean_interval
-from evaluation.scenes.responses import CameraResponse
+from evaluation.stage.camera import CameraResponse
 
 BEFORE_LUX = 1.0
 

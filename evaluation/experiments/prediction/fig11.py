@@ -10,9 +10,9 @@ import numpy as np
 
 from evaluation.drawing import COLOURS, panels, save
 from evaluation.experiments.experiment import Claim, Experiment, Figure, Job, Results, Section, Table, Verdict
-from evaluation.experiments.prediction.predicted_optimum import LAWS, measure, summary
+from evaluation.experiments.prediction.still_life import LAWS, measure_rest, summary
 from evaluation.experiments.statistics import Interval, mean_interval
-from evaluation.scenes.responses import CameraResponse
+from evaluation.stage.camera import CameraResponse
 
 LUX = 50.0
 
@@ -49,7 +49,7 @@ def jobs(quick: bool) -> list[Job]:
     levels = np.arange(7.5, 17.8, 0.5 if quick else 0.125).tolist()
     return [
         Job(
-            measure,
+            measure_rest,
             {"scene": scene, "seed": seed, "lux": LUX, "camera": [camera.curve, camera.gamma], "levels": levels},
             0.2 if quick else 0.5,
         )

@@ -10,9 +10,9 @@ import numpy as np
 
 from evaluation.drawing import COLOURS, panels, save
 from evaluation.experiments.experiment import Claim, Experiment, Figure, Job, Results, Section, Table, Verdict
-from evaluation.experiments.prediction.exposure_change import gamma_curve, measure
+from evaluation.experiments.prediction.still_life import gamma_curve, measure_changes
 from evaluation.experiments.statistics import Interval, mean_interval
-from evaluation.scenes.responses import FAKE_CAMERAS, CameraResponse
+from evaluation.stage.camera import FAKE_CAMERAS, CameraResponse
 from imaging.response import prediction_table
 
 LUX = 50.0
@@ -49,7 +49,7 @@ def jobs(quick: bool) -> list[Job]:
     stills = [(scene, seed) for scene in ("leaves", "street", "hall") for seed in range(4)]
     return [
         Job(
-            measure,
+            measure_changes,
             {
                 "scene": scene, "seed": seed, "lux": LUX, "camera": [camera.curve, camera.gamma],
                 "level": LEVELS[scene], "changes": list(CHANGES), "shots": 8 if quick else _SHOTS,

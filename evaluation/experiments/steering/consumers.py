@@ -1,7 +1,8 @@
-"""Consumers that report where they track, honestly or not, and the control loop that they steer."""
+"""Consumers that report where they track, the loop that they steer, and what frames are worth with them."""
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from typing import Final, Literal, Protocol
 
@@ -12,12 +13,24 @@ from numpy.typing import NDArray
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.light_ahead import LightAhead
 from autoexpose_daemon.control.loop import ControlLoop
+from autoexpose_daemon.control.metrics.contrast import contrast
 from autoexpose_daemon.control.override import NO_OVERRIDE, Override
+from autoexpose_daemon.control.picture.image import ImagePreparation
 from autoexpose_daemon.control.picture.steering import CellExposure, Steering, TrackingMemory
 from autoexpose_daemon.control.picture.tracked_cells import COLUMNS, ROWS, TrackedCells, count_by_cell
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
-from evaluation.odometry.stereo import prepared
-from imaging.exposure import ExposureLimits, ExposureSetting
+from evaluation.experiments.experiment import Plain
+from evaluation.odometry.lap import Light, odometry_stage
+from evaluation.odometry.orb import in_house
+from evaluation.odometry.stereo import images, prepared
+from evaluation.odometry.tracking import EVERY, outcome, track_entrants
+from evaluation.scenes.scenarios import Course, steady
+from evaluation.scenes.views import Scene, build_views
+from evaluation.stage.camera import Image
+from evaluation.stage.delayed_loop import Entrant
+from evaluation.stage.oracle import Information
+from evaluation.stage.rendering import Stage
+from imaging.exposure import ExposureLimits, ExposureSetting, linear_gain
 from imaging.frames import StereoPair
 from imaging.response import ResponseFunction
 
@@ -131,3 +144,105 @@ class Steered(ControlLoop):
             arrives = pair.trigger + LATENCY_FRAMES
             self._on_the_way.append((arrives, report, self.cell_exposures["left"], now_s))
         return decision
+
+
+NAMES = ("alone", "steered")
+
+
+class OdometryConsumer:
+    """The in-house odometry."""
+
+    def __init__(self) -> None:
+        self._odometry = in_house()
+
+    def track(self, pair: StereoPair) -> tuple[Cells, Cells]:
+        """See `Consumer`."""
+        self._odometry.track(*images(pair))
+        height, width = pair.reference.pixels.shape
+        features = count_by_cell(self._odometry.features_px, width, height)
+        return features, np.minimum(count_by_cell(self._odometry.inliers_px, width, height), features)
+
+
+def measure_drive(*, light: Light, room: int, frames: int) -> Plain:
+    """For each of `NAMES`: error of odometry, lost pairs, and how many points tie a pair to the last key pair."""
+    entrants = [Entrant.of(DEFAULT_POLICY), Entrant("steered", 2, _steered)]
+    inliers: list[list[int]] = [[] for _ in entrants]
+
+    def look(number: int, _pair: StereoPair) -> None:
+        inliers[number].append(len(odometries[number].inliers_px))
+
+    odometries = [in_house() for _ in entrants]
+    waiting = iter(odometries)
+    made = track_entrants(odometry_stage(light, room, room, 0), entrants, lambda: next(waiting), frames, look)
+    return [
+        {key: outcome(one)[key] for key in ("rpe_mm", "lost_share", "failed", "metric")}
+        | {"inliers": float(np.mean(of)), "level": float(np.mean([each.level for each in one.delayed.settings]))}
+        for one, of in zip(made, inliers, strict=True)
+    ]
+
+
+def _steered(response: ResponseFunction, limits: ExposureLimits, start: ExposureSetting) -> Steered:
+    return Steered(OdometryConsumer(), EVERY, response, limits, start)
+
+
+LUX: Final = 60.0
+EDGE: Final = 0.1
+"""Half the width of the edge of the shade, as a share of the picture's."""
+
+SWAY_RAD, SWAY_HZ = 0.05, 0.3
+
+PARTS: Final = ("left", "right", "whole")
+_MARGIN = 12
+
+
+class SunAndShade:
+    """A view whose left half is brighter than its right one by `stops`, from `swap_s` on the other way round."""
+
+    def __init__(self, view: Scene, stops: float, swap_s: float) -> None:
+        self._view, self._stops, self._swap_s = view, stops, swap_s
+
+    def image_shift_px(self, start_s: float, end_s: float) -> float:
+        """See `Scene`."""
+        return self._view.image_shift_px(start_s, end_s)
+
+    def radiance(self, times_s: NDArray[np.float64], lux: float) -> NDArray[np.float32]:
+        """See `Scene`."""
+        radiance = self._view.radiance(times_s, lux)
+        across = np.clip(np.linspace(-1.0, 1.0, radiance.shape[1]) / EDGE, -1.0, 1.0)
+        sign = -0.5 if times_s[0] < self._swap_s else 0.5
+        return np.asarray(radiance * np.exp2(sign * self._stops * across), np.float32)
+
+
+def stage_of(scene: str, seed: int, stops: float, swap_s: float) -> Stage:
+    """A still scene that sways, half in the sun."""
+
+    def gaze(time_s: float) -> float:
+        return SWAY_RAD * math.sin(2 * math.pi * SWAY_HZ * time_s)
+
+    views = build_views(scene, seed, gaze, at_window=False)
+    halved: dict[str, Scene] = {side: SunAndShade(view, stops, swap_s) for side, view in views.items()}
+    return Stage({"left": halved["left"], "right": halved["right"]}, Course(steady(LUX), gaze, 0), seed)
+
+
+class Judge:
+    """What frames are worth: their Fisher information, as the default policy counts it."""
+
+    def __init__(self) -> None:
+        self._preparation = ImagePreparation()
+        self._information = Information(ResponseFunction.linear())
+
+    def worth(self, image: Image, setting: ExposureSetting) -> dict[str, float]:
+        """Of each of `PARTS`."""
+        pixels = image.size / self._preparation.prepare(image).size
+        seen, gain = self._preparation.unfiltered, linear_gain(setting.gain_db)
+        worth = {}
+        for part in PARTS:
+            weights = np.full(seen.shape, 255, np.uint8)
+            middle = seen.shape[1] // 2
+            if part == "left":
+                weights[:, middle - _MARGIN :] = 0
+            elif part == "right":
+                weights[:, : middle + _MARGIN] = 0
+            found = contrast(seen, self._information.bins, weights)
+            worth[part] = self._information.measure(found, pixels, gain)
+        return worth

@@ -24,9 +24,20 @@ from evaluation.experiments.experiment import (
     Verdict,
     jobs_and_results,
 )
-from evaluation.experiments.steering.consumers import HALVES, LATENCY_FRAMES, Caring, Consumer, Liar, Orb, Steered
-from evaluation.experiments.steering.drive import NAMES, measure_drive
-from evaluation.experiments.steering.halves import PARTS, Judge, stage_of
+from evaluation.experiments.steering.consumers import (
+    HALVES,
+    LATENCY_FRAMES,
+    NAMES,
+    PARTS,
+    Caring,
+    Consumer,
+    Judge,
+    Liar,
+    Orb,
+    Steered,
+    measure_drive,
+    stage_of,
+)
 from evaluation.scenes.scenarios import RATE_HZ, WARM_UP_FRAMES
 from evaluation.stage.delayed_loop import Entrant
 from evaluation.stage.oracle import Oracle, best_start

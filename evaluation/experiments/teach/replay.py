@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import math
 from collections.abc import Iterator, Sequence
 
 import cv2
@@ -11,19 +12,86 @@ from numpy.typing import NDArray
 
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from evaluation.experiments.experiment import Plain
-from evaluation.experiments.teach.daylight import REPLAYS, TEACHING
-from evaluation.experiments.teach.operator_setting import at_half
-from evaluation.experiments.teach.park import park
+from evaluation.experiments.teach.park import REPLAYS, TEACHING, park
 from evaluation.experiments.teach.path import MAPS, TaughtPath
-from evaluation.experiments.teach.registration import Truth
 from evaluation.scenes.views import CAMERA
-from evaluation.stage.camera import Image, Radiance, SimulatedCamera, pair_of
+from evaluation.stage.camera import LIMITS, Image, Radiance, SimulatedCamera, pair_of, time_first
 from evaluation.stage.delayed_loop import Entrant
-from fake_camera.world.render.renderer import Renderer
+from fake_camera.world.render.renderer import Renderer, Surface
 from imaging.exposure import ExposureSetting
 from imaging.frames import StereoPair
 from navigation.views.features import Features, OrbPyramid, Part
-from navigation.views.registration import register
+from navigation.views.registration import register, vote
+
+BRIGHTNESS = 0.5
+"""The mean that the paper's policies hold, and to which its operator sets the fixed exposure (MH 4.2)."""
+
+
+def at_half(camera: SimulatedCamera, radiance: Radiance, *, top_only: bool = False) -> ExposureSetting:
+    """The setting whose image, or the top half of it, has a mean of one half, as far as the limits allow."""
+    low, high = LIMITS.darkest.level, LIMITS.brightest.level
+    rows = CAMERA.height // 2 if top_only else CAMERA.height
+    for _ in range(12):
+        level = (low + high) / 2
+        if camera.expose(radiance, time_first(level), 0)[:rows].mean() < BRIGHTNESS * 255:
+            low = level
+        else:
+            high = level
+    return time_first((low + high) / 2)
+
+
+GRID_PX = 18
+"""Spacing of the image points at which the true shift is looked up."""
+
+
+class Truth:
+    """The shift that would win the vote if everything upright were matched correctly, from the park's geometry.
+
+    The ground is left out: its displacement depends on its distance, and says nothing about the heading.
+    """
+
+    def __init__(self, surfaces: Sequence[Surface]) -> None:
+        self._corners = np.array([surface.corner for surface in surfaces])
+        self._edges = np.array([[surface.edge_u, surface.edge_v] for surface in surfaces])
+        self._upright = np.array([abs(surface.edge_v[2]) > 1e-9 for surface in surfaces])
+        half_x, half_y = (CAMERA.width - 1) / 2, (CAMERA.height - 1) / 2
+        x, y = np.meshgrid(np.arange(0, CAMERA.width, GRID_PX), np.arange(0, CAMERA.height, GRID_PX))
+        self._pixels = x.ravel().astype(np.float64)
+        across, down = (self._pixels - half_x) / CAMERA.focal_px, (y.ravel() - half_y) / CAMERA.focal_px
+        self._rays = np.stack([across, down, np.ones(x.size)], axis=1)
+
+    def shift(self, taught: NDArray[np.float64], seen: NDArray[np.float64]) -> float:
+        """True shift (pixels) of the image from pose `seen` against the one from pose `taught`; NaN for none."""
+        points = self._points(taught)
+        local = (points - seen[:3, 3]) @ seen[:3, :3]
+        with np.errstate(invalid="ignore", divide="ignore"):
+            column, row = (
+                CAMERA.focal_px * local[:, axis] / local[:, 2] + (size - 1) / 2
+                for axis, size in ((0, CAMERA.width), (1, CAMERA.height))
+            )
+        visible = (local[:, 2] > 0) & (column >= 0) & (column < CAMERA.width) & (row >= 0) & (row < CAMERA.height)
+        winner = vote((column - self._pixels)[visible]).shift_px
+        return math.nan if winner is None else winner
+
+    def _points(self, pose: NDArray[np.float64]) -> NDArray[np.float64]:
+        """World point seen at each point of the grid, shape (points, 3); NaN where nothing upright is seen."""
+        rays = self._rays @ pose[:3, :3].T
+        nearest = np.full(len(rays), np.inf)
+        upright = np.zeros(len(rays), bool)
+        to_corners = self._corners - pose[:3, 3]
+        for to_corner, (edge_u, edge_v), is_upright in zip(to_corners, self._edges, self._upright, strict=True):
+            normal = np.cross(edge_v, edge_u)
+            if normal @ to_corner >= 0:
+                continue  # seen from behind
+            with np.errstate(divide="ignore"):
+                depth = (normal @ to_corner) / (rays @ normal)
+            across = rays * depth[:, None] - to_corner
+            a, b = across @ edge_u / (edge_u @ edge_u), across @ edge_v / (edge_v @ edge_v)
+            hit = (depth > 0) & (depth < nearest) & (a >= 0) & (a <= 1) & (b >= 0) & (b <= 1)
+            nearest[hit] = depth[hit]
+            upright[hit] = is_upright
+        return np.where(upright[:, None], rays * nearest[:, None] + pose[:3, 3], np.nan)
+
 
 POLICIES = ("majer2018-standard", "majer2018-full", "majer2018-fixed", "begin2022", DEFAULT_POLICY)
 """The paper's three, and two newer ones."""
@@ -214,3 +282,44 @@ def _look(image: Image) -> tuple[float, float, float]:
 def _small(image: Image) -> str:
     small = cv2.resize(image, (288, 216), interpolation=cv2.INTER_AREA)
     return base64.b64encode(cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, 85])[1].tobytes()).decode()
+
+
+OFFSETS = tuple(range(-4, 5))
+"""Stops from the exposure that holds the top half at 0.5."""
+
+AHEAD = 0.2
+"""Where a view is replayed: this share of the way from its map to the next."""
+
+
+def measure_sweep(seed: int, tilt_deg: float, light: str, maps: int) -> Plain:
+    """Register one view near each map at all offsets.
+
+    The map is taught with the top half at 0.5. Arguments as those of `replay.measure`.
+
+    Returns
+    -------
+    For each map: `errors` (pixels, None where no shift was found) and `votes` at each of the `offsets`, and the offset
+    at which the `whole` image has a mean of 0.5.
+    """
+    path, detector, camera = TaughtPath(seed, tilt_deg), OrbPyramid(), SimulatedCamera(2 * seed, 2 * seed)
+    surfaces = park(seed, TEACHING)
+    truth, before = Truth(surfaces), Renderer(surfaces, CAMERA)
+    after, number = Renderer(park(seed, REPLAYS[light]), CAMERA), 1 + list(REPLAYS).index(light)
+    errors: list[list[float | None]] = []
+    votes: list[list[int]] = []
+    whole: list[float] = []
+    for index in range(maps):
+        radiance = before.render(path.taught(index)[None], TEACHING.lux(0.0))
+        taught = detector.find(camera.expose(radiance, at_half(camera, radiance, top_only=True), 2 * index), "top half")
+        pose = path.repeated(number, (index + AHEAD) * path.spacing_m)
+        shift = truth.shift(path.taught(index), pose)
+        radiance = after.render(pose[None], REPLAYS[light].lux(index / maps))
+        middle = at_half(camera, radiance, top_only=True).level
+        whole.append(at_half(camera, radiance).level - middle)
+        won = []
+        for offset in OFFSETS:
+            image = camera.expose(radiance, time_first(middle + offset), 2 * index + 1)
+            won.append(register(taught, detector.find(image, "top half")).vote)
+        errors.append([None if vote.shift_px is None else abs(vote.shift_px - shift) for vote in won])
+        votes.append([vote.votes for vote in won])
+    return {"offsets": list(OFFSETS), "errors": errors, "votes": votes, "whole": whole}

@@ -1,10 +1,60 @@
-"""Who takes part: every policy."""
+"""Who takes part: every policy, as a name and a control loop made for each course."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from autoexpose_daemon.control.loop import ControlLoop
+from autoexpose_daemon.control.parameters import ControlParameters
 from autoexpose_daemon.control.policies.ids import LEARNED as LEARNED_IDS
 from autoexpose_daemon.control.policies.ids import PLACES
-from evaluation.experiments.worth.contender import Contender, policy
+from evaluation.stage.delayed_loop import MakeLoop
+from imaging.exposure import ExposureLimits, ExposureSetting
+from imaging.response import ResponseFunction
+
+HAND_TUNED = ExposureSetting(3000.0, 6.0)
+"""The setting of `fixed`: as in fig12, where it was chosen by hand in a room."""
+
+
+def medians(settings: Sequence[ExposureSetting]) -> dict[str, float]:
+    """Of exposure time and gain over a run, for its rows."""
+    return {
+        "time_us": float(np.median([setting.exposure_time_us for setting in settings])),
+        "gain_db": float(np.median([setting.gain_db for setting in settings])),
+    }
+
+
+@dataclass(frozen=True, slots=True)
+class Contender:
+    """A participant.
+
+    Attributes
+    ----------
+    name
+        In tables and JSON.
+    policy_id
+        Its policy; results are kept until that policy's code changes.
+    make_loop
+        (response, limits, start) -> a fresh control loop.
+    """
+
+    name: str
+    policy_id: str
+    make_loop: MakeLoop
+
+
+def policy(policy_id: str) -> Contender:
+    """A policy as it is."""
+
+    def make_loop(response: ResponseFunction, limits: ExposureLimits, start: ExposureSetting) -> ControlLoop:
+        begin = HAND_TUNED if policy_id == "fixed" else start
+        return ControlLoop(policy_id, response, limits, begin, ControlParameters())
+
+    return Contender(policy_id, policy_id, make_loop)
+
 
 PUBLISHED: tuple[Contender, ...] = tuple(
     policy(policy_id)

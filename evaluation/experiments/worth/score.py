@@ -12,13 +12,13 @@ import argparse
 import time
 from pathlib import Path
 
-from evaluation.experiments.cache import ResultCache
+from evaluation.experiments.cache import ResultCache, run_jobs
 from evaluation.experiments.experiment import Job
-from evaluation.experiments.jobs import run_jobs
-from evaluation.experiments.worth import matches_judge, odometry_judge
+from evaluation.experiments.worth import odometry_judge
 from evaluation.experiments.worth.contenders import CONTENDERS
+from evaluation.experiments.worth.matches import judge as matches_judge
 from evaluation.experiments.worth.matches.courses import courses
-from evaluation.experiments.worth.odometry.drives import drives
+from evaluation.experiments.worth.odometry_drives import drives
 from evaluation.experiments.worth.tables import claims_tables, means_tables
 from evaluation.experiments.worth.worth import verdicts_of
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from evaluation.experiments.rejudge.courses import OFFSETS, measure_still
+from evaluation.experiments.rejudge.rehearsal import OFFSETS, measure_still
 
 
 def test_frames_of_a_still_scene_are_as_if_really_taken() -> None:

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
-from evaluation.rejudge.exposing import Exposer, Light
+from evaluation.rejudge.camera import Exposer, Light
 from imaging.exposure import ExposureSetting
 from imaging.frames import Frame
 from imaging.pixels import Pixels

@@ -17,11 +17,10 @@ from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from autoexpose_daemon.recording.replay import report_replay
 from calibration.geometry.formats.ros import ros_yaml
 from evaluation.odometry.lap import lap
-from evaluation.rejudge.contest import recommended
-from evaluation.rejudge.recorded import read_recording
+from evaluation.rejudge.contest import Figures, recommended
+from evaluation.rejudge.following import Reference, Trajectory, read_tum, tum
 from evaluation.rejudge.rejudge_app import rejudge
-from evaluation.rejudge.run import Figures
-from evaluation.rejudge.trajectory import Reference, Trajectory, read_tum, tum
+from evaluation.rejudge.sources import read_recording
 from imaging.errors import AutoexposeError, ConfigurationError
 from tests.evaluation.rejudge.conftest import BEGIN_S, FRAMES
 
@@ -171,7 +170,7 @@ def test_a_recording_without_brackets_is_refused(
     drive_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     setup = read_recording(drive_file).setup
-    monkeypatch.setattr("evaluation.rejudge.recorded._setup", lambda _path: setup.of_policy("fixed"))
+    monkeypatch.setattr("evaluation.rejudge.sources._setup", lambda _path: setup.of_policy("fixed"))
     assert "was not recorded in brackets: record the drive with `record --bracket`" in said(drive_file, *QUICK)
 
 

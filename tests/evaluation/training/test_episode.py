@@ -5,14 +5,22 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from evaluation.arena.plan import HELD_OUT_SEEDS, TUNE_SCENES
+from evaluation.arena.runs import HELD_OUT_SEEDS, TUNE_SCENES
 from evaluation.committed import FURNISHED_ROOMS, HELD_OUT_SEED
-from evaluation.training import pictures
-from evaluation.training.babbling import FAR_STOPS, babbled_levels
-from evaluation.training.episode import COLUMNS, ROWS, Episode
-from evaluation.training.light import random_light, random_path
-from evaluation.training.matches import best_level
-from evaluation.training.pictures import PAINTERS, SEEDS, Picture
+from evaluation.training import episode as pictures
+from evaluation.training.episode import (
+    COLUMNS,
+    FAR_STOPS,
+    PAINTERS,
+    ROWS,
+    SEEDS,
+    Episode,
+    Picture,
+    babbled_levels,
+    random_light,
+    random_path,
+)
+from evaluation.training.tomasi2021 import best_level
 
 
 def patches(seed: int) -> Picture:

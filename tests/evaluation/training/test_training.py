@@ -17,11 +17,10 @@ from autoexpose_daemon.control.policies.ids import LEARNED
 from autoexpose_daemon.control.policies.learned.net import Net
 from evaluation.training import berthold2013, tomasi2021, trainings, zhang2024
 from evaluation.training.berthold2013 import TrainingOfBerthold
-from evaluation.training.pictures import Picture
+from evaluation.training.episode import Picture
 from evaluation.training.tomasi2021 import TrainingOfTomasi
-from evaluation.training.training import Training, train
+from evaluation.training.training import LARGEST_BYTES, Training, train, weights_bytes
 from evaluation.training.training_app import train_command
-from evaluation.training.weights_file import LARGEST_BYTES, weights_bytes
 from evaluation.training.zhang2024 import TrainingOfZhang, reward
 from imaging.errors import AutoexposeError, ConfigurationError
 

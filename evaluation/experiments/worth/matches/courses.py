@@ -11,8 +11,8 @@ from evaluation.committed import PAINTINGS, REPORT_PAINTING, TUNING_PAINTING
 from evaluation.experiments.worth.matches.rig import DEFAULT_SENSOR, Eyes, Film
 from evaluation.experiments.worth.matches.scenes import HEIGHT, WIDTH, is_panorama, moving_view
 from evaluation.experiments.worth.pictures import DATA, digest, stills
-from evaluation.scenes.responses import CameraResponse
 from evaluation.scenes.stills import PAINTERS
+from evaluation.stage.camera import CameraResponse
 from fake_camera.world.sensor import SensorModel
 from imaging.response import ResponseFunction
 

@@ -11,8 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from evaluation.experiments.worth.matches.motions import Homography, MotionModel, found_motion
-from evaluation.experiments.worth.matches.scenes import HEIGHT, WIDTH
+from evaluation.experiments.worth.matches.scenes import HEIGHT, WIDTH, Homography, MotionModel, found_motion
 from evaluation.odometry.stereo import prepared
 
 ORB_FEATURES, SIFT_FEATURES, CORNERS = 500, 300, 300

@@ -16,8 +16,8 @@ import cv2
 from autoexpose_daemon.control.balance import Balance
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.loop import ControlLoop
-from evaluation.arena.plan import MAIN_DELAY
 from evaluation.arena.race import course_of, run_course
+from evaluation.arena.runs import MAIN_DELAY
 from evaluation.arena.scores import Score
 from evaluation.scenes.scenarios import SCENARIOS
 from evaluation.stage.delayed_loop import Entrant, MakeLoop

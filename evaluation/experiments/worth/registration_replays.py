@@ -11,14 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evaluation.committed import REPORT_PARK, TUNING_PARK
-from evaluation.experiments.teach.cases import TILTS
-from evaluation.experiments.teach.daylight import REPLAYS, TEACHING, Daylight
-from evaluation.experiments.teach.judge import WITHIN_PX
-from evaluation.experiments.teach.park import park
+from evaluation.experiments.teach.judge import TILTS, WITHIN_PX
+from evaluation.experiments.teach.park import REPLAYS, TEACHING, Daylight, park
 from evaluation.experiments.teach.path import MAPS as PATH_MAPS
 from evaluation.experiments.teach.path import TaughtPath
-from evaluation.experiments.teach.registration import Truth
-from evaluation.experiments.teach.replay import frames, image_of
+from evaluation.experiments.teach.replay import Truth, frames, image_of
 from evaluation.scenes.views import CAMERA
 from evaluation.stage.camera import SimulatedCamera
 from fake_camera.world.render.renderer import Renderer, Surface

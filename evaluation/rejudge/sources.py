@@ -1,10 +1,4 @@
-"""Drives out of folders of images, taken in brackets by other tools.
-
-``frames.csv`` has a line ``file,side,time_s,exposure_time_us,gain_db`` for each image, in order of time; images of one
-instant have the same time. Beside it may be the geometry as ROS or Kalibr write it, ``left.yaml`` and ``right.yaml``,
-and responses, ``response-left.yaml`` and ``response-right.yaml``; without them a camera is linear. Images are PNG or
-TIFF, grey, 8 or 16 bits.
-"""
+"""Where bracketed drives come from: folders of images, and recordings by `autoexpose record --bracket`."""
 
 from __future__ import annotations
 
@@ -24,6 +18,8 @@ import numpy as np
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.loop import ControlLoop, ControlSetup
 from autoexpose_daemon.control.parameters import Bracketing, ControlParameters
+from autoexpose_daemon.recording.file import RecordingError, Setup, State, Step
+from autoexpose_daemon.recording.read import Recording
 from calibration.geometry.file import check_pair, load_geometry
 from calibration.response.file import ResponseFile
 from documents.files import read_text
@@ -216,3 +212,49 @@ def _geometries(folder: Path, first: dict[Side, Entry]) -> dict[Side, CameraGeom
 def _response(folder: Path, side: Side) -> ResponseFunction:
     file = folder / f"response-{side}.yaml"
     return ResponseFile.load(file).response if file.exists() else ResponseFunction.linear()
+
+
+def read_recording(path: Path) -> Drive:
+    """Read a recording for the first time.
+
+    Raises
+    ------
+    AutoexposeError
+        In one sentence, when it cannot be read, or was not recorded in brackets.
+    """
+    setup = _setup(path)
+    bracket = setup.parameters.bracket
+    if bracket is None:
+        raise RecordingError(f"{path}: was not recorded in brackets: record the drive with `record --bracket`")
+    geometries: dict[Side, CameraGeometry] = {}
+
+    def seen() -> Iterator[tuple[StereoPair, Decision, float]]:
+        for step in _steps(path, bracket):
+            geometries.update(step.calibrations)
+            yield step.pair, step.decision, step.stamp_ns * 1e-9
+
+    return watched(str(path), setup, seen(), partial(_recorded_pairs, path, bracket), geometries)
+
+
+def _setup(path: Path) -> ControlSetup:
+    """The first setup of a recording."""
+    for item in Recording(path):
+        if isinstance(item, Setup):
+            return item.control
+    raise RecordingError(f"{path}: is damaged: it does not say how it was made")
+
+
+def _recorded_pairs(path: Path, bracket: Bracketing) -> Iterator[StereoPair]:
+    return (step.pair for step in _steps(path, bracket))
+
+
+def _steps(path: Path, bracket: Bracketing) -> Iterator[Step]:
+    """Those with complete pairs."""
+    for item in Recording(path):
+        match item:
+            case Step() if len(item.pair.frames) == item.cameras:
+                yield item
+            case Setup() if item.control.parameters.bracket != bracket:
+                raise RecordingError(f"{path}: its brackets change on the way: record the drive in one piece")
+            case Setup() | State() | Step():
+                pass

@@ -12,10 +12,9 @@ import numpy as np
 from evaluation.committed import REPORT_ROOM, ROOMS, TUNING_ROOM
 from evaluation.experiments.worth.pictures import digest, picture, stills
 from evaluation.odometry.lap import illumination, lap
-from evaluation.scenes.natural_rooms import Feature, natural_room
 from evaluation.scenes.scenarios import RATE_HZ, Course, no_turn, steady
 from evaluation.scenes.stills import PAINTERS
-from evaluation.scenes.views import CAMERA
+from evaluation.scenes.views import CAMERA, Feature, natural_room
 from evaluation.stage.rendering import Stage
 from fake_camera.world.render.renderer import Renderer, Surface
 from fake_camera.world.scene.path import CameraPath
