@@ -18,8 +18,7 @@ from imaging.exposure import ExposureSetting
 
 COURSE = "pan", "room", 1
 DELAY_FRAMES, MOMENTS = 2, 4
-LEAP_STOPS = 2.0
-"""By so much the exposure falls when the window is looked at."""
+LEAP_STOPS = 2.0  # By so much the exposure falls when the window is looked at
 
 
 def moments() -> list[Moment]:

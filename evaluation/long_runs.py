@@ -49,21 +49,14 @@ def make_writable(folder: Path, option: str) -> None:
         ) from None
 
 
-LINE_S = 60.0
-"""Interval between two lines."""
+LINE_S = 60.0  # Interval between two lines
 
 
 class LongProgress(Progress):
     """A bar for jobs that take minutes each; one line a minute where output goes to a file or a log.
 
-    Parameters
-    ----------
-    console
-        Where progress is shown.
-    past_s
-        The speed is estimated over this many past seconds.
-    clock
-        Returns seconds.
+    `console`: where progress is shown. `past_s`: the speed is estimated over this many past seconds. `clock`: returns
+    seconds.
     """
 
     def __init__(self, console: Console, past_s: float, clock: Callable[[], float] = time.monotonic) -> None:

@@ -32,30 +32,20 @@ QUICK_SCENARIOS = ("step_up", "pan", "flicker")
 _CODE = ("autoexpose_daemon/control", "calibration", "drivers", "evaluation", "fake_camera/world", "imaging")
 """The folders whose files decide what comes out."""
 
-ALL = "all"
-"""In the place of a scenario: all courses together."""
+ALL = "all"  # In the place of a scenario: all courses together
 
-Figures = dict[str, dict[str, Any]]
-"""A row of `results` for each scenario, and for `ALL`."""
+Figures = dict[str, dict[str, Any]]  # A row of `results` for each scenario, and for `ALL`
 
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """A constant, what was done to it (a key of `Constant.alterations`), and what came of that.
-
-    Attributes
-    ----------
-    idle
-        No decision of any course changed.
-    error
-        How the policy failed; it then has no figures.
-    """
+    """A constant, what was done to it (a key of `Constant.alterations`), and what came of that."""
 
     constant: Constant
     what: str
     figures: Figures
-    idle: bool = False
-    error: str | None = None
+    idle: bool = False  # no decision of any course changed
+    error: str | None = None  # how the policy failed; it then has no figures
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,10 +94,7 @@ def ablate(
 
     What is finished is kept in `folder`, and found there by the next call unless any code changed.
 
-    Raises
-    ------
-    AutoexposeError
-        If the unaltered policy fails, or does not decide the same twice.
+    Raises AutoexposeError if the unaltered policy fails, or does not decide the same twice.
     """
     kept = _Kept(folder)
     trials = [(constant, what) for constant in constants for what in constant.alterations]

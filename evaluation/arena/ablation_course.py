@@ -26,11 +26,9 @@ from imaging.exposure import ExposureLimits, ExposureSetting
 from imaging.frames import StereoPair
 from imaging.response import ResponseFunction
 
-Course = tuple[str, str, int]
-"""Scenario, scene and seed."""
+Course = tuple[str, str, int]  # Scenario, scene and seed
 
-Decisions = list[dict[str, Any]]
-"""One for each frame, as plain data."""
+Decisions = list[dict[str, Any]]  # One for each frame, as plain data
 
 
 def start_of(course: Course) -> tuple[float, float]:

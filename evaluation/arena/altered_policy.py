@@ -114,22 +114,14 @@ _FIRST_SENTENCE = re.compile(r".*?(?<!\.)(?<!e\.g)\.(?=\s|$)", re.DOTALL)
 
 @dataclass(frozen=True, slots=True)
 class Constant:
-    """A number that a file gives a name in upper case, in a module or a class.
-
-    Attributes
-    ----------
-    name
-        Within its module, such as `BIN`, `Scene.BINS` or, for an argument, `Scene.TAILS.longest`.
-    reason
-        The first sentence of the string below it, or below the run of lines that it belongs to; empty: it has none.
-    alterations
-        By what is done to it: `x 2`, `/ 2` and, where the module's `NEUTRAL` has its name, `off`.
-    """
+    """A number that a file gives a name in upper case, in a module or a class."""
 
     module: str
-    name: str
+    name: str  # within its module, such as `BIN`, `Scene.BINS` or, for an argument, `Scene.TAILS.longest`
     value: float
+    # The first sentence of the string below it, or below the run of lines that it belongs to; empty: it has none.
     reason: str
+    # By what is done to it: `x 2`, `/ 2` and, where the module's `NEUTRAL` has its name, `off`.
     alterations: dict[str, Alteration]
 
 

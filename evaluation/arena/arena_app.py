@@ -37,8 +37,7 @@ _FRAME_S = 0.005  # of one core per frame and policy, measured on full arenas of
 
 _ALL_POLICIES = ",".join(POLICY_IDS)
 
-_ABLATIONS = Path("out/ablation")
-"""Where what is finished of an ablation is kept."""
+_ABLATIONS = Path("out/ablation")  # Where what is finished of an ablation is kept
 
 arena_app = typer.Typer(add_completion=False)
 

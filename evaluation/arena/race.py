@@ -28,11 +28,8 @@ from evaluation.stage.rendering import Stage
 from fake_camera.world.simulation import Side
 from imaging.exposure import ExposureSetting
 
-LIGHT_JUMP_STOPS = 0.2
-"""Where the light or the lamp changes by more between two frames, the oracle is asked about both."""
-
-SPLITS_EVERY = 4
-"""The best of all times and gains takes six searches: it is asked for so many times less often."""
+LIGHT_JUMP_STOPS = 0.2  # Where the light or the lamp changes by more between two frames, the oracle is asked about both
+SPLITS_EVERY = 4  # The best of all times and gains takes six searches: it is asked for so many times less often
 
 
 @dataclass(slots=True, eq=False)
@@ -78,24 +75,17 @@ class Judgement:
 
 @dataclass(slots=True, eq=False)
 class Series:
-    """What one entrant did in one course: float64 arrays of shape (frames,), unless stated otherwise.
-
-    Attributes
-    ----------
-    by_metric, by_objective
-        How its frames do by M_g, and by what its policy maximises; the same unless that is information.
-    by_any_split
-        By M_g, against the best of all exposure times and gains.
-    pair_shares
-        Information of each frame and the one before it as a share of the most; NaN for the first.
-    """
+    """What one entrant did in one course: float64 arrays of shape (frames,), unless stated otherwise."""
 
     entrant: Entrant
     first_scored: int
     delayed: DelayedLoop
+    # by_metric, by_objective: how its frames do by M_g, and by what its policy maximises; the same unless that is
+    # information.
     by_metric: Judgement
     by_objective: Judgement
-    by_any_split: Judgement
+    by_any_split: Judgement  # by M_g, against the best of all exposure times and gains
+    # Information of each frame and the one before it as a share of the most; NaN for the first.
     pair_shares: list[float] = field(default_factory=list)
 
     @property
@@ -148,14 +138,8 @@ def run_course(
 ) -> list[Series]:
     """Take all entrants through one course, each in its own closed loop.
 
-    Parameters
-    ----------
-    scenario, scene, seed
-        The course.
-    entrants
-        Who runs; no result depends on the other entrants.
-    frames
-        Stop after this many frames; None for the whole scenario.
+    `scenario`, `scene`, `seed`: the course. `entrants`: who runs; no result depends on the other entrants. `frames`:
+    stop after this many frames; None for the whole scenario.
     """
     stage, first_scored = course_of(scenario, scene, seed)
     # One exposure serves both cameras; where they see different things, both are judged.

@@ -20,11 +20,8 @@ from evaluation.stage.delayed_loop import Entrant
 
 Split = Literal["tune", "heldout"]
 
-QUICK_SEED = 2000
-"""Of quick arenas, which anyone may look at. Seeds 0 to 99 are for tuning; reports had 2000 to 2013."""
-
-MAIN_DELAY = 2
-"""The delay (frames) that results are for."""
+QUICK_SEED = 2000  # Of quick arenas, which anyone may look at. Seeds 0 to 99 are for tuning; reports had 2000 to 2013.
+MAIN_DELAY = 2  # The delay (frames) that results are for
 
 OTHER_DELAYS = (1, 3)
 
@@ -35,8 +32,7 @@ HELD_OUT_SEEDS = {"room": 14, "shelves": 8, "hall": 8}
 are in `worth-tuning`."""
 
 TUNE_SEEDS = 3
-SEEDS_OF_OTHER_DELAYS = 3
-"""Seeds per scene in the full arena: about 40 minutes on two cores for 14 policies."""
+SEEDS_OF_OTHER_DELAYS = 3  # Seeds per scene in the full arena: about 40 minutes on two cores for 14 policies
 
 
 @dataclass(frozen=True, slots=True)

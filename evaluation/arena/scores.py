@@ -15,20 +15,14 @@ from imaging.exposure import ExposureSetting, linear_gain
 from imaging.python310 import exp2
 
 CELLS = 8
-LOG2_RADIANCES = np.arange(-14.0, 18.0, 0.25)
-"""Bins of radiance, lux times reflectance in stops."""
+LOG2_RADIANCES = np.arange(-14.0, 18.0, 0.25)  # Bins of radiance, lux times reflectance in stops
 
 FRONT_END = 6.0
 """Grey levels that detectors need, whatever the noise, as in the objective of our policies; 8 serves as well."""
 
-BLUR_PX = 5.0
-"""In the shrunk image, a blur of this length halves the energy of gradients."""
-
-GLIMPSE_S = 20e-6
-"""The shortest exposure: its radiance is the sharpest."""
-
-LOST = 0.1
-"""A pair with a smaller share of the most that it could show is lost: as 20 of some 250 matches."""
+BLUR_PX = 5.0  # In the shrunk image, a blur of this length halves the energy of gradients
+GLIMPSE_S = 20e-6  # The shortest exposure: its radiance is the sharpest
+LOST = 0.1  # A pair with a smaller share of the most that it could show is lost: as 20 of some 250 matches
 
 _SENSOR = SensorModel()
 _TRIED = tuple(
@@ -40,17 +34,13 @@ _TRIED = tuple(
 )
 """Half a stop apart, each split in several ways."""
 
-Variances = NDArray[np.float64]
-"""By setting and radiance, (settings, bins); infinite where nothing shows."""
+Variances = NDArray[np.float64]  # By setting and radiance, (settings, bins); infinite where nothing shows
 
 
 class SuccessiveFrames:
     """Judges pairs of successive frames of a stage, as far as the left camera is concerned.
 
-    Parameters
-    ----------
-    stage
-        At the second frame of each pair; a light that changes between the two is taken to fall on everything.
+    `stage`: at the second frame of each pair; a light that changes between the two is taken to fall on everything.
     """
 
     def __init__(self, stage: Stage) -> None:
@@ -119,59 +109,37 @@ def energy_by_radiance(radiance: Radiance) -> NDArray[np.float64]:
 
 
 SETTLED_RATIO = 0.9
-SETTLED_FRAMES = 10
-"""Settled: at least this share of the oracle's objective for this many frames in a row."""
-
-STEADY_FRAMES = 30
-"""The steady state is the last half second."""
-
-BAD_SHARE = 0.5
-"""A frame with a larger share of black and saturated pixels is bad."""
+SETTLED_FRAMES = 10  # Settled: at least this share of the oracle's objective for this many frames in a row
+STEADY_FRAMES = 30  # The steady state is the last half second
+BAD_SHARE = 0.5  # A frame with a larger share of black and saturated pixels is bad
 
 
 @dataclass(frozen=True, slots=True)
 class Score:
-    """The scores of one run, over its scored frames.
+    """The scores of one run, over its scored frames."""
 
-    Attributes
-    ----------
-    settle_frames
-        Frames from the first scored one (after a step: the first exposed entirely after it) to the first of ten in a
-        row that are settled; 0 when the first one is settled, None when the run never settles: it is stuck.
-    overshoot_stops
-        How far the exposure level went past the oracle's, in the direction from the level of the first scored frame
-        to the oracle's there; 0 when it stayed on its side. Only frames before settling count, and the oracle's level
-        is the middle of its plateau.
-    steady_std_stops
-        Standard deviation of the exposure level over the last 30 frames.
-    metric_ratio_mean, metric_ratio_p05
-        Mean and fifth percentile of M_g as a share of the oracle's.
-    bad_frame_share
-        Share of frames whose left image is more than half black or saturated.
-    gain_db_mean
-        Mean gain.
-    objective_ratio_mean, objective_ratio_p05
-        Mean and fifth percentile of what the policy maximises, information or M_g, as a share of the oracle's.
-    any_split_ratio_mean
-        Mean of M_g as a share of the best of all exposure times and gains, however the policy splits.
-    pair_ratio_mean
-        Mean information of two successive frames, as a share of the most that one setting for both gives.
-    lost_pair_share
-        Share of pairs with less than a tenth of it.
-    """
-
+    # Frames from the first scored one (after a step: the first exposed entirely after it) to the first of ten in a row
+    # that are settled; 0 when the first one is settled, None when the run never settles: it is stuck.
     settle_frames: int | None
+    # How far the exposure level went past the oracle's, in the direction from the level of the first scored frame to
+    # the oracle's there; 0 when it stayed on its side. Only frames before settling count, and the oracle's level is the
+    # middle of its plateau.
     overshoot_stops: float
-    steady_std_stops: float
+    steady_std_stops: float  # standard deviation of the exposure level over the last 30 frames
+    # metric_ratio_mean, metric_ratio_p05: mean and fifth percentile of M_g as a share of the oracle's.
     metric_ratio_mean: float
     metric_ratio_p05: float
-    bad_frame_share: float
-    gain_db_mean: float
+    bad_frame_share: float  # share of frames whose left image is more than half black or saturated
+    gain_db_mean: float  # mean gain
+    # objective_ratio_mean, objective_ratio_p05: mean and fifth percentile of what the policy maximises, information or
+    # M_g, as a share of the oracle's.
     objective_ratio_mean: float
     objective_ratio_p05: float
+    # Mean of M_g as a share of the best of all exposure times and gains, however the policy splits.
     any_split_ratio_mean: float
+    # Mean information of two successive frames, as a share of the most that one setting for both gives.
     pair_ratio_mean: float
-    lost_pair_share: float
+    lost_pair_share: float  # share of pairs with less than a tenth of it
 
 
 def score(

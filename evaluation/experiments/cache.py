@@ -61,8 +61,7 @@ class ResultCache:
 _TABLE = "autoexpose_daemon.control.policies.table"
 """Loads policies by their names, so no import statement leads to them."""
 
-_IDS = "autoexpose_daemon.control.policies.ids"
-"""Lists them: another policy in it changes no result of the others."""
+_IDS = "autoexpose_daemon.control.policies.ids"  # Lists them: another policy in it changes no result of the others
 
 
 @cache

@@ -14,8 +14,7 @@ from evaluation.experiments.experiment import Verdict
 
 _DRAWS = 10_000
 
-FEWEST = 10
-"""Clusters from which on a bootstrap of them is to be believed: of six, 95 % intervals cover 87 %."""
+FEWEST = 10  # Clusters from which on a bootstrap of them is to be believed: of six, 95 % intervals cover 87 %
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,16 +51,9 @@ def clustered(
 ) -> Interval:
     """A statistic with its percentile bootstrap interval, which draws whole clusters.
 
-    Parameters
-    ----------
-    clusters
-        Shape (clusters, ...): clusters are independent, what is in one need not be.
-    statistic
-        From (draws, clusters, ...) to (draws,); draws for which it is NaN do not count.
-    seed
-        Of the draws.
-    percent
-        Of the interval.
+    `clusters`: shape (clusters, ...): clusters are independent, what is in one need not be. `statistic`: from (draws,
+    clusters, ...) to (draws,); draws for which it is NaN do not count. `seed`: of the draws. `percent`: of the
+    interval.
     """
     sample = np.asarray(clusters, np.float64)
     tail = (100.0 - percent) / 2
@@ -96,19 +88,12 @@ def _ratio(sums: NDArray[np.float64]) -> NDArray[np.float64]:
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """How much worse one policy is than another, paired by place.
+    """How much worse one policy is than another, paired by place."""
 
-    Attributes
-    ----------
-    worse, narrow
-        As a share of the other's, below 0 for better; with its intervals of 95 % and 90 %.
-    left_out
-        Courses that do not count here, because one of both failed.
-    """
-
+    # worse, narrow: as a share of the other's, below 0 for better; with its intervals of 95 % and 90 %.
     worse: Interval
     narrow: Interval
-    left_out: int = 0
+    left_out: int = 0  # courses that do not count here, because one of both failed
 
     @classmethod
     def of_errors(

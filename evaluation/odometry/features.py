@@ -12,14 +12,9 @@ from numpy.typing import NDArray
 from evaluation.odometry.stereo import StereoCamera
 from fake_camera.world.compiled import compiled
 
-HALF = 5
-"""Half the size of patches, pixels."""
-
-FAINT = 1.0
-"""Standard deviation (grey levels) that a patch needs to be distinguishable from its surroundings."""
-
-FLAT = 1e-3
-"""A smaller one is not divided by."""
+HALF = 5  # Half the size of patches, pixels
+FAINT = 1.0  # Standard deviation (grey levels) that a patch needs to be distinguishable from its surroundings
+FLAT = 1e-3  # A smaller one is not divided by
 
 
 def place(
@@ -34,14 +29,8 @@ def place(
     Patches are compared at integer shifts by the sum of squared differences; parabolas through the smallest one and its
     neighbours give the fractions. Patches are normalised to the same mean and contrast, because exposure differs.
 
-    Parameters
-    ----------
-    source, target
-        uint8 images of the same shape.
-    points, guesses
-        x and y in pixels, (n, 2).
-    reach
-        How far from the guess to look in x and y, pixels; 0 for not at all.
+    `source`, `target`: uint8 images of the same shape. `points`, `guesses`: x and y in pixels, (n, 2). `reach`: how far
+    from the guess to look in x and y, pixels; 0 for not at all.
     """
     height, width = source.shape
     at, near = np.rint(points).astype(np.intp), np.rint(guesses).astype(np.intp)
@@ -120,52 +109,32 @@ def _least(costs: NDArray[np.float32], least: NDArray[np.intp]) -> tuple[NDArray
     return np.asarray(middle + fraction, np.float64), np.asarray((least > 0) & (least < last))
 
 
-FEATURES = 800
-"""Per image; time grows with their square."""
+FEATURES = 800  # Per image; time grows with their square
 
 SCALE = 1.2
 LEVELS = 6
-FAST_THRESHOLD = 12
-"""Of ORB; a gamma of 0.3 amplifies noise too, so lower thresholds find mostly noise."""
+FAST_THRESHOLD = 12  # Of ORB; a gamma of 0.3 amplifies noise too, so lower thresholds find mostly noise
 
 ROW_TOLERANCE_PX = 1.5
 """How far the rows of a match may differ at the finest level; coarser levels place features less precisely."""
 
-NEAREST_M = 0.15
-"""Nothing comes nearer."""
-
-LARGEST_DISTANCE = 64
-"""Of descriptors, in bits of 256."""
+NEAREST_M = 0.15  # Nothing comes nearer
+LARGEST_DISTANCE = 64  # Of descriptors, in bits of 256
 
 LOWE_RATIO = 0.85
 
-SEARCH = 3
-"""How far, in pixels, a match in the right image may lie from its feature there."""
+SEARCH = 3  # How far, in pixels, a match in the right image may lie from its feature there
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Features:
-    """Features of a pair.
+    """Features of a pair."""
 
-    Attributes
-    ----------
-    image
-        The left image.
-    points
-        Position in the left image, x and y in pixels, (features, 2).
-    right_x
-        Column in the right image; NaN for a feature that was not found there.
-    sigmas
-        Precision of the position, pixels: that of the pyramid level in which it was found.
-    descriptors
-        ORB's, uint8 (features, 32).
-    """
-
-    image: NDArray[np.uint8]
-    points: NDArray[np.float64]
-    right_x: NDArray[np.float64]
-    sigmas: NDArray[np.float64]
-    descriptors: NDArray[np.uint8]
+    image: NDArray[np.uint8]  # the left image
+    points: NDArray[np.float64]  # position in the left image, x and y in pixels, (features, 2)
+    right_x: NDArray[np.float64]  # column in the right image; NaN for a feature that was not found there
+    sigmas: NDArray[np.float64]  # precision of the position, pixels: that of the pyramid level in which it was found
+    descriptors: NDArray[np.uint8]  # ORB's, uint8 (features, 32)
 
     def __len__(self) -> int:
         return len(self.points)

@@ -30,34 +30,20 @@ LUX: dict[Light, tuple[float, float]] = {
 }
 """Mean light on the walls of the dim and the bright part of the room."""
 
-PAINT = 0.9
-"""Reflectance of the window: it is covered by a poster, so that all light is the room's."""
-
-ROOM_SCALE = 0.6
-"""The room is scaled down, so that things are 0.2 to 2 m away; the paper's were 0.2 to 2.5 m away."""
+PAINT = 0.9  # Reflectance of the window: it is covered by a poster, so that all light is the room's
+ROOM_SCALE = 0.6  # The room is scaled down, so that things are 0.2 to 2 m away; the paper's were 0.2 to 2.5 m away
 
 BRIGHT_HALF_ANGLE, FADE = 0.5, 0.4
 """The bright part of the room as seen from its middle, and the angle over which its light fades (radians)."""
 
-PERIOD_S, YAW_SWING = 15.0, 0.9
-"""At most 86 mm and 89 degrees a second; the paper's table moved at up to 100 of both."""
+PERIOD_S, YAW_SWING = 15.0, 0.9  # At most 86 mm and 89 degrees a second; the paper's table moved at up to 100 of both
 
 
 def odometry_stage(light: Light, room: int, seed: int, repeat: int, lens_f_number: float = DEFAULT_F_NUMBER) -> Stage:
     """One course.
 
-    Parameters
-    ----------
-    light
-        Its light.
-    room
-        Seed of the room.
-    seed
-        Of the heading of the lap through it.
-    repeat
-        Number of the repeat of the same lap; decides the noise.
-    lens_f_number
-        Of the cameras' lenses.
+    `light`: its light. `room`: seed of the room. `seed`: of the heading of the lap through it. `repeat`: number of the
+    repeat of the same lap; decides the noise. `lens_f_number`: of the cameras' lenses.
     """
     path = lap(seed)
     # At its turning point the camera looks into the middle of the bright part.

@@ -17,12 +17,10 @@ RANSAC_ERROR_PX = 3.0
 OUTLIER_SIGMAS = 2.8
 """Points with larger errors are outliers; 95 % of the good ones stay below, in two to three dimensions."""
 
-IN_FRONT_M = 0.05
-"""Points nearer than this, or behind the camera, are not visible."""
+IN_FRONT_M = 0.05  # Points nearer than this, or behind the camera, are not visible
 
 ROUNDS = 10
-DAMPING = 1e-3
-"""Keeps the equations solvable when all points are on a line; negligible otherwise."""
+DAMPING = 1e-3  # Keeps the equations solvable when all points are on a line; negligible otherwise
 
 
 def transform(pose: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -73,18 +71,8 @@ def refined_pose(
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """The pose with the smallest robust error (Gauss-Newton with Huber's weights), and the points that agree with it.
 
-    Parameters
-    ----------
-    camera
-        The stereo camera.
-    pose
-        First guess.
-    points
-        (n, 3), metres.
-    seen
-        As `project` returns it; NaN where the right camera does not see a point.
-    sigmas
-        Precision of each position, pixels.
+    `camera`: the stereo camera. `pose`: first guess. `points`: (n, 3), metres. `seen`: as `project` returns it; NaN
+    where the right camera does not see a point. `sigmas`: precision of each position, pixels.
     """
     for _ in range(ROUNDS):
         local = transform(pose, points)
@@ -135,30 +123,18 @@ def _slopes(camera: StereoCamera, local: NDArray[np.float64]) -> NDArray[np.floa
     return np.concatenate([by_point, by_point @ by_turn], axis=2)
 
 
-KEYS = 3
-"""A pair is tied to this many key pairs and to the pair before it, so that their errors average out."""
+KEYS = 3  # A pair is tied to this many key pairs and to the pair before it, so that their errors average out
 
 STALE_SHARE = 0.6
 """A pair becomes a key pair when it shares fewer points with the last one than this part of the most so far, or than
 `FEWEST_INLIERS`: one that nobody shares anything with is not the last for long."""
 
-FEWEST_INLIERS = 20
-"""Fewer points may agree on a motion by chance."""
-
-USUAL_INTERVAL_S = 1 / 30
-"""Between pairs: what the next two hold for."""
-
-LARGEST_JUMP_M, LARGEST_JUMP_RAD = 0.02, 0.1
-"""A pose farther than this from where the motion so far leads is an error."""
-
-NEAR_PX = 90.0
-"""How far from its expected position a feature is looked for."""
-
-REACH_PX = 2
-"""How far off ORB may place a feature: a pixel, times the scale of its pyramid level."""
-
-PLACED_SIGMA = 0.4
-"""Of a point placed by its patch (pixels); three to four times its value in good light."""
+FEWEST_INLIERS = 20  # Fewer points may agree on a motion by chance
+USUAL_INTERVAL_S = 1 / 30  # Between pairs: what the next two hold for
+LARGEST_JUMP_M, LARGEST_JUMP_RAD = 0.02, 0.1  # A pose farther than this from where the motion so far leads is an error
+NEAR_PX = 90.0  # How far from its expected position a feature is looked for
+REACH_PX = 2  # How far off ORB may place a feature: a pixel, times the scale of its pyramid level
+PLACED_SIGMA = 0.4  # Of a point placed by its patch (pixels); three to four times its value in good light
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -178,19 +154,11 @@ class OrbOdometry:
     fraction of a pixel by their patches. A pair that shares too little with earlier ones is lost: its pose is that
     guess, and it becomes a key pair, from which tracking continues; the next guess is rest.
 
-    Parameters
-    ----------
-    camera
-        The stereo camera.
-    seed
-        Of RANSAC's random choices.
-    interval_s
-        Between pairs, roughly: from one to the next as much more can change.
+    `camera`: the stereo camera. `seed`: of RANSAC's random choices. `interval_s`: between pairs, roughly: from one to
+    the next as much more can change.
 
-    Attributes
-    ----------
-    features_px, inliers_px
-        Where in the latest left image features were found, and where those that tie it to the last key pair: (n, 2).
+    `features_px`, `inliers_px`: where in the latest left image features were found, and where those that tie it to the
+    last key pair: (n, 2).
     """
 
     def __init__(self, camera: StereoCamera, seed: int = 0, interval_s: float = USUAL_INTERVAL_S) -> None:

@@ -63,16 +63,8 @@ def installed() -> bool:
 class OrbSlam3:
     """One run of ORB-SLAM3. It maps in its own threads, so results depend on the load of the machine.
 
-    Parameters
-    ----------
-    camera
-        The stereo camera.
-    vocabulary
-        A file by `write_vocabulary`, or ORB-SLAM3's own.
-    folder
-        Where its settings are written.
-    interval_s
-        Between pairs.
+    `camera`: the stereo camera. `vocabulary`: a file by `write_vocabulary`, or ORB-SLAM3's own. `folder`: where its
+    settings are written. `interval_s`: between pairs.
     """
 
     def __init__(
@@ -108,11 +100,8 @@ class OrbSlam3:
         self._system.shutdown()
 
 
-BRANCHES, LEVELS = 10, 4
-"""Ten thousand words at most: enough for a room."""
-
-ROUNDS = 6
-"""Of moving each centre to the majority of its nearest descriptors."""
+BRANCHES, LEVELS = 10, 4  # Ten thousand words at most: enough for a room
+ROUNDS = 6  # Of moving each centre to the majority of its nearest descriptors
 
 
 def write_vocabulary(descriptors: NDArray[np.uint8], file: Path, seed: int = 0) -> int:
@@ -152,8 +141,7 @@ def _clusters(bits: NDArray[np.uint8], rng: np.random.Generator) -> tuple[NDArra
     return centres, nearest
 
 
-TAUGHT_ROOM = 1
-"""Not one of the rooms in the report."""
+TAUGHT_ROOM = 1  # Not one of the rooms in the report
 
 TAUGHT_FRAMES = range(0, 900, 30)
 

@@ -16,24 +16,16 @@ from evaluation.odometry.stereo import images
 from imaging.frames import StereoPair
 
 LARGEST_EPIPOLAR_ERROR_PX = 1.0
-LARGEST_LOWE_RATIO = 0.7
-"""What makes a match good (Begin & Hunter 2022, section 3.1)."""
+LARGEST_LOWE_RATIO = 0.7  # What makes a match good (Begin & Hunter 2022, section 3.1)
 
 
 @dataclass(frozen=True, slots=True)
 class StereoMatches:
-    """Good matches of a stereo pair.
+    """Good matches of a stereo pair."""
 
-    Attributes
-    ----------
-    count
-        How many there are.
-    median_lowe_ratio
-        Median over them of the distance to the best match over that to the second best, 0 to 0.7; small is distinct.
-        None when there is no good match.
-    """
-
-    count: int
+    count: int  # how many there are
+    # Median over them of the distance to the best match over that to the second best, 0 to 0.7; small is distinct. None
+    # when there is no good match.
     median_lowe_ratio: float | None
 
 

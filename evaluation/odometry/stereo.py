@@ -14,29 +14,18 @@ from fake_camera.world.render.renderer import Pinhole
 from fake_camera.world.scene.path import BASELINE_M
 from imaging.frames import StereoPair
 
-GAMMA = 0.3
-"""Brightens the dark parts before features are detected (Begin & Hunter 2022, section 3.1)."""
+GAMMA = 0.3  # Brightens the dark parts before features are detected (Begin & Hunter 2022, section 3.1)
 
 _CONTRAST = np.rint(255.0 * (np.arange(256) / 255.0) ** GAMMA).astype(np.uint8)
 
 
 @dataclass(frozen=True, slots=True)
 class StereoCamera:
-    """A rectified stereo camera without distortion.
+    """A rectified stereo camera without distortion."""
 
-    Attributes
-    ----------
-    focal_px
-        Focal length, pixels.
-    centre_px
-        Where the optical axes intersect the images: x, y in pixels.
-    baseline_m
-        Distance of the right camera from the left one, metres.
-    """
-
-    focal_px: float
-    centre_px: tuple[float, float]
-    baseline_m: float
+    focal_px: float  # focal length, pixels
+    centre_px: tuple[float, float]  # where the optical axes intersect the images: x, y in pixels
+    baseline_m: float  # distance of the right camera from the left one, metres
 
     @classmethod
     def simulated(cls) -> StereoCamera:
@@ -47,18 +36,11 @@ class StereoCamera:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tracked:
-    """What odometry returns for one pair.
+    """What odometry returns for one pair."""
 
-    Attributes
-    ----------
-    pose
-        Pose of the left camera in the frame of the first one: the matrix (4, 4) that takes its coordinates (m) there.
-    lost
-        Whether the pose is a guess, because the pair could not be tied to an earlier one.
-    """
-
+    # Pose of the left camera in the frame of the first one: the matrix (4, 4) that takes its coordinates (m) there.
     pose: NDArray[np.float64]
-    lost: bool
+    lost: bool  # whether the pose is a guess, because the pair could not be tied to an earlier one
 
 
 class StereoOdometry(Protocol):
@@ -81,11 +63,8 @@ def prepared(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return np.asarray(cv2.LUT(cv2.medianBlur(image, 3), _CONTRAST), np.uint8)
 
 
-SUB_TRAJECTORY_M = 0.02
-"""Path length over which errors accumulate (Begin & Hunter 2022, section 3.1)."""
-
-TOLERANCE = 0.1
-"""By which share a sub-trajectory's length may be off."""
+SUB_TRAJECTORY_M = 0.02  # Path length over which errors accumulate (Begin & Hunter 2022, section 3.1)
+TOLERANCE = 0.1  # By which share a sub-trajectory's length may be off
 
 
 def relative_errors_mm(
@@ -98,12 +77,8 @@ def relative_errors_mm(
 
     Lengths are measured along the true path: the estimated one is longer because of its noise.
 
-    Parameters
-    ----------
-    truth, estimate
-        Poses (4, 4) in metres at the same instants, each in its own frame of reference.
-    length_m, tolerance
-        Of a sub-trajectory, and by which share it may be off.
+    `truth`, `estimate`: poses (4, 4) in metres at the same instants, each in its own frame of reference. `length_m`,
+    `tolerance`: of a sub-trajectory, and by which share it may be off.
     """
     from evo.core.metrics import RPE, PoseRelation, Unit  # noqa: PLC0415  takes half a second to load
     from evo.core.trajectory import PosePath3D  # noqa: PLC0415

@@ -17,11 +17,8 @@ from fake_camera.world.simulation import RoomView
 from imaging.exposure import ExposureSetting
 from imaging.frames import StereoPair
 
-EVERY = 2
-"""Odometry gets every second pair, 30 a second: 20 mm then take at least 7 pairs."""
-
-FAILED_PAIRS = 5
-"""After this many lost pairs in a row, a sixth of a second, tracking is lost and the run has failed."""
+EVERY = 2  # Odometry gets every second pair, 30 a second: 20 mm then take at least 7 pairs
+FAILED_PAIRS = 5  # After this many lost pairs in a row, a sixth of a second, tracking is lost and the run has failed
 
 
 @dataclass(slots=True, eq=False)
@@ -49,18 +46,8 @@ def track_entrants(
 ) -> list[TrackedRun]:
     """Take all entrants through the first frames of a course, each starting from the best exposure of the first.
 
-    Parameters
-    ----------
-    stage
-        The course.
-    entrants
-        Who takes part.
-    odometry
-        Makes the odometry of one entrant.
-    frames
-        How many, at 60 a second.
-    look
-        Called with the index of the entrant and each pair that odometry gets.
+    `stage`: the course. `entrants`: who takes part. `odometry`: makes the odometry of one entrant. `frames`: how many,
+    at 60 a second. `look`: called with the index of the entrant and each pair that odometry gets.
     """
     start = best_start(Oracle(stage))
     runs = [TrackedRun(entrant, entrant.enter(start), odometry()) for entrant in entrants]

@@ -33,45 +33,30 @@ ROUNDED, FINE = 3.0, 8.0
 """Codes above black between which rounding stops counting in full: where noise is less than a code, all samples of one
 light are rounded alike, which no mean over them mends."""
 
-USUAL = 0.1
-"""The light by which frames are weighed, as a share of full scale at the middle of their levels."""
+USUAL = 0.1  # The light by which frames are weighed, as a share of full scale at the middle of their levels
 
 BRIGHTEST = 1.5
 """Light up to this share of full scale is exposed with its noise, which can make a sample less than full."""
 
-_STEPS = 4096
-"""Entries of the tables over light, evenly spaced in its root: noise is about the same in all of them."""
+_STEPS = 4096  # Entries of the tables over light, evenly spaced in its root: noise is about the same in all of them
 
 _POOL = 1 << 22
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Light:
-    """What is known of the light before a camera; float32 arrays of the frame's shape.
+    """What is known of the light before a camera; float32 arrays of the frame's shape."""
 
-    Attributes
-    ----------
-    amount
-        Share of full scale at exposure level 0. Where every frame was saturated, `HIDDEN` times what it is at least.
-    variance
-        Of `amount`, from shot noise, read noise and quantisation.
-    """
-
+    # Share of full scale at exposure level 0. Where every frame was saturated, `HIDDEN` times what it is at least.
     amount: Plane
-    variance: Plane
+    variance: Plane  # of `amount`, from shot noise, read noise and quantisation
 
 
 class Exposer:
     """One camera: its response and its sensor's noise.
 
-    Parameters
-    ----------
-    response
-        Of the camera.
-    noise
-        Of its sensor.
-    seed
-        Of the noise that is added: the same in frames of the same number, whatever their setting.
+    `response`: of the camera. `noise`: of its sensor. `seed`: of the noise that is added: the same in frames of the
+    same number, whatever their setting.
     """
 
     def __init__(self, response: ResponseFunction, noise: SensorNoise, seed: int) -> None:
@@ -178,47 +163,26 @@ def _look_up(table: NDArray[np.float64], codes: Pixels) -> Plane:
     return cast(Plane, taken)
 
 
-FAR_STOPS = 1.0
-"""A shot farther from the wanted level than this does not show what the wanted exposure would."""
+FAR_STOPS = 1.0  # A shot farther from the wanted level than this does not show what the wanted exposure would
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Made:
-    """A pair as the cameras would have taken it.
+    """A pair as the cameras would have taken it."""
 
-    Attributes
-    ----------
-    pair
-        With the wanted setting, at the time of the instant.
-    shot
-        The number of the recorded pair that shows it: that of the instant if several were fused.
-    off_stops
-        How far the shot's level is from the wanted one: above 0, it is darker.
-    blur_ratio
-        The shot's exposure time over the wanted one, at least 1: what is above is blur that cannot be removed.
-    fused
-        Whether it was made of several shots, of something that stands still.
-    time_s
-        When what it shows was there, seconds.
-    """
-
-    pair: StereoPair
-    shot: int
-    off_stops: float
+    pair: StereoPair  # with the wanted setting, at the time of the instant
+    shot: int  # the number of the recorded pair that shows it: that of the instant if several were fused
+    off_stops: float  # how far the shot's level is from the wanted one: above 0, it is darker
+    # The shot's exposure time over the wanted one, at least 1: what is above is blur that cannot be removed.
     blur_ratio: float
-    fused: bool
-    time_s: float
+    fused: bool  # whether it was made of several shots, of something that stands still
+    time_s: float  # when what it shows was there, seconds
 
 
 class RecordedCameras:
     """Makes the pairs of one instant after the other.
 
-    Parameters
-    ----------
-    timeline
-        The whole drive.
-    exposers
-        Of the cameras.
+    `timeline`: the whole drive. `exposers`: of the cameras.
     """
 
     def __init__(self, timeline: Timeline, exposers: Mapping[Side, Exposer]) -> None:
@@ -281,12 +245,8 @@ Image = NDArray[np.uint8]
 class Rectifier:
     """Both cameras of a pair.
 
-    Parameters
-    ----------
-    geometries
-        Of the left and the right camera.
-    shape
-        (height, width) of what `Frame.grey8` gives: half the size of a colour mosaic.
+    `geometries`: of the left and the right camera. `shape`: (height, width) of what `Frame.grey8` gives: half the size
+    of a colour mosaic.
     """
 
     def __init__(self, geometries: Mapping[Side, CameraGeometry], shape: tuple[int, int]) -> None:

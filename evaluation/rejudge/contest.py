@@ -23,11 +23,8 @@ from imaging.errors import AutoexposeError
 from imaging.exposure import ExposureLimits, ExposureSetting
 from imaging.frames import Side, StereoPair
 
-FOCAL_LENGTH_PX = 1000.0
-"""Control is told the speed of the image as an angular rate and a focal length; any will do."""
-
-FEWEST_BETWEEN = 2
-"""Odometry gets at most every second pair."""
+FOCAL_LENGTH_PX = 1000.0  # Control is told the speed of the image as an angular rate and a focal length; any will do
+FEWEST_BETWEEN = 2  # Odometry gets at most every second pair
 
 
 class Cameras(Protocol):
@@ -40,58 +37,32 @@ class Cameras(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Figures:
-    """What the frames of a policy are worth; None: not known, for lack of a geometry, a second camera, or motion.
+    """What the frames of a policy are worth; None: not known, for lack of a geometry, a second camera, or motion."""
 
-    Attributes
-    ----------
-    policy
-        Its id.
-    metric
-        Mean M_g of the reference frames.
-    saturated_share, black_share
-        Their mean shares.
-    matches
-        Good stereo matches (B&H section 3.1), mean over the pairs that odometry gets.
-    rpe_mm, rpe_parts_mm
-        Mean translation RPE of the odometry, mm; and that of each part of the drive, None where nothing moved.
-    lost_share
-        Share of the pairs that it could not follow.
-    exposure_time_us, gain_db
-        Medians of the settings.
-    far_share
-        Share of the pairs for which the bracket has no shot within a stop.
-    blur_ratio
-        How much longer the shots were exposed than the frames they stand for, mean over the pairs.
-    """
-
-    policy: str
-    metric: float
+    policy: str  # its id
+    metric: float  # mean M_g of the reference frames
+    # saturated_share, black_share: their mean shares.
     saturated_share: float
     black_share: float
-    matches: float | None
+    matches: float | None  # good stereo matches (B&H section 3.1), mean over the pairs that odometry gets
+    # rpe_mm, rpe_parts_mm: mean translation RPE of the odometry, mm; and that of each part of the drive, None where
+    # nothing moved.
     rpe_mm: float | None
     rpe_parts_mm: list[float | None]
-    lost_share: float | None
+    lost_share: float | None  # share of the pairs that it could not follow
+    # exposure_time_us, gain_db: medians of the settings.
     exposure_time_us: float
     gain_db: float
-    far_share: float
-    blur_ratio: float
+    far_share: float  # share of the pairs for which the bracket has no shot within a stop
+    blur_ratio: float  # how much longer the shots were exposed than the frames they stand for, mean over the pairs
 
 
 @dataclass(slots=True, eq=False)
 class Judge:
-    """Judges pairs for what odometry could do with them.
+    """Judges pairs for what odometry could do with them."""
 
-    Attributes
-    ----------
-    rectifier
-        Of the cameras; None: their geometry is not known.
-    follower
-        None: nobody follows.
-    """
-
-    rectifier: Rectifier | None
-    follower: Follower | None
+    rectifier: Rectifier | None  # of the cameras; None: their geometry is not known
+    follower: Follower | None  # None: nobody follows
     matches: list[int] = field(default_factory=list)
     _matcher: StereoMatcher = field(default_factory=StereoMatcher)
 
@@ -112,16 +83,8 @@ class Judge:
 class PolicyRun:
     """One policy on its way through a drive.
 
-    Parameters
-    ----------
-    setup
-        What its loop is built from, with a start.
-    delay_frames
-        A decision shows this many pairs later.
-    judge
-        Judges some of its pairs.
-    told_motion
-        Whether it is told how fast the image moves; else it finds out by flow.
+    `setup`: what its loop is built from, with a start. `delay_frames`: a decision shows this many pairs later. `judge`:
+    judges some of its pairs. `told_motion`: whether it is told how fast the image moves; else it finds out by flow.
     """
 
     def __init__(self, setup: ControlSetup, delay_frames: int, judge: Judge, *, told_motion: bool = True) -> None:
@@ -140,16 +103,8 @@ class PolicyRun:
     def step(self, number: int, cameras: Cameras, motion_px: float, *, due: bool) -> Made:
         """Take the pair of an instant, decide on it, and have it judged if it shows something new.
 
-        Parameters
-        ----------
-        number
-            Of the instant.
-        cameras
-            At that instant.
-        motion_px
-            Speed of the image, pixels per 1/60 s.
-        due
-            Whether to judge a pair that shows nothing new in motion, since several shots were fused.
+        `number`: of the instant. `cameras`: at that instant. `motion_px`: speed of the image, pixels per 1/60 s. `due`:
+        whether to judge a pair that shows nothing new in motion, since several shots were fused.
         """
         made = cameras.take(self.settings[len(self.decisions)])
         rate_rad_s = motion_px * REFERENCE_RATE_HZ / FOCAL_LENGTH_PX if self._told else None
@@ -198,29 +153,18 @@ SURE = 2.0
 """An error is greater than the least one if they differ by so many standard errors, by the parts of the drive; those
 that are not are alike, and more matches decide."""
 
-LOST_MORE = 0.05
-"""A policy that loses a larger share of the pairs than the best one by this is not recommended."""
-
-PICTURES = 6
-"""Instants at which pictures are kept for the report."""
+LOST_MORE = 0.05  # A policy that loses a larger share of the pairs than the best one by this is not recommended
+PICTURES = 6  # Instants at which pictures are kept for the report
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Round:
-    """Policies that go through the drive side by side, so that what is read of it is read once.
-
-    Attributes
-    ----------
-    policies
-        Their ids.
-    reference
-        The true trajectory, or that on the best shots; None: errors are not known.
-    """
+    """Policies that go through the drive side by side, so that what is read of it is read once."""
 
     drive: Drive
-    policies: Sequence[str]
+    policies: Sequence[str]  # their ids
     odometry: str
-    reference: Reference | None
+    reference: Reference | None  # the true trajectory, or that on the best shots; None: errors are not known
     folder: Path
 
 

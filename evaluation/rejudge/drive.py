@@ -22,14 +22,12 @@ REACH = 2
 """Cycles before and after an instant from which a shot may stand for it: the ladder needs one to follow a jump of the
 light, and all shots of that cycle may be saturated."""
 
-EMPTY = 0.98
-"""A shot with a larger share of saturated places shows nothing."""
+EMPTY = 0.98  # A shot with a larger share of saturated places shows nothing
 
 JUMP_STOPS = 1.0
 """A larger change of the light of the median pixel, from one shot to the next that knows it, is a jump of the light."""
 
-STOPS_PER_FRAME = 0.05
-"""What a shot is farther off in time counts against this much off in level."""
+STOPS_PER_FRAME = 0.05  # What a shot is farther off in time counts against this much off in level
 
 STOPS_PER_CLIPPED = 20.0
 """What a brighter shot saturates that the wanted exposure would not: a hundredth of the picture counts like a fifth of
@@ -38,23 +36,12 @@ a stop."""
 
 @dataclass(frozen=True, slots=True)
 class Timeline:
-    """The glimpses of a drive, by their numbers, and what follows from all of them.
+    """The glimpses of a drive, by their numbers, and what follows from all of them."""
 
-    Attributes
-    ----------
-    glimpses
-        In order.
-    cycle
-        Pairs in a cycle of the bracket.
-    sections
-        For each, the number of jumps of the light before it.
-    still
-        For each, whether nothing moves or changes from half a cycle before it to half a cycle after it.
-    """
-
-    glimpses: Sequence[Glimpse]
-    cycle: int
-    sections: Sequence[int]
+    glimpses: Sequence[Glimpse]  # in order
+    cycle: int  # pairs in a cycle of the bracket
+    sections: Sequence[int]  # for each, the number of jumps of the light before it
+    # For each, whether nothing moves or changes from half a cycle before it to half a cycle after it.
     still: Sequence[bool]
 
     @classmethod
@@ -170,36 +157,17 @@ FEWEST_CYCLES = 3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Drive:
-    """What is known of a drive after it has been read once.
+    """What is known of a drive after it has been read once."""
 
-    Attributes
-    ----------
-    name
-        For people.
-    setup
-        What control was built from, with `ControlParameters.bracket`.
-    source
-        Reads its complete pairs from the first to the last; pickles, if it is to go to other processes.
-    timeline
-        Of these pairs.
-    geometries
-        Of the calibrated cameras.
-    shape
-        (height, width) of what `Frame.grey8` gives.
-    delay_frames
-        A decision showed this many pairs later.
-    missing
-        Triggers without a complete pair, from the first to the last one.
-    """
-
-    name: str
-    setup: ControlSetup
+    name: str  # for people
+    setup: ControlSetup  # what control was built from, with `ControlParameters.bracket`
+    # Reads its complete pairs from the first to the last; pickles, if it is to go to other processes.
     source: Callable[[], Iterator[StereoPair]]
-    timeline: Timeline
-    geometries: Mapping[Side, CameraGeometry]
-    shape: tuple[int, int]
-    delay_frames: int
-    missing: int
+    timeline: Timeline  # of these pairs
+    geometries: Mapping[Side, CameraGeometry]  # of the calibrated cameras
+    shape: tuple[int, int]  # (height, width) of what `Frame.grey8` gives
+    delay_frames: int  # a decision showed this many pairs later
+    missing: int  # triggers without a complete pair, from the first to the last one
 
     @property
     def seconds(self) -> float:
@@ -233,17 +201,10 @@ def watched(
 ) -> Drive:
     """A drive that is read for the first time.
 
-    Parameters
-    ----------
-    name, setup, source, geometries
-        As in `Drive`.
-    seen
-        What `source` reads, what was decided on each pair, and when it was taken (s).
+    `name`, `setup`, `source`, `geometries`: as in `Drive`. `seen`: what `source` reads, what was decided on each pair,
+    and when it was taken (s).
 
-    Raises
-    ------
-    AutoexposeError
-        For a drive that is too short, or of a pixel format that cannot be exposed again.
+    Raises AutoexposeError for a drive that is too short, or of a pixel format that cannot be exposed again.
     """
     bracket = setup.parameters.bracket
     assert bracket is not None, "a drive in brackets"

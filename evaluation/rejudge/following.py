@@ -24,24 +24,17 @@ from evaluation.odometry.orb_slam3 import PACKAGE, OrbSlam3, installed, silent, 
 from evaluation.odometry.stereo import SUB_TRAJECTORY_M, StereoCamera, StereoOdometry, prepared, relative_errors_mm
 from imaging.errors import AutoexposeError, ConfigurationError
 
-LONGEST_GAP_S = 1.0
-"""Poses farther apart than this say nothing about the time between them."""
-
-MOST_PARTS, PART_LENGTHS = 8, 4.0
-"""A drive is divided into parts of at least so many sub-trajectories."""
-
-FEWEST_LENGTHS = 2.0
-"""A part in which the camera moves by fewer has no error."""
+LONGEST_GAP_S = 1.0  # Poses farther apart than this say nothing about the time between them
+MOST_PARTS, PART_LENGTHS = 8, 4.0  # A drive is divided into parts of at least so many sub-trajectories
+FEWEST_LENGTHS = 2.0  # A part in which the camera moves by fewer has no error
 
 LENGTH_STEPS = 2.5
 """A sub-trajectory is at least as long as the camera moves in this many steps, else no two poses are one apart."""
 
-TOLERANCE = 0.4
-"""By which share its length may be off."""
+TOLERANCE = 0.4  # By which share its length may be off
 
 _UNIT = 0.9, 1.1
-_LATEST_S = 1e11
-"""Times of day are about 1.8e9 s."""
+_LATEST_S = 1e11  # Times of day are about 1.8e9 s
 _LONGEST_BYTES = 1 << 28
 
 
@@ -51,18 +44,10 @@ class TooFewPosesError(ConfigurationError):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trajectory:
-    """Poses in order of time.
+    """Poses in order of time."""
 
-    Attributes
-    ----------
-    times_s
-        Seconds, increasing, float64, shape (n,).
-    poses
-        Camera to world, metres, float64, shape (n, 4, 4).
-    """
-
-    times_s: NDArray[np.float64]
-    poses: NDArray[np.float64]
+    times_s: NDArray[np.float64]  # seconds, increasing, float64, shape (n,)
+    poses: NDArray[np.float64]  # camera to world, metres, float64, shape (n, 4, 4)
 
     def at(self, time_s: float) -> NDArray[np.float64] | None:
         """The pose at a time, between its neighbours; None outside, or where they are more than a second apart."""
@@ -79,20 +64,11 @@ class Trajectory:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reference:
-    """The trajectory that others are compared with, and how.
+    """The trajectory that others are compared with, and how."""
 
-    Attributes
-    ----------
-    trajectory
-        The true one, or the best known.
-    length_m
-        Of sub-trajectories: 20 mm, longer where the camera moves farther between pairs.
-    parts
-        Into how many parts of equal time a drive is divided, so that their errors tell how sure a difference is.
-    """
-
-    trajectory: Trajectory
-    length_m: float
+    trajectory: Trajectory  # the true one, or the best known
+    length_m: float  # of sub-trajectories: 20 mm, longer where the camera moves farther between pairs
+    # Into how many parts of equal time a drive is divided, so that their errors tell how sure a difference is.
     parts: int
 
     @classmethod
@@ -138,10 +114,7 @@ def read_tum(path: Path) -> Trajectory:
 
     Comments, and a first line of names, are left out.
 
-    Raises
-    ------
-    ConfigurationError
-        Naming the line at fault; of fewer than two poses it is a TooFewPosesError.
+    Raises ConfigurationError: naming the line at fault; of fewer than two poses it is a TooFewPosesError.
     """
     text = read_text(path, _LONGEST_BYTES)
     rows: list[list[float]] = []
@@ -255,14 +228,8 @@ class CommandFollower(Follower):
     The folder has ``left/000001.png``, ``right/000001.png`` and so on, ``times.txt`` with the time of each (s), and
     ``camera.yaml`` with focal length, principal point (pixels) and baseline (m) of the rectified pictures.
 
-    Parameters
-    ----------
-    command
-        What to run; the folder and the name of the trajectory to write are added to it.
-    folder
-        An empty one.
-    camera
-        The rectified stereo camera.
+    `command`: what to run; the folder and the name of the trajectory to write are added to it. `folder`: an empty one.
+    `camera`: the rectified stereo camera.
     """
 
     def __init__(self, command: str, folder: Path, camera: StereoCamera) -> None:
@@ -336,24 +303,12 @@ def check_odometry(odometry: str) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Following:
-    """How cameras are followed.
+    """How cameras are followed."""
 
-    Attributes
-    ----------
-    odometry
-        `IN_HOUSE`, `ORB_SLAM3`, or a command.
-    camera
-        The rectified stereo camera.
-    interval_s
-        Between the pairs that are looked at, roughly.
-    folder
-        For what is written on the way.
-    """
-
-    odometry: str
-    camera: StereoCamera
-    interval_s: float
-    folder: Path
+    odometry: str  # `IN_HOUSE`, `ORB_SLAM3`, or a command
+    camera: StereoCamera  # the rectified stereo camera
+    interval_s: float  # between the pairs that are looked at, roughly
+    folder: Path  # for what is written on the way
 
     def begin(self, name: str) -> Follower:
         """One for a new run of a name."""

@@ -18,53 +18,30 @@ from imaging.response import GREY_LEVELS, ResponseFunction
 SMALL = (90, 68)
 """Stillness is looked for at this size: noise averages out, and what moves by a pixel of it is far from still."""
 
-FAINT, BRIGHT = 0.02, 0.9
-"""Shares of full scale between which light is known."""
+FAINT, BRIGHT = 0.02, 0.9  # Shares of full scale between which light is known
 
 STILL_STOPS = 0.12
 """In nine of ten places, light of a still picture differs by less from a cycle to the next: 0.08 with the noise of a
 dim room. An edge of two stops that moves by a pixel changes its place by twice as much."""
 
-COMPARED = 0.1
-"""Share of full scale above which places are compared: below, a grey level is too large a step."""
+COMPARED = 0.1  # Share of full scale above which places are compared: below, a grey level is too large a step
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Glimpse:
-    """One pair of a drive.
+    """One pair of a drive."""
 
-    Attributes
-    ----------
-    trigger
-        Its trigger.
-    time_s
-        When it was taken, seconds.
-    setting
-        Of the reference frame.
-    motion_px
-        Speed of the image as the recorder saw it, pixels per 1/60 s.
-    metric
-        M_g of the reference frame.
-    decided
-        The setting that was decided on it.
-    above
-        Share of all pixels with at least each share of full scale: ``above[i]`` for that of grey level i; float32,
-        shape (257,).
-    median_share
-        That of the median pixel of the reference frame.
-    repeats
-        Whether it shows the light that the pair a cycle earlier shows; None where nothing tells.
-    """
-
-    trigger: int
-    time_s: float
-    setting: ExposureSetting
-    motion_px: float
-    metric: float
-    decided: ExposureSetting
+    trigger: int  # its trigger
+    time_s: float  # when it was taken, seconds
+    setting: ExposureSetting  # of the reference frame
+    motion_px: float  # speed of the image as the recorder saw it, pixels per 1/60 s
+    metric: float  # M_g of the reference frame
+    decided: ExposureSetting  # the setting that was decided on it
+    # Share of all pixels with at least each share of full scale: ``above[i]`` for that of grey level i; float32, shape
+    # (257,).
     above: NDArray[np.float32]
-    median_share: float
-    repeats: bool | None
+    median_share: float  # that of the median pixel of the reference frame
+    repeats: bool | None  # whether it shows the light that the pair a cycle earlier shows; None where nothing tells
 
     @property
     def level(self) -> float:
@@ -86,12 +63,7 @@ class Glimpse:
 class Watcher:
     """Notes glimpses of the pairs of a drive, in order.
 
-    Parameters
-    ----------
-    responses
-        Of the cameras.
-    cycle
-        Pairs in a cycle of the bracket.
+    `responses`: of the cameras. `cycle`: pairs in a cycle of the bracket.
     """
 
     def __init__(self, responses: Mapping[Side, ResponseFunction], cycle: int) -> None:

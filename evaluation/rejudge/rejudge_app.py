@@ -31,26 +31,15 @@ from evaluation.rejudge.following import IN_HOUSE, Reference, Trajectory, check_
 from evaluation.rejudge.sources import read_folder, read_recording
 from imaging.errors import AutoexposeError, ConfigurationError
 
-WIDTH = 240
-"""Of a picture, pixels."""
+WIDTH = 240  # Of a picture, pixels
 
 
 def write_report(drive: Drive, outcomes: Sequence[Outcome], result: Mapping[str, Any], page: Path) -> None:
     """Write the page; an existing one is replaced.
 
-    Parameters
-    ----------
-    drive, outcomes
-        What was judged.
-    result
-        As `contest.document` returns it.
-    page
-        The HTML file.
+    `drive`, `outcomes`: what was judged. `result`: as `contest.document` returns it. `page`: the HTML file.
 
-    Raises
-    ------
-    AutoexposeError
-        When it cannot be written, or packages are missing.
+    Raises AutoexposeError when it cannot be written, or packages are missing.
     """
     try:
         import jinja2  # noqa: PLC0415  an extra, which only reports need
@@ -83,8 +72,7 @@ def _jpeg(picture: NDArray[np.uint8]) -> str:
     return base64.b64encode(cv2.imencode(".jpg", small)[1].tobytes()).decode()
 
 
-SIDE_BY_SIDE = 3
-"""Policies in one round: reading is shared, and progress still shows."""
+SIDE_BY_SIDE = 3  # Policies in one round: reading is shared, and progress still shows
 
 
 def rejudge(

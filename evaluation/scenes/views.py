@@ -26,20 +26,11 @@ CAMERA = Pinhole()
 Gaze = Callable[[float], float]
 """Where the camera looks at a time (s): an angle in radians from the heading of the scene, positive to the left."""
 
-WINDOW_HEADING_RAD = -math.pi / 2
-"""The room's window is in its south wall."""
-
-NEAR_WINDOW_M = (-0.2, -0.75)
-"""From here the window fills the view, with no furniture in between."""
-
-OPENING = (600, 860)
-"""Height and width (pixels) of the window in stills: larger than the view."""
-
-OUTDOORS_LUX = 1000.0
-"""Light outside the window of stills, 8 stops above the 4 lux inside."""
-
-DISPARITY_PX = 24.0
-"""Of stills, where everything is at one distance."""
+WINDOW_HEADING_RAD = -math.pi / 2  # The room's window is in its south wall
+NEAR_WINDOW_M = (-0.2, -0.75)  # From here the window fills the view, with no furniture in between
+OPENING = (600, 860)  # Height and width (pixels) of the window in stills: larger than the view
+OUTDOORS_LUX = 1000.0  # Light outside the window of stills, 8 stops above the 4 lux inside
+DISPARITY_PX = 24.0  # Of stills, where everything is at one distance
 
 STILL_SIZE = (3000, 700)
 """Width and height of stills (pixels): room for the widest pan, one radian to either side, plus the view."""
@@ -78,16 +69,8 @@ class Scene(Protocol):
 class StillView:
     """One camera's view of a still; a `Scene`.
 
-    Parameters
-    ----------
-    interior
-        Radiance per lux of light, float32, (rows, columns).
-    outdoors
-        Radiance that does not follow the light, same shape, or None.
-    gaze
-        Where the camera looks; 0 is the middle of the still.
-    side
-        "left" or "right".
+    `interior`: radiance per lux of light, float32, (rows, columns). `outdoors`: radiance that does not follow the
+    light, same shape, or None. `gaze`: where the camera looks; 0 is the middle of the still. `side`: "left" or "right".
     """
 
     def __init__(
@@ -119,16 +102,9 @@ class StillView:
 def build_views(scene: str, seed: int, gaze: Gaze, at_window: bool) -> dict[Side, Scene]:
     """Both cameras' views.
 
-    Parameters
-    ----------
-    scene
-        "room", a painter of `evaluation.scenes.stills`, or the path of a Radiance .hdr file.
-    seed
-        Decides the room or the painting, and where the camera looks first.
-    gaze
-        Where the camera looks over time.
-    at_window
-        Whether angle 0 is a window, brighter than everything else when the light is dim.
+    `scene`: "room", a painter of `evaluation.scenes.stills`, or the path of a Radiance .hdr file. `seed`: decides the
+    room or the painting, and where the camera looks first. `gaze`: where the camera looks over time. `at_window`:
+    whether angle 0 is a window, brighter than everything else when the light is dim.
     """
     rng = np.random.default_rng([seed, 77])
     turn = float(rng.uniform(-1.0, 1.0))
@@ -175,36 +151,29 @@ def _wide(picture: NDArray[np.float32]) -> NDArray[np.float32]:
     return np.maximum(cv2.copyMakeBorder(large, 0, 0, margin, margin, cv2.BORDER_REFLECT), np.float32(0.0))
 
 
-Feature = Literal["plain", "window", "lamps"]
-"""What there is beside walls and cartons."""
+Feature = Literal["plain", "window", "lamps"]  # What there is beside walls and cartons
 
 LENGTH_M, WIDTH_M, HEIGHT_M = 3.0, 2.4, 1.32
 """East to west, north to south, floor to ceiling: the furnished room at the scale of `evaluation.odometry.lap`."""
 
-TEXELS_PER_M = 680.0
-"""About one texel per pixel at 1.2 m."""
-
-LEVEL_TEXELS_PER_M = 340.0
-"""Of floor and ceiling, which are seen at a slant."""
+TEXELS_PER_M = 680.0  # About one texel per pixel at 1.2 m
+LEVEL_TEXELS_PER_M = 340.0  # Of floor and ceiling, which are seen at a slant
 
 TILE = 360
 """Largest size of the pieces into which pictures are cut (texels): no picture repeats over the whole of a wall."""
 
-DARKEST, BRIGHTEST = 0.03, 0.9
-"""Reflectance: black ink and white paper."""
+DARKEST, BRIGHTEST = 0.03, 0.9  # Reflectance: black ink and white paper
 
 HIGH_STOPS, LOW_STOPS = math.log2(BRIGHTEST / DARKEST), 1.7
 """Between the 1st and the 99th percentile of a wall: all that a surface can have, or plaster and faded paint."""
 
-CARTONS = 8
-"""So many that every view has something near: before a bare wall, turning and moving sideways look alike."""
+CARTONS = 8  # So many that every view has something near: before a bare wall, turning and moving sideways look alike
 
 WINDOW_M, SILL_M, WINDOW_AWAY_M = (0.55, 0.6), 0.15, 1.0
 """Width and height of the window, its height above the floor, and its distance from the middle of the room. It is a bay
 with a dark frame, so that it fits before any bearing."""
 
-_FRAME = 0.002
-"""Share of the window's light that its frame shows."""
+_FRAME = 0.002  # Share of the window's light that its frame shows
 
 
 def natural_room(pictures: Sequence[Still], seed: int, feature: Feature, bearing_rad: float) -> list[Surface]:
@@ -213,14 +182,8 @@ def natural_room(pictures: Sequence[Still], seed: int, feature: Feature, bearing
     Cartons leave the middle free: at least 0.15 m to either camera on the path of `evaluation.odometry.lap`, where the
     odometry begins to look.
 
-    Parameters
-    ----------
-    pictures
-        Radiance, float32, (rows, columns); at least one.
-    feature
-        Also there: a window with daylight that does not follow the room's light, or two lamps.
-    bearing_rad
-        Where that is, as seen from the middle.
+    `pictures`: radiance, float32, (rows, columns); at least one. `feature`: also there: a window with daylight that
+    does not follow the room's light, or two lamps. `bearing_rad`: where that is, as seen from the middle.
     """
     rng = np.random.default_rng([seed, 51])
     papers = [_paper(picture, HIGH_STOPS) for picture in pictures], [_paper(picture, LOW_STOPS) for picture in pictures]
@@ -273,11 +236,7 @@ def _shell(rng: np.random.Generator, papers: tuple[list[Pattern], list[Pattern]]
     rows, columns = (round(size * LEVEL_TEXELS_PER_M) for size in (WIDTH_M, LENGTH_M))
     floor, ceiling = (_papered(rng, papers[1], rows, columns) for _ in range(2))
     middle, size = np.zeros(2), (LENGTH_M, WIDTH_M)
-    return [
-        *surfaces,
-        level(middle, size, 0.0, 0.0, floor),
-        from_below(level(middle, size, 0.0, HEIGHT_M, ceiling)),
-    ]
+    return [*surfaces, level(middle, size, 0.0, 0.0, floor), from_below(level(middle, size, 0.0, HEIGHT_M, ceiling))]
 
 
 def _cartons(rng: np.random.Generator, papers: tuple[list[Pattern], list[Pattern]]) -> list[Surface]:

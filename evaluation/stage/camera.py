@@ -27,16 +27,8 @@ Radiance = NDArray[np.float32]
 class SimulatedCamera:
     """A camera whose noise in a frame is the same whatever the exposure.
 
-    Parameters
-    ----------
-    seed
-        Of what is fixed in the sensor.
-    noise_seed
-        Of the noise in its frames.
-    response, gamma
-        Name of the sensor's response function, and the camera's Gamma node, a power law on top of it.
-    lens_f_number
-        Of its lens.
+    `seed`: of what is fixed in the sensor. `noise_seed`: of the noise in its frames. `response`, `gamma`: name of the
+    sensor's response function, and the camera's Gamma node, a power law on top of it. `lens_f_number`: of its lens.
     """
 
     def __init__(
@@ -73,18 +65,10 @@ def time_first(level: float) -> ExposureSetting:
 
 @dataclass(frozen=True, slots=True)
 class CameraResponse:
-    """A sensor's response function and the camera's Gamma node on top of it, a power law.
+    """A sensor's response function and the camera's Gamma node on top of it, a power law."""
 
-    Attributes
-    ----------
-    curve
-        Name of the sensor's response (`fake_camera.world.response.CURVES`).
-    gamma
-        The Gamma node; below 1 it brightens.
-    """
-
-    curve: str = "linear"
-    gamma: float = 1.0
+    curve: str = "linear"  # name of the sensor's response (`fake_camera.world.response.CURVES`)
+    gamma: float = 1.0  # the Gamma node; below 1 it brightens
 
     @property
     def function(self) -> ResponseFunction:
@@ -95,8 +79,7 @@ class CameraResponse:
         return self.curve.replace("_", "-") + (f"^{self.gamma:g}" if self.gamma != 1.0 else "")
 
 
-FAKE_CAMERAS = tuple(CameraResponse(curve) for curve in CURVES)
-"""Those available to fake cameras."""
+FAKE_CAMERAS = tuple(CameraResponse(curve) for curve in CURVES)  # Those available to fake cameras
 
 
 @cache

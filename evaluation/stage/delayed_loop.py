@@ -17,17 +17,10 @@ from imaging.response import ResponseFunction
 class DelayedLoop:
     """Takes each frame with the setting decided `delay_frames` earlier, and decides on it.
 
-    Parameters
-    ----------
-    loop
-        Decides. The first `delay_frames` frames are taken with its start.
-    delay_frames
-        A decision on frame k applies from frame k + delay_frames, which is at least 1.
+    `loop`: decides. The first `delay_frames` frames are taken with its start. `delay_frames`: a decision on frame k
+    applies from frame k + delay_frames, which is at least 1.
 
-    Attributes
-    ----------
-    decisions
-        One for each frame so far, with M_g.
+    `decisions`: one for each frame so far, with M_g.
     """
 
     def __init__(self, loop: ControlLoop, delay_frames: int) -> None:

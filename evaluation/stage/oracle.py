@@ -25,11 +25,8 @@ from imaging.response import GREY_LEVELS, ResponseFunction
 FRONT_END_DN = 6.0
 """Grey levels of contrast that feature detectors and matchers lose besides noise, as the default policy has it."""
 
-QUANTISATION = 1 / 12
-"""Variance of rounding to whole grey levels."""
-
-FLATTEST_SHARE = 0.1
-"""The flattest tenth of the cells shows how much noise there is at most ..."""
+QUANTISATION = 1 / 12  # Variance of rounding to whole grey levels
+FLATTEST_SHARE = 0.1  # The flattest tenth of the cells shows how much noise there is at most ..
 
 LEAST_READABLE = 0.5
 LEAST_VARIANCE = 0.25
@@ -45,17 +42,9 @@ class Information:
     from shot noise, read noise and quantisation, q is `FRONT_END_DN`. What noise adds to the gradients is subtracted
     first, and saturated pixels count nothing.
 
-    Parameters
-    ----------
-    response
-        Response function of the camera.
-    noise
-        Noise of its sensor; None: the configuration's default.
+    `response`: response function of the camera. `noise`: noise of its sensor; None: the configuration's default.
 
-    Attributes
-    ----------
-    bins
-        Those of the response, by which gradients are to be collected.
+    `bins`: those of the response, by which gradients are to be collected.
     """
 
     def __init__(self, response: ResponseFunction, noise: SensorNoise | None = None) -> None:
@@ -74,14 +63,8 @@ class Information:
     def measure(self, seen: Contrast, pixels: float, gain: float) -> float:
         """Of an image whose gradients, by `bins`, are given; 0 for one without gradients.
 
-        Parameters
-        ----------
-        seen
-            Its gradients.
-        pixels
-            How many pixels of the sensor were averaged into one of the image.
-        gain
-            Linear gain.
+        `seen`: its gradients. `pixels`: how many pixels of the sensor were averaged into one of the image. `gain`:
+        linear gain.
         """
         noise = variance_of(self._shot * gain + self._read * gain**2, pixels)
         weights = np.stack([self._readable, noise * self._readable, np.ones_like(noise)], axis=1)
@@ -94,10 +77,7 @@ class Information:
 
 
 def share_of_noise(
-    shown: NDArray[np.float64],
-    expected: NDArray[np.float64],
-    weight: NDArray[np.float64],
-    by_cell: NDArray[np.float64],
+    shown: NDArray[np.float64], expected: NDArray[np.float64], weight: NDArray[np.float64], by_cell: NDArray[np.float64]
 ) -> float:
     """The actual noise as a share of the noise expected, at most 1: the flattest cells have no more.
 
@@ -120,17 +100,10 @@ def variance_of(noise_dn2: NDArray[np.float64], pixels: float) -> NDArray[np.flo
 
 
 GRID_STOPS = 0.125
-LEVELS = np.arange(LIMITS.darkest.level, LIMITS.brightest.level + GRID_STOPS / 2, GRID_STOPS)
-"""The levels tried."""
-
-COARSE = 3
-"""Every third level is tried first: 0.375 stops apart, while plateaus are 0.5 to 3.5 stops wide."""
-
-PROMISING = 0.85
-"""Hills of the coarse curve that reach this share of its maximum are searched on the full grid."""
-
-PLATEAU = 0.99
-"""The best level is the middle of those that reach this share of the maximum."""
+LEVELS = np.arange(LIMITS.darkest.level, LIMITS.brightest.level + GRID_STOPS / 2, GRID_STOPS)  # The levels tried
+COARSE = 3  # Every third level is tried first: 0.375 stops apart, while plateaus are 0.5 to 3.5 stops wide
+PROMISING = 0.85  # Hills of the coarse curve that reach this share of its maximum are searched on the full grid
+PLATEAU = 0.99  # The best level is the middle of those that reach this share of the maximum
 
 
 LONGEST_TIMES_US = LIMITS.max_time_us * 0.5 ** np.arange(6)
@@ -139,21 +112,12 @@ LONGEST_TIMES_US = LIMITS.max_time_us * 0.5 ** np.arange(6)
 
 @dataclass(frozen=True, slots=True)
 class Best:
-    """The best exposure of one frame.
+    """The best exposure of one frame."""
 
-    Attributes
-    ----------
-    level
-        The best exposure level (stops).
-    metrics
-        The largest value of each judged camera, at its own best level.
-    joint
-        The largest mean, over the judged cameras, of their shares of `metrics`. One exposure serves both, so with two
-        cameras even the best one stays below 1.
-    """
-
-    level: float
-    metrics: tuple[float, ...]
+    level: float  # the best exposure level (stops)
+    metrics: tuple[float, ...]  # the largest value of each judged camera, at its own best level
+    # The largest mean, over the judged cameras, of their shares of `metrics`. One exposure serves both, so with two
+    # cameras even the best one stays below 1.
     joint: float
 
 
@@ -165,16 +129,8 @@ class Oracle:
     default noise. Answers are kept for the frame, so policies that split alike share them. To that end, motion is
     rounded to half octaves, which changes the best metric by less than 1 %.
 
-    Parameters
-    ----------
-    stage
-        Where frames come from.
-    sides
-        The cameras judged.
-    objective
-        What is maximised.
-    exhaustive
-        Try all levels, with the exact motion.
+    `stage`: where frames come from. `sides`: the cameras judged. `objective`: what is maximised. `exhaustive`: try all
+    levels, with the exact motion.
     """
 
     def __init__(

@@ -20,8 +20,7 @@ from imaging.frames import StereoPair
 
 BOTH: tuple[Side, Side] = ("left", "right")
 
-LAMP_RADIANCE = 2500.0
-"""In lux times reflectance: 8 to 10 stops above a wall in the light of `lamp_right`."""
+LAMP_RADIANCE = 2500.0  # In lux times reflectance: 8 to 10 stops above a wall in the light of `lamp_right`
 
 BLUR_STEP_PX = 1.5
 """An exposure of a moving camera is rendered as one instant for every 1.5 pixels that the image moves."""
@@ -35,20 +34,9 @@ class Stage:
     the light of that instant; an exposure is the mean over the instants it spans. Both are rendered on demand, once
     for all runs and oracles.
 
-    Parameters
-    ----------
-    views
-        What the cameras see.
-    course
-        Light over time.
-    seed
-        Of the noise.
-    start_times_s
-        When exposures start; None for every 1/60 s from 0.
-    response, gamma
-        Name of the sensors' response function, and the cameras' Gamma node, a power law on top of it.
-    lens_f_number
-        Of the cameras' lenses.
+    `views`: what the cameras see. `course`: light over time. `seed`: of the noise. `start_times_s`: when exposures
+    start; None for every 1/60 s from 0. `response`, `gamma`: name of the sensors' response function, and the cameras'
+    Gamma node, a power law on top of it. `lens_f_number`: of the cameras' lenses.
     """
 
     def __init__(

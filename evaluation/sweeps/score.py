@@ -15,20 +15,9 @@ from imaging.response import ResponseFunction
 
 @dataclass(frozen=True, slots=True)
 class Stated:
-    """One sweep: the verdict, and the error stated and true.
+    """One sweep: the verdict, and the error stated and true."""
 
-    Attributes
-    ----------
-    seed, kind, processing, curve, scene, repeated, good
-        Of the sweep, see `SimulatedSweep`.
-    verdict, reasons
-        Of the calibration.
-    stated_stops, true_stops
-        See `errors_stops`; None where the sweep was refused, which states nothing.
-    seconds
-        Processor time of the calibration.
-    """
-
+    # seed, kind, processing, curve, scene, repeated, good: of the sweep, see `SimulatedSweep`.
     seed: int
     kind: str
     processing: str
@@ -36,11 +25,13 @@ class Stated:
     scene: str
     repeated: bool
     good: bool
+    # verdict, reasons: of the calibration.
     verdict: Verdict
     reasons: tuple[str, ...]
+    # stated_stops, true_stops: see `errors_stops`; None where the sweep was refused, which states nothing.
     stated_stops: float | None
     true_stops: float | None
-    seconds: float
+    seconds: float  # processor time of the calibration
 
     @property
     def covered(self) -> bool:

@@ -55,13 +55,10 @@ def _jpeg(quality: int) -> Process:
 
 
 HEIGHT, WIDTH = 150, 200
-STEPS = 1 << 20
-"""Of the table of a curve."""
-CYCLE_S = 0.02
-"""Least time from one shot to the next."""
+STEPS = 1 << 20  # Of the table of a curve
+CYCLE_S = 0.02  # Least time from one shot to the next
 LIMITS = ExposureLimits(1.0, 1e6, 0.0, 48.0)
-STEP_STOPS = 0.5
-"""Between exposures of a sound sweep, as `plan_sweep` takes them."""
+STEP_STOPS = 0.5  # Between exposures of a sound sweep, as `plan_sweep` takes them
 
 Kind = Literal["sound", "few", "clipped", "noisy", "offset", "proportion", "one wrong", "drift", "flicker"]
 KINDS: tuple[Kind, ...] = (
@@ -79,37 +76,19 @@ Values = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SimulatedSweep:
-    """A sweep, what was done to it, and the truth.
+    """A sweep, what was done to it, and the truth."""
 
-    Attributes
-    ----------
-    kind
-        How it was spoilt; "sound": not at all. "few", "clipped" and "noisy" are sound but poor.
-    processing
-        What the camera does to its images.
-    curve
-        Name of the camera's curve.
-    scene
-        Whether the scene had more than one brightness.
-    repeated
-        Whether exposures were repeated: three frames each (one if processed), up and down again. Otherwise once each,
-        as files.
-    sweep
-        The images.
-    brighter
-        The same at a higher gain, if exposures were repeated and the scene is uniform: as the command takes it.
-    true
-        The response of the camera.
-    """
-
-    kind: Kind
-    processing: Processing
-    curve: str
-    scene: Scene
+    kind: Kind  # how it was spoilt; "sound": not at all. "few", "clipped" and "noisy" are sound but poor.
+    processing: Processing  # what the camera does to its images
+    curve: str  # name of the camera's curve
+    scene: Scene  # whether the scene had more than one brightness
+    # Whether exposures were repeated: three frames each (one if processed), up and down again. Otherwise once each, as
+    # files.
     repeated: bool
-    sweep: Sweep
+    sweep: Sweep  # the images
+    # The same at a higher gain, if exposures were repeated and the scene is uniform: as the command takes it.
     brighter: tuple[Shot, ...]
-    true: ResponseFunction
+    true: ResponseFunction  # the response of the camera
 
     @property
     def good(self) -> bool:

@@ -12,8 +12,7 @@ from evaluation.training.training import Arrays
 
 Batch = NDArray[np.float32]
 
-DECAYS = (np.float32(0.9), np.float32(0.999))
-"""Of the two moments (Kingma & Ba 2015)."""
+DECAYS = (np.float32(0.9), np.float32(0.999))  # Of the two moments (Kingma & Ba 2015)
 
 TINY = np.float32(1e-8)
 
@@ -21,12 +20,8 @@ TINY = np.float32(1e-8)
 class TrainedNet:
     """``x -> W x + b`` layer by layer, with ReLU after each but the last; float32 throughout, or float64 for tests.
 
-    Parameters
-    ----------
-    arrays
-        Where weights and moments live, named with `prefix`: the state of a training.
-    prefix
-        Of its names in `arrays`.
+    `arrays`: where weights and moments live, named with `prefix`: the state of a training. `prefix`: of its names in
+    `arrays`.
     """
 
     def __init__(self, arrays: Arrays, prefix: str) -> None:
@@ -72,10 +67,7 @@ class TrainedNet:
     def backward(self, slopes: Batch) -> tuple[list[Batch], Batch]:
         """Gradients of the weights, in the order of `names`, and of the inputs.
 
-        Parameters
-        ----------
-        slopes
-            Of what is to fall, by the outputs of the latest `forward`, shape (rows, outputs).
+        `slopes`: of what is to fall, by the outputs of the latest `forward`, shape (rows, outputs).
         """
         gradients: list[Batch] = []
         for (matrix, _), seen in zip(reversed(self.layers), reversed(self._seen), strict=True):

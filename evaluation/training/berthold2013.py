@@ -16,42 +16,29 @@ from evaluation.training.training import Arrays, net_arrays
 
 UNITS = 200
 
-SPREAD = 0.8
-"""Standard deviation of what goes into a unit: where tanh begins to bend."""
+SPREAD = 0.8  # Standard deviation of what goes into a unit: where tanh begins to bend
 
 LEAST_DEVIATION = 0.15
 """Of an input: figures that hardly change, such as black shares, are not blown up to the size of others."""
 
-RIDGE = 1e-4
-"""Per sample: what keeps the read-out small."""
-
-FRAMES = 60
-"""Of an episode."""
+RIDGE = 1e-4  # Per sample: what keeps the read-out small
+FRAMES = 60  # Of an episode
 
 LARGEST_STOPS = 8.0
 """Of a change that is asked for: the read-out is linear, and rare large ones should not pull at all others."""
 
 INPUTS = 147
 
-KEPT = 40
-"""Inputs that each round keeps for the range of what was learnt."""
+KEPT = 40  # Inputs that each round keeps for the range of what was learnt
 
 
 @dataclass(frozen=True)
 class TrainingOfBerthold:
-    """`Training` of `berthold2013`.
+    """`Training` of `berthold2013`."""
 
-    Attributes
-    ----------
-    rounds
-        Of `episodes` each.
-    pictures
-        Seeds of pictures.
-    """
-
-    rounds: int = 80
+    rounds: int = 80  # of `episodes` each
     episodes: int = 16
-    pictures: int = 8
+    pictures: int = 8  # seeds of pictures
     policy_id: str = "berthold2013"
 
     @cached_property

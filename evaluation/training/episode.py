@@ -20,18 +20,14 @@ from imaging.exposure import ExposureLimits, ExposureSetting, linear_gain
 from imaging.python310 import exp2
 from imaging.response import ResponseFunction
 
-DIMMEST, BRIGHTEST = -1.0, 13.0
-"""log2 of lux: half a lux, and 8000."""
-
-STEP_CHANCE = 1.0 / 40.0
-"""Of a step in a frame, where light steps."""
+DIMMEST, BRIGHTEST = -1.0, 13.0  # log2 of lux: half a lux, and 8000
+STEP_CHANCE = 1.0 / 40.0  # Of a step in a frame, where light steps
 
 LARGEST_STEP_STOPS = 8.0
 
 FLICKER_HZ = 100.0
 
-FASTEST_PX = 20.0
-"""Of a view, in pixels that control sees, from frame to frame."""
+FASTEST_PX = 20.0  # Of a view, in pixels that control sees, from frame to frame
 
 
 def random_light(rng: np.random.Generator, frames: int) -> NDArray[np.float64]:
@@ -69,33 +65,18 @@ def random_path(rng: np.random.Generator, frames: int, room: int) -> NDArray[np.
     return np.asarray(np.clip(np.rint(path), 0, room), int)
 
 
-PAINTERS = ("leaves", "street")
-"""`room` is the third of `TUNE_SCENES` (evaluation.arena.plan)."""
-
-SEEDS = range(20, 32)
-"""Below 100, as all that may be tuned on; none is a room of fig12 or a painting of `worth`."""
-
-HEADINGS = 6
-"""Views of each room."""
-
-OPENING_STOPS = (3.0, 8.0)
-"""How much brighter than the rest a window in every other painting is."""
+PAINTERS = ("leaves", "street")  # `room` is the third of `TUNE_SCENES` (evaluation.arena.plan)
+SEEDS = range(20, 32)  # Below 100, as all that may be tuned on; none is a room of fig12 or a painting of `worth`
+HEADINGS = 6  # Views of each room
+OPENING_STOPS = (3.0, 8.0)  # How much brighter than the rest a window in every other painting is
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Picture:
-    """Radiance per lux.
+    """Radiance per lux."""
 
-    Attributes
-    ----------
-    light
-        float32, (rows, columns); one pixel is one of those that control sees.
-    stride
-        Every which pixel of it a simulated view takes, so that a view fits into it with room to move.
-    """
-
-    light: NDArray[np.float32]
-    stride: int
+    light: NDArray[np.float32]  # float32, (rows, columns); one pixel is one of those that control sees
+    stride: int  # every which pixel of it a simulated view takes, so that a view fits into it with room to move
 
 
 def tuning_pictures(count: int) -> list[Picture]:
@@ -130,22 +111,19 @@ def _room(seed: int) -> list[NDArray[np.float32]]:
 ROWS, COLUMNS = 64, 88
 """Pixels of a view: sampled from those that control sees, so that they differ as much from each other."""
 
-ELECTRONS_PER_LUX_S = 73000.0
-"""As the default lens of the fake cameras (fake_camera.world.sensor)."""
+ELECTRONS_PER_LUX_S = 73000.0  # As the default lens of the fake cameras (fake_camera.world.sensor)
 
 WELLS_E = (22000.0, 10500.0, 5500.0)
 
 READ_NOISE_E = (2.0, 8.0)
 
-AVERAGED = 6.0
-"""What the mean of four pixels and the median leave of the variance of noise, as a divisor."""
+AVERAGED = 6.0  # What the mean of four pixels and the median leave of the variance of noise, as a divisor
 
 NOISE_POOL = np.random.default_rng(17).standard_normal(1 << 18).astype(np.float32)
 
 TABLE = 1 << 14
 
-LOWEST, HIGHEST = 2.0, 24.0
-"""Levels (stops) between which an answer is looked for."""
+LOWEST, HIGHEST = 2.0, 24.0  # Levels (stops) between which an answer is looked for
 
 
 class Episode:
@@ -153,21 +131,9 @@ class Episode:
 
     Motion blur is not simulated.
 
-    Parameters
-    ----------
-    pictures
-        One of which is seen.
-    rng
-        Decides everything.
-    frames
-        How many there are.
+    `pictures`: one of which is seen. `rng`: decides everything. `frames`: how many there are.
 
-    Attributes
-    ----------
-    delay_frames
-        From a decision to the frame that shows it.
-    limits
-        What the camera can take.
+    `delay_frames`: from a decision to the frame that shows it. `limits`: what the camera can take.
     """
 
     def __init__(self, pictures: Sequence[Picture], rng: np.random.Generator, frames: int) -> None:
@@ -257,11 +223,8 @@ def _known(curve: NDArray[np.float64], black: int) -> ResponseFunction:
     return ResponseFunction(np.log2(light / light[-1]), black, 255)
 
 
-FAR_STOPS = 7.0
-"""Furthest from the right level."""
-
-NEW_CHANCE = 0.25
-"""Of another distance in a frame; otherwise it shrinks by half, stays, or wanders a little."""
+FAR_STOPS = 7.0  # Furthest from the right level
+NEW_CHANCE = 0.25  # Of another distance in a frame; otherwise it shrinks by half, stays, or wanders a little
 
 
 def babbled_levels(right: Sequence[float], rng: np.random.Generator) -> list[float]:

@@ -24,22 +24,14 @@ FEATURES = 250
 PATCH = 21
 """Of a descriptor, and the margin without features, pixels: in frames of this size, less would be left of OpenCV's."""
 
-NEAR_PX = 2.0
-"""Matches within this distance of the true motion count, as in `worth`."""
+NEAR_PX = 2.0  # Matches within this distance of the true motion count, as in `worth`
 
 LOWE_RATIO = 0.8
 
-STEP_STOPS = 1.0
-"""Between levels tried."""
-
-LIT, FULL = 0.02, 0.97
-"""Levels whose frame has a mean signal outside of these show too little to be tried."""
-
-GOOD = 0.9
-"""The answer is the mean of the levels with at least this share of the most matches, weighted by them."""
-
-FEWEST = 8
-"""With fewer matches at best there is no answer."""
+STEP_STOPS = 1.0  # Between levels tried
+LIT, FULL = 0.02, 0.97  # Levels whose frame has a mean signal outside of these show too little to be tried
+GOOD = 0.9  # The answer is the mean of the levels with at least this share of the most matches, weighted by them
+FEWEST = 8  # With fewer matches at best there is no answer
 
 _ORB = cv2.ORB.create(FEATURES, edgeThreshold=PATCH, patchSize=PATCH, fastThreshold=15)
 
@@ -91,43 +83,25 @@ def _matches(first: Image, second: Image, shift: NDArray[np.float64]) -> int:
 
 INPUTS, UNITS = 130, 64
 
-FRAMES = 64
-"""Of an episode."""
-
-LABEL_EVERY = 9
-"""Frames: finding a label takes as long as 200 frames."""
-
-VARIANTS = 7
-"""Besides the frames taken, the same moments seen at other exposures: a label holds for any of them."""
+FRAMES = 64  # Of an episode
+LABEL_EVERY = 9  # Frames: finding a label takes as long as 200 frames
+VARIANTS = 7  # Besides the frames taken, the same moments seen at other exposures: a label holds for any of them
 
 BATCH, RATE, LAST_RATE = 256, 1e-3, 1e-4
 
-DECAY = 1e-4
-"""Share of the weights that each step takes away: labels are noisy."""
-
-LARGEST_ERROR_STOPS = 1.0
-"""Larger errors pull no harder."""
+DECAY = 1e-4  # Share of the weights that each step takes away: labels are noisy
+LARGEST_ERROR_STOPS = 1.0  # Larger errors pull no harder
 
 
 @dataclass(frozen=True)
 class TrainingOfTomasi:
-    """`Training` of `tomasi2021`.
+    """`Training` of `tomasi2021`."""
 
-    Attributes
-    ----------
-    rounds
-        Each of `episodes` episodes, then `updates` of the net with all that was labelled so far.
-    polish
-        Updates with falling steps at the end.
-    pictures
-        Seeds of pictures.
-    """
-
-    rounds: int = 60
+    rounds: int = 60  # each of `episodes` episodes, then `updates` of the net with all that was labelled so far
     episodes: int = 16
     updates: int = 250
-    polish: int = 5000
-    pictures: int = 8
+    polish: int = 5000  # updates with falling steps at the end
+    pictures: int = 8  # seeds of pictures
     policy_id: str = "tomasi2021"
 
     @cached_property

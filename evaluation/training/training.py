@@ -21,8 +21,7 @@ from imaging.errors import AutoexposeError
 
 Arrays = dict[str, NDArray[Any]]
 
-LARGEST_BYTES = 200_000
-"""Of a committed file."""
+LARGEST_BYTES = 200_000  # Of a committed file
 
 
 def weights_bytes(arrays: Mapping[str, NDArray[Any]]) -> bytes:
@@ -107,21 +106,11 @@ class Training(Protocol):
 def train(training: Training, seed: int, file: Path, advance: Callable[[int], None]) -> bytes:
     """Train, write the weights, and return them.
 
-    Parameters
-    ----------
-    training
-        How.
-    seed
-        Of all random numbers.
-    file
-        Where the weights go. What was done before an interruption is beside it, with the ending `.part`.
-    advance
-        Called with the number of finished rounds, at first with those of before.
+    `training`: how. `seed`: of all random numbers. `file`: where the weights go. What was done before an interruption
+    is beside it, with the ending `.part`. `advance`: called with the number of finished rounds, at first with those of
+    before.
 
-    Raises
-    ------
-    AutoexposeError
-        When a file cannot be written.
+    Raises AutoexposeError when a file cannot be written.
     """
     part = file.with_name(file.name + ".part")
     key = _key(training, seed)

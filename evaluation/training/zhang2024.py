@@ -19,23 +19,12 @@ from imaging.exposure import ExposureSetting
 
 UNITS = 64
 
-DISCOUNT = 0.9
-"""Per decision. Theirs is 0.99; here what a frame is worth hardly depends on decisions ten before it."""
-
-RATE, LAST_RATE = 1e-3, 1e-4
-"""Of Adam, at the beginning and at the end of a training."""
-
-FOLLOWING = 0.01
-"""How far the slow nets move with each update."""
-
-SMOOTHING, MOST_SMOOTHING = 0.1, 0.3
-"""Noise added to actions that targets are computed for."""
-
-ACTOR_EVERY = 2
-"""Updates of the critics for each of the actor."""
-
-BENDING = 1e-3
-"""What the square of the actor's output before tanh costs: keeps it where tanh still has a slope."""
+DISCOUNT = 0.9  # Per decision. Theirs is 0.99; here what a frame is worth hardly depends on decisions ten before it.
+RATE, LAST_RATE = 1e-3, 1e-4  # Of Adam, at the beginning and at the end of a training
+FOLLOWING = 0.01  # How far the slow nets move with each update
+SMOOTHING, MOST_SMOOTHING = 0.1, 0.3  # Noise added to actions that targets are computed for
+ACTOR_EVERY = 2  # Updates of the critics for each of the actor
+BENDING = 1e-3  # What the square of the actor's output before tanh costs: keeps it where tanh still has a slope
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,10 +40,7 @@ class Transitions:
 class ActorCritic:
     """Learns actions -1..1 that earn most.
 
-    Parameters
-    ----------
-    state
-        Holds all nets, as `begin` made them.
+    `state`: holds all nets, as `begin` made them.
     """
 
     def __init__(self, state: Arrays) -> None:
@@ -102,38 +88,24 @@ class ActorCritic:
 
 INPUTS = 130
 
-FLICKER_WEIGHT = 0.2
-"""Of the change of the mean, as theirs."""
+FLICKER_WEIGHT = 0.2  # Of the change of the mean, as theirs
 
 BATCH = 128
 
-EXPLORING = 0.25
-"""Standard deviation of what is added to actions, at first; it falls to a fifth."""
-
-REMEMBERED = 40_000
-"""Transitions; older ones are forgotten."""
-
-KEPT = 40
-"""Inputs that each round keeps for the range of what was learnt."""
+EXPLORING = 0.25  # Standard deviation of what is added to actions, at first; it falls to a fifth
+REMEMBERED = 40_000  # Transitions; older ones are forgotten
+KEPT = 40  # Inputs that each round keeps for the range of what was learnt
 
 
 @dataclass(frozen=True)
 class TrainingOfZhang:
-    """`Training` of `zhang2024`.
+    """`Training` of `zhang2024`."""
 
-    Attributes
-    ----------
-    rounds
-        Each of `episodes` episodes of `frames` frames, then `updates` of the nets.
-    pictures
-        Seeds of pictures.
-    """
-
-    rounds: int = 80
+    rounds: int = 80  # each of `episodes` episodes of `frames` frames, then `updates` of the nets
     episodes: int = 24
     frames: int = 100
     updates: int = 600
-    pictures: int = 8
+    pictures: int = 8  # seeds of pictures
     policy_id: str = "zhang2024"
 
     @cached_property

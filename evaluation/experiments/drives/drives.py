@@ -33,8 +33,7 @@ from imaging.response import ResponseFunction
 SETTINGS = ((940.0, 24.0), (1880.0, 18.0), (3750.0, 12.0), (7500.0, 6.0))
 """Exposure time (us) and gain (dB), all at one exposure level, right for 20 lux."""
 
-LOOK_EVERY = 8
-"""Images of every eighth pair that odometry gets are measured."""
+LOOK_EVERY = 8  # Images of every eighth pair that odometry gets are measured
 
 
 def measure_fixed(room: int, seed: int, repeat: int, frames: int) -> Plain:
@@ -114,8 +113,7 @@ ROOMS = FURNISHED_ROOMS
 """Rooms of full runs, each driven through once: its number is also the seed of its heading, so that no two courses
 share anything."""
 
-FEWEST_ROOMS = FEWEST
-"""With fewer, draws say too little about the spread between rooms."""
+FEWEST_ROOMS = FEWEST  # With fewer, draws say too little about the spread between rooms
 
 ALIKE_MM = 0.1
 """Errors that differ by less are alike: so much do two runs of one policy differ that differ in noise alone."""

@@ -12,16 +12,7 @@ from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY, LEARNED, POLI
 from evaluation.drawing import COLOURS, boxes, panels, save
 from evaluation.experiments.drives.drives import FIXED, ROOMS, measure_policies, unless_few
 from evaluation.experiments.drives.fig12_claims import LAWS, LOW, RIVALS, SCENES, UNEVEN, PolicyRuns, Scene, claims
-from evaluation.experiments.experiment import (
-    Experiment,
-    Figure,
-    Job,
-    Plain,
-    Results,
-    Section,
-    Table,
-    jobs_and_results,
-)
+from evaluation.experiments.experiment import Experiment, Figure, Job, Plain, Results, Section, Table, jobs_and_results
 from evaluation.experiments.worth.tables import Verdicts, claims_tables
 from evaluation.odometry.tracking import EVERY
 from evaluation.scenes.scenarios import RATE_HZ

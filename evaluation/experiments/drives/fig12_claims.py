@@ -36,12 +36,7 @@ SCENES = (UNEVEN, *LOW_SCENES)
 class PolicyRuns:
     """Results of jobs: each policy of a scene has driven through the same rooms.
 
-    Attributes
-    ----------
-    policies
-        In the order of their first runs.
-    room
-        The first one.
+    `policies`: in the order of their first runs. `room`: the first one.
     """
 
     def __init__(self, results: Results) -> None:
@@ -94,11 +89,8 @@ RIVALS = ("mehta2020-code", "neves2009")
 """Those of the paper: "Mehta's open-source implementation of Shim's algorithm" as the authors' code runs it, and the
 built-in control."""
 
-ALIKE_METRIC = 0.005
-"""Values of M_g that differ by less are alike: 2 % of what good frames have."""
-
-ALIKE_STOPS = 0.1
-"""Mean levels that differ by less are alike: so much an exposure at rest may waver in the arena."""
+ALIKE_METRIC = 0.005  # Values of M_g that differ by less are alike: 2 % of what good frames have
+ALIKE_STOPS = 0.1  # Mean levels that differ by less are alike: so much an exposure at rest may waver in the arena
 
 
 def claims(runs: PolicyRuns) -> list[Claim]:

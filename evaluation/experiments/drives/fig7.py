@@ -18,11 +18,8 @@ from evaluation.scenes.scenarios import RATE_HZ
 
 MARKERS = "osv^"
 
-EQUALLY_GOOD = 0.05
-"""Smaller differences of |r| do not count."""
-
-NO_CORRELATION = 0.3
-"""An r whose whole interval is within it predicts nothing: the paper calls its 0.26 no correlation."""
+EQUALLY_GOOD = 0.05  # Smaller differences of |r| do not count
+NO_CORRELATION = 0.3  # An r whose whole interval is within it predicts nothing: the paper calls its 0.26 no correlation
 
 _SETTING = """\
 The paper ran its motion table four times with each of four fixed settings, and ORB-SLAM3 ten times on each recording.

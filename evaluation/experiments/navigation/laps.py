@@ -28,16 +28,14 @@ from navigation.maps.path import TaughtPath as TaughtSpeeds
 from navigation.store import MapInfo, Place
 from navigation.views.detectors import FINDERS
 
-SPEED_M_S, PERIOD_S = 0.4, 0.1
-"""The robot looks and steers ten times a second, every 4 cm."""
+SPEED_M_S, PERIOD_S = 0.4, 0.1  # The robot looks and steers ten times a second, every 4 cm
 
 SCALE_ERROR, DRIFT_RAD_PER_M = 0.02, math.radians(1.0)
 """Of its odometry and of its turns: 2 % of the distance, and a degree a metre."""
 
 STEP_NS = round(PERIOD_S * 1e9)
 
-SWITCHED = 1 / 100
-"""The light of the middle third of a lap, where it is switched off and on again."""
+SWITCHED = 1 / 100  # The light of the middle third of a lap, where it is switched off and on again
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,21 +60,11 @@ LIGHTS: MappingProxyType[str, Daylight] = MappingProxyType({
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Lap:
-    """How one lap went.
+    """How one lap went."""
 
-    Attributes
-    ----------
-    aside_m
-        Distance from the taught path at each look, float64, (n,).
-    registered
-        Whether each look was registered, bool, (n,).
-    stop
-        Why it ended.
-    """
-
-    aside_m: NDArray[np.float64]
-    registered: NDArray[np.bool_]
-    stop: Stop | None
+    aside_m: NDArray[np.float64]  # distance from the taught path at each look, float64, (n,)
+    registered: NDArray[np.bool_]  # whether each look was registered, bool, (n,)
+    stop: Stop | None  # why it ended
 
     @property
     def completed(self) -> bool:
@@ -86,21 +74,13 @@ class Lap:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Taught:
-    """A path through a park, and what a robot with an exposure policy has learnt of it.
+    """A path through a park, and what a robot with an exposure policy has learnt of it."""
 
-    Attributes
-    ----------
-    path, seed
-        The truth.
-    policy
-        Of the exposure.
-    speeds, places
-        The map.
-    """
-
+    # path, seed: the truth.
     path: TaughtPath
     seed: int
-    policy: str
+    policy: str  # of the exposure
+    # speeds, places: the map.
     speeds: TaughtSpeeds
     places: list[Place]
 
@@ -108,12 +88,7 @@ class Taught:
 class Wanderer:
     """A robot that drives as it is told, with errors, and does not know where it is.
 
-    Attributes
-    ----------
-    place, heading_rad
-        Where it is in truth.
-    driven_m
-        What its odometry says it has driven.
+    `place`, `heading_rad`: where it is in truth. `driven_m`: what its odometry says it has driven.
     """
 
     def __init__(self, place: NDArray[np.float64], heading_rad: float, seed: int) -> None:
@@ -157,16 +132,8 @@ def taught(path: TaughtPath, seed: int, policy: str, length_m: float) -> Taught:
 class Repeater:
     """A robot that repeats a taught path in another light; laps follow each other from where the last one ended.
 
-    Parameters
-    ----------
-    lesson
-        What it repeats.
-    light
-        One of `LIGHTS`.
-    policy
-        Of the exposure.
-    aside_m, turned_rad
-        Where it starts beside the path, positive to the left.
+    `lesson`: what it repeats. `light`: one of `LIGHTS`. `policy`: of the exposure. `aside_m`, `turned_rad`: where it
+    starts beside the path, positive to the left.
     """
 
     def __init__(self, lesson: Taught, light: str, policy: str, *, aside_m: float, turned_rad: float) -> None:
@@ -213,14 +180,9 @@ def _entrant(policy: str) -> Entrant:
 
 POLICIES = (DEFAULT_POLICY, "fixed", "majer2018-standard", "begin2022", "begin2022-code")
 
-ASIDE_M, TURNED_RAD = 0.3, math.radians(5.0)
-"""Where the robot starts beside the path."""
-
-LOST_M = 1.0
-"""A lap that was not completed counts as this far aside."""
-
-AT_MOST_M = 0.1
-"""How far aside a robot may be at the end of a lap."""
+ASIDE_M, TURNED_RAD = 0.3, math.radians(5.0)  # Where the robot starts beside the path
+LOST_M = 1.0  # A lap that was not completed counts as this far aside
+AT_MOST_M = 0.1  # How far aside a robot may be at the end of a lap
 
 
 def measure_laps(seed: int, policy: str, light: str, laps: int) -> list[dict[str, Any]]:

@@ -22,17 +22,13 @@ from navigation.views.detectors import AdaptiveFinder, FastOrb
 from navigation.views.features import Features
 from navigation.views.registration import RULES, Registration, VoteRule, register
 
-EXPOSURE = "majer2018-standard"
-"""The paper's, with which it made its maps."""
-
-PLACES = 20
-"""Of the 80 local maps of a path, every fourth."""
+EXPOSURE = "majer2018-standard"  # The paper's, with which it made its maps
+PLACES = 20  # Of the 80 local maps of a path, every fourth
 
 STILL_FRAMES, FOUND_FRAMES = 10, 3
 """Frames taken at each place, so that exposure and threshold have settled, and the last ones, which are searched."""
 
-PART: Final = "top half"
-"""Where all but one of `FINDERS` look."""
+PART: Final = "top half"  # Where all but one of `FINDERS` look
 
 
 class FixedFinder(AdaptiveFinder):
@@ -63,29 +59,16 @@ taken from the upper half in the first and the last."""
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Look:
-    """A view near a local map.
+    """A view near a local map."""
 
-    Attributes
-    ----------
-    features
-        By finder.
-    shift_px
-        By how much the view is shifted to the right in truth; NaN where nothing upright is seen in both.
-    """
-
-    features: dict[str, Features]
-    shift_px: float
+    features: dict[str, Features]  # by finder
+    shift_px: float  # by how much the view is shifted to the right in truth; NaN where nothing upright is seen in both
 
 
 class Surveyor:
     """Drives a path of a park; its finders keep their thresholds from drive to drive.
 
-    Parameters
-    ----------
-    seed
-        Of the park.
-    finders
-        Names of `FINDERS`.
+    `seed`: of the park. `finders`: names of `FINDERS`.
     """
 
     def __init__(self, seed: int, finders: Sequence[str]) -> None:
@@ -121,14 +104,7 @@ class Surveyor:
 class Kept:
     """A local map that one strategy keeps up.
 
-    Parameters
-    ----------
-    taught
-        Its first features.
-    strategy
-        How it changes at each passing.
-    rule
-        How views are registered with it.
+    `taught`: its first features. `strategy`: how it changes at each passing. `rule`: how views are registered with it.
     """
 
     def __init__(self, taught: Features, strategy: Strategy, rule: VoteRule) -> None:
@@ -184,17 +160,13 @@ class Remembered:
         return register(self.map.features.take(which), seen, self._rule).vote.shift_px
 
 
-PAPERS = "fremen, as the paper"
-"""One period, a day, and always used."""
+PAPERS = "fremen, as the paper"  # One period, a day, and always used
 
 MODELS_COMPARED = {PAPERS: lambda history: fremen(history, order=1, periods_s=(86_400.0,)), **MODELS}
 """What says which features will be seen, by name."""
 
-DRAWN = "fremen, drawn"
-"""Features drawn by their probability (Monte Carlo), instead of the most probable ones."""
-
-ALL = "all features"
-"""No choice."""
+DRAWN = "fremen, drawn"  # Features drawn by their probability (Monte Carlo), instead of the most probable ones
+ALL = "all features"  # No choice
 
 
 def foretold(
@@ -215,8 +187,7 @@ def foretold(
     return shifts
 
 
-LEARNT = 57
-"""Of the drives of the months, as in the paper; the rest is foretold."""
+LEARNT = 57  # Of the drives of the months, as in the paper; the rest is foretold
 
 PAPERS_FINDER = "upper half"
 
@@ -233,10 +204,7 @@ Shifts = dict[str, dict[str, list[list[float | None]]]]
 class Maps:
     """All local maps of a path, kept up in several ways and registered by each rule.
 
-    Attributes
-    ----------
-    shifts
-        Those of the drives that are scored.
+    `shifts`: those of the drives that are scored.
     """
 
     def __init__(self, taught: Sequence[Look], ways: Mapping[str, tuple[str, Strategy]]) -> None:
@@ -259,9 +227,7 @@ class Maps:
 def measure_hours(seed: int, programme: str, drives: int) -> Plain:
     """Some drives of one of `HOURS` in a park, from its first to its last.
 
-    Returns
-    -------
-    `truth`, shifts (pixels, NaN for none) by drive and place, and `shifts`, as `Shifts`.
+    Returns `truth`, shifts (pixels, NaN for none) by drive and place, and `shifts`, as `Shifts`.
     """
     surveyor = Surveyor(seed, list(FINDERS))
     maps = Maps(surveyor.taught, STRATEGIES | THRESHOLDS)

@@ -23,8 +23,7 @@ from evaluation.experiments.statistics import alike
 from evaluation.experiments.teach.judge import LOST_PX, WITHIN_PX, Comparison, Errors, compare, probability
 from navigation.views.registration import RULES
 
-Kept = Mapping[str, Errors]
-"""Errors by what kept the map up, chose its features, or set the threshold."""
+Kept = Mapping[str, Errors]  # Errors by what kept the map up, chose its features, or set the threshold
 
 MONTHS = "months"
 
@@ -34,29 +33,20 @@ DRIVES = {
     MONTHS: "two months, after 57 drives of learning",
 }
 
-ALIKE_PX = 1.0
-"""Two mean errors are alike if the whole interval of their difference is within this."""
+ALIKE_PX = 1.0  # Two mean errors are alike if the whole interval of their difference is within this
 
 THEIR_RULE = next(iter(RULES))
 
 
 @dataclass(frozen=True, slots=True)
 class Claimed:
-    """That one way has smaller errors than another.
+    """That one way has smaller errors than another."""
 
-    Attributes
-    ----------
-    source, claim
-        As in `Claim`.
-    programme
-        One of `DRIVES`.
-    better, worse
-        Names of what kept the maps up, or set the threshold.
-    """
-
+    # source, claim: as in `Claim`.
     source: str
     claim: str
-    programme: str
+    programme: str  # one of `DRIVES`
+    # better, worse: names of what kept the maps up, or set the threshold.
     better: str
     worse: str
 
@@ -147,8 +137,7 @@ def _difference(first: Errors, second: Errors) -> tuple[Comparison, str]:
 
 _COLOURS = 7
 
-Laps = Mapping[tuple[str, str], list[list[dict[str, Any]]]]
-"""Rows of laps by light and policy, a list for each park."""
+Laps = Mapping[tuple[str, str], list[list[dict[str, Any]]]]  # Rows of laps by light and policy, a list for each park
 
 
 def laps_of(results: Results) -> dict[tuple[str, str], list[list[dict[str, Any]]]]:
@@ -238,8 +227,7 @@ def _ending(parks: list[list[dict[str, Any]]]) -> str:
     )
 
 
-PARKS, LAP_PARKS = (41, 42, 43), (46, 47)
-"""Seeds of parks in which nothing was tried before."""
+PARKS, LAP_PARKS = (41, 42, 43), (46, 47)  # Seeds of parks in which nothing was tried before
 
 
 MANY_LAPS, MANY_LAPS_IN = 10, ("low sun", "overcast")

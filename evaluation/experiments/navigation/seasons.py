@@ -15,17 +15,10 @@ from evaluation.stage.camera import Radiance
 from fake_camera.world.render.renderer import Renderer, Surface
 
 LATITUDE_DEG, OBLIQUITY_DEG = 50.0, 23.44
-FIRST_DAY, DAYS = 60, 60
-"""From the first of March, in days of the year."""
-
-DRIVES = 87
-"""In these days, as many as in the paper."""
-
-DARK_SHARE = 1 / 3
-"""Of the drives; hours are drawn until they are dark or light as wanted."""
-
-CLEARS, CLOUDS = 0.1, 0.08
-"""Chance in an hour that an overcast sky clears, and that a clear one clouds over."""
+FIRST_DAY, DAYS = 60, 60  # From the first of March, in days of the year
+DRIVES = 87  # In these days, as many as in the paper
+DARK_SHARE = 1 / 3  # Of the drives; hours are drawn until they are dark or light as wanted
+CLEARS, CLOUDS = 0.1, 0.08  # Chance in an hour that an overcast sky clears, and that a clear one clouds over
 
 DAY_DEG, NIGHT_DEG = 3.0, -6.0
 """Elevation of the sun above which there are shadows, and below which the robot drives by its lamp."""
@@ -34,8 +27,7 @@ NOON_LUX, OVERCAST, DUSK_LUX, LAST_LUX = 3000.0, 0.35, 60.0, 0.5
 """Light on level ground, in the units of the fake camera's sensor: under the sun in the zenith, the share of that under
 clouds, when shadows vanish, and when the lamp is switched on."""
 
-GROWN = 0.5
-"""Share of the leaves that are others at the end of the two months."""
+GROWN = 0.5  # Share of the leaves that are others at the end of the two months
 
 _HOUR_S = 3600.0
 
@@ -55,21 +47,11 @@ class Night(Daylight):
 
 @dataclass(frozen=True, slots=True)
 class When:
-    """When the robot drives.
+    """When the robot drives."""
 
-    Attributes
-    ----------
-    day
-        Since the first one; 0 is that of teaching.
-    hour
-        Of the sun's day, 12 at its highest.
-    overcast
-        Whether clouds cover the sky.
-    """
-
-    day: int
-    hour: float
-    overcast: bool
+    day: int  # since the first one; 0 is that of teaching
+    hour: float  # of the sun's day, 12 at its highest
+    overcast: bool  # whether clouds cover the sky
 
     @property
     def time_s(self) -> float:
@@ -142,11 +124,8 @@ def steady() -> list[When]:
     return [When(1, 12.0, overcast=True) for _ in range(12)]
 
 
-HOURS = {"steady": steady, "nightfall": nightfall}
-"""The drives of one day, by name."""
-
-TAUGHT = When(0, 12.0, overcast=False)
-"""When maps are taught."""
+HOURS = {"steady": steady, "nightfall": nightfall}  # The drives of one day, by name
+TAUGHT = When(0, 12.0, overcast=False)  # When maps are taught
 
 
 def weather(seed: int) -> NDArray[np.bool_]:
@@ -162,19 +141,13 @@ def weather(seed: int) -> NDArray[np.bool_]:
 LAMP_LUX_M2 = 400.0
 """Light of the lamp at a metre, in the units of the fake camera's sensor (20 times as much outdoors)."""
 
-GROUND_AHEAD_M = 3.0
-"""The ground, one surface, is lit as it is so far ahead."""
+GROUND_AHEAD_M = 3.0  # The ground, one surface, is lit as it is so far ahead
 
 
 class Scene:
     """What the robot's camera sees in a park.
 
-    Parameters
-    ----------
-    seed
-        Of the park.
-    daylight
-        Or `Night`.
+    `seed`: of the park. `daylight`: or `Night`.
     """
 
     def __init__(self, seed: int, daylight: Daylight) -> None:

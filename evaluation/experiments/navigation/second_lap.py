@@ -36,29 +36,21 @@ from navigation.maps.path import SPREAD_M, LightMemory
 MOUTHS: Final[dict[str, float]] = {"tunnel": 1.0, "underpass": 0.25, "door": 0.06}
 """Seconds that the light takes to fall or rise where a robot drives in or out."""
 
-WINDOW: Final = "window"
-"""The robot turns past a window and back, in steady light."""
+WINDOW: Final = "window"  # The robot turns past a window and back, in steady light
 
 SPEED_M_S: Final = 1.0
 FRAMES: Final = 480
-LUX, LATER = 800.0, 1.0 / 3.0
-"""Light of the first lap, and its share on the second."""
-
-BAD: Final = 0.5
-"""A frame that is worth less than this share of what the best exposure gives is bad."""
+LUX, LATER = 800.0, 1.0 / 3.0  # Light of the first lap, and its share on the second
+BAD: Final = 0.5  # A frame that is worth less than this share of what the best exposure gives is bad
 
 ASIDE_RAD: Final = 0.035
 """By how much the second lap looks to the side of where the first one looked, to and fro: two degrees."""
 
-WANDERING_FRAMES: Final = 30
-"""The error of the place on the way changes this slowly."""
-
-WRONG_M: Final = 3.0
-"""How much further on a robot believes to be that is told wrong."""
+WANDERING_FRAMES: Final = 30  # The error of the place on the way changes this slowly
+WRONG_M: Final = 3.0  # How much further on a robot believes to be that is told wrong
 
 DELAYS: Final = (2, 4, 8)
-SCENES: Final = (("shelves", 3000), ("hall", 3000), ("room", 3001), ("room", 3002))
-"""Tried on seeds 1 to 18 only."""
+SCENES: Final = (("shelves", 3000), ("hall", 3000), ("room", 3001), ("room", 3002))  # Tried on seeds 1 to 18 only
 
 LAPS: Final = ("first", "second", "second, told", "second, told wrong")
 
@@ -316,5 +308,4 @@ Delay: frames from a decision until a frame shows it; 2 for most cameras, 8 for 
 worth less than {BAD:g} of what the best exposure gives. Scenes are of those that judge the arena, with other seeds;
 constants were chosen on twelve others."""
 
-EXPERIMENT = Experiment("second-lap", "Light that was seen before (ours)", jobs, section, data)
-"""Not in the papers."""
+EXPERIMENT = Experiment("second-lap", "Light that was seen before (ours)", jobs, section, data)  # Not in the papers

@@ -24,20 +24,11 @@ from evaluation.stage.rendering import Stage
 from fake_camera.world.lighting import Change, LightScript
 from imaging.exposure import ExposureSetting
 
-WARM_UP_FRAMES = 30
-"""Time to go from the best exposure to the one that a law prefers, before the light is switched on."""
-
-FRAMES = 150
-"""Observed after the step: half again as many as the paper's slowest response takes."""
-
-END_FRAMES = 20
-"""The level where a law ends is the median over this many last frames."""
-
-BAND_STOPS = 0.25
-"""Converged: permanently within this distance of the level where the law ends."""
-
-USEFUL_SHARE = 0.5
-"""A law that ends with a smaller share of the best metric is stuck, not converged."""
+WARM_UP_FRAMES = 30  # Time to go from the best exposure to the one that a law prefers, before the light is switched on
+FRAMES = 150  # Observed after the step: half again as many as the paper's slowest response takes
+END_FRAMES = 20  # The level where a law ends is the median over this many last frames
+BAND_STOPS = 0.25  # Converged: permanently within this distance of the level where the law ends
+USEFUL_SHARE = 0.5  # A law that ends with a smaller share of the best metric is stuck, not converged
 
 
 class WithoutFeedback(ExposurePolicy):
@@ -107,10 +98,8 @@ CONTESTANTS = {
 def measure(scene: str, seed: int, camera: list[Any], before_lux: float, rise_stops: float) -> Plain:
     """Run every contestant through the same step of light on a still scene.
 
-    Returns
-    -------
-    {"best_level": after the step, "start_level": of the first frame, name: {"levels": of all frames, "share": of the
-    best metric at the end}}.
+    Returns {"best_level": after the step, "start_level": of the first frame, name: {"levels": of all frames, "share":
+    of the best metric at the end}}.
     """
     response = CameraResponse(*camera)
     step_s = (WARM_UP_FRAMES - 0.5) / RATE_HZ
@@ -142,12 +131,7 @@ def _run(
 def frames_to_converge(levels: ArrayLike, share: float) -> int | None:
     """Frames from the first after the step to the first that stays near where the law ends; None for never.
 
-    Parameters
-    ----------
-    levels
-        Of all frames of a run (stops).
-    share
-        Of the best metric, reached at the end.
+    `levels`: of all frames of a run (stops). `share`: of the best metric, reached at the end.
     """
     after = np.asarray(levels, np.float64)[WARM_UP_FRAMES:]
     away = np.flatnonzero(np.abs(after - np.median(after[-END_FRAMES:])) > BAND_STOPS)

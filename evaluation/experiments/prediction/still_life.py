@@ -26,14 +26,7 @@ from imaging.response import GREY_LEVELS, ResponseFunction, prediction_table
 class StillLife:
     """What the left camera sees of a scene.
 
-    Parameters
-    ----------
-    scene, seed
-        As for `evaluation.scenes.views.build_views`.
-    lux
-        Illumination.
-    camera
-        Its response.
+    `scene`, `seed`: as for `evaluation.scenes.views.build_views`. `lux`: illumination. `camera`: its response.
     """
 
     def __init__(self, scene: str, seed: int, lux: float, camera: CameraResponse) -> None:
@@ -80,9 +73,7 @@ def measure_changes(
 
     Noise is averaged out over shots. Errors are over the pixels that are neither black nor white at `level`.
 
-    Returns
-    -------
-    For each change {"change", "seen": for each grey level at `level` the mean one after the change or None,
+    Returns for each change {"change", "seen": for each grey level at `level` the mean one after the change or None,
     "response_rms", "gamma_rms", "gamma"}: errors in grey levels of the prediction by the camera's response, and of the
     gamma curve with the smallest error, chosen with knowledge of the outcome.
     """
@@ -119,14 +110,10 @@ def _mean_of(life: StillLife, level: float, shots: int) -> NDArray[np.float64]:
     return total / shots
 
 
-DELTAS = (0.06, 0.30)
-"""Activation thresholds: Shim's, and Begin & Hunter's."""
+DELTAS = (0.06, 0.30)  # Activation thresholds: Shim's, and Begin & Hunter's
+GAINS_DB = tuple(range(0, 49, 6))  # Up to the most that the paper's camera can give; the arena's limit is 30
 
-GAINS_DB = tuple(range(0, 49, 6))
-"""Up to the most that the paper's camera can give; the arena's limit is 30."""
-
-Rows: TypeAlias = "Sequence[Mapping[str, Any]]"
-"""What `measure` returns."""
+Rows: TypeAlias = "Sequence[Mapping[str, Any]]"  # What `measure` returns
 
 _PREPARATION = ImagePreparation()
 _LIFTED = gamma_table(0.3)
@@ -191,28 +178,17 @@ def coupling(rows: Rows, view: str, delta: float, max_gain_db: float) -> dict[fl
     return {level: float(np.ptp(values) / curve.max()) for level, values in by_level.items() if len(values) > 1}
 
 
-LAWS = ("begin2022", "shim2018", "mehta2020")
-"""One predicts through the response function, two by gamma curves."""
-
-_UNBOUNDED = ExposureLimits(1e-6, 1e15, 0.0, 0.0)
-"""So that a step is what the law wants, not what a camera could do."""
+LAWS = ("begin2022", "shim2018", "mehta2020")  # One predicts through the response function, two by gamma curves
+_UNBOUNDED = ExposureLimits(1e-6, 1e15, 0.0, 0.0)  # So that a step is what the law wants, not what a camera could do
 
 
 def measure_rest(scene: str, seed: int, lux: float, camera: list[Any], levels: list[float]) -> Plain:
     """The metric of a still scene at each level, and the step (stops) that each law wants to take from there.
 
-    Parameters
-    ----------
-    scene, seed, lux
-        What the camera sees.
-    camera
-        Curve and gamma of its response.
-    levels
-        Exposure levels (stops), ascending.
+    `scene`, `seed`, `lux`: what the camera sees. `camera`: curve and gamma of its response. `levels`: exposure levels
+    (stops), ascending.
 
-    Returns
-    -------
-    {"levels", "metrics", law: steps}, lists of equal length.
+    Returns {"levels", "metrics", law: steps}, lists of equal length.
     """
     response = CameraResponse(*camera)
     life = StillLife(scene, seed, lux, response)

@@ -15,8 +15,7 @@ from evaluation.experiments.rejudge.rehearsal import measure_lap, measure_scenar
 from evaluation.odometry.lap import Light
 from evaluation.scenes.scenarios import RATE_HZ
 
-POLICIES = tuple(PLACES)
-"""All: so many are alike in the error of odometry that a few of them rank by luck."""
+POLICIES = tuple(PLACES)  # All: so many are alike in the error of odometry that a few of them rank by luck
 
 LAPS: Sequence[tuple[Light, int]] = (
     ("uneven", 301), ("uneven", 302), ("uneven", 303), ("low", 304), ("low", 305), ("faint", 306),
@@ -31,8 +30,7 @@ WANTED_RANKING = 0.9
 WANTED_RMS_GREY = 1.0
 WANTED_FRAMES = 1.0
 
-SETTLED_STOPS = 0.25
-"""A policy has settled when it stays this close to the level at which it ends."""
+SETTLED_STOPS = 0.25  # A policy has settled when it stays this close to the level at which it ends
 
 _SETTING = """\
 A simulated drive is recorded in brackets (six shots over six stops, two frames of delay, 60 Hz) and its policies are

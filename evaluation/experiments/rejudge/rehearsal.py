@@ -134,11 +134,8 @@ class _TrueCameras:
 OFFSETS = tuple(range(-4, 5))
 """Stops from the middle of the bracket at which emulated frames are compared with true ones."""
 
-APART = (0, 14, 21)
-"""Frames before the last at which the light is found: in cycles that share no shot."""
-
-REPEATS = 12
-"""Frames of one exposure, whose mean tells the error from the noise."""
+APART = (0, 14, 21)  # Frames before the last at which the light is found: in cycles that share no shot
+REPEATS = 12  # Frames of one exposure, whose mean tells the error from the noise
 
 
 def measure_lap(*, light: Light, room: int, frames: int, policies: list[str]) -> dict[str, Any]:

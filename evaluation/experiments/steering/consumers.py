@@ -34,8 +34,7 @@ from imaging.exposure import ExposureLimits, ExposureSetting, linear_gain
 from imaging.frames import StereoPair
 from imaging.response import ResponseFunction
 
-LATENCY_FRAMES: Final = 3
-"""From a frame to the decision that its report steers first."""
+LATENCY_FRAMES: Final = 3  # From a frame to the decision that its report steers first
 
 FEATURES, FAST_THRESHOLD = 800, 12
 LARGEST_DISTANCE, ASTRAY_PX = 64, 3.0
@@ -113,12 +112,7 @@ class Steered(ControlLoop):
     """The default policy, steered by one consumer that reports on every `every`th frame."""
 
     def __init__(
-        self,
-        consumer: Consumer,
-        every: int,
-        response: ResponseFunction,
-        limits: ExposureLimits,
-        start: ExposureSetting,
+        self, consumer: Consumer, every: int, response: ResponseFunction, limits: ExposureLimits, start: ExposureSetting
     ) -> None:
         super().__init__(DEFAULT_POLICY, response, limits, start)
         self._consumer, self._every = consumer, every
@@ -186,8 +180,7 @@ def _steered(response: ResponseFunction, limits: ExposureLimits, start: Exposure
 
 
 LUX: Final = 60.0
-EDGE: Final = 0.1
-"""Half the width of the edge of the shade, as a share of the picture's."""
+EDGE: Final = 0.1  # Half the width of the edge of the shade, as a share of the picture's
 
 SWAY_RAD, SWAY_HZ = 0.05, 0.3
 

@@ -47,8 +47,7 @@ FRAMES: Final = 180
 JUDGED_EVERY: Final = 3
 OBSERVED_EVERY: Final = 6
 
-SCENES: Final = (("shelves", 3000), ("hall", 3000))
-"""`street` 1 and `leaves` 3 were looked at while this was made."""
+SCENES: Final = (("shelves", 3000), ("hall", 3000))  # `street` 1 and `leaves` 3 were looked at while this was made
 
 STOPS: Final = (4.0, 6.0)
 DRIVES: Final = (("uneven", 300), ("uneven", 301), ("low", 300))

@@ -15,14 +15,9 @@ from evaluation.experiments.statistics import Interval
 from evaluation.experiments.teach.park import REPLAYS, STEADY
 from evaluation.experiments.teach.replay import POLICIES, WAYS
 
-LOST_PX = 50.0
-"""In means and tests, larger errors and failures count as this: a robot cannot be more than lost."""
-
-WITHIN_PX = 5.0
-"""Where the curves are compared."""
-
-SMALL_DIFFERENCE = 0.1
-"""What counts as "only a small difference" between two curves at 5 pixels."""
+LOST_PX = 50.0  # In means and tests, larger errors and failures count as this: a robot cannot be more than lost
+WITHIN_PX = 5.0  # Where the curves are compared
+SMALL_DIFFERENCE = 0.1  # What counts as "only a small difference" between two curves at 5 pixels
 
 SIGNIFICANT = 0.05
 
@@ -34,18 +29,11 @@ _DRAWS = 2000
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Errors:
-    """Registration errors of one policy, in the same order for all policies of a case.
+    """Registration errors of one policy, in the same order for all policies of a case."""
 
-    Attributes
-    ----------
-    errors
-        In pixels, infinite where no shift was found, float64, (registrations,).
-    places
-        The local map of each, numbered from 0 over all parks, int64. Registrations with one map are alike, so
-        bootstraps draw maps, not registrations.
-    """
-
-    errors: NDArray[np.float64]
+    errors: NDArray[np.float64]  # in pixels, infinite where no shift was found, float64, (registrations,)
+    # The local map of each, numbered from 0 over all parks, int64. Registrations with one map are alike, so bootstraps
+    # draw maps, not registrations.
     places: NDArray[np.int64]
 
     @property
@@ -71,17 +59,10 @@ class Errors:
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """Errors of one policy minus those of another, image by image.
+    """Errors of one policy minus those of another, image by image."""
 
-    Attributes
-    ----------
-    difference
-        Mean difference (pixels), below 0 where the first is better, with its interval over maps.
-    t, p
-        Student's paired test over registrations, two-sided; it takes them as independent, as the paper does.
-    """
-
-    difference: Interval
+    difference: Interval  # mean difference (pixels), below 0 where the first is better, with its interval over maps
+    # t, p: student's paired test over registrations, two-sided; it takes them as independent, as the paper does.
     t: float
     p: float
 
@@ -148,30 +129,17 @@ half; and lowered, so that the view ends in the trees."""
 
 AS_PAPER = next(iter(WAYS))
 
-Case = tuple[str, str]
-"""Light and placement."""
+Case = tuple[str, str]  # Light and placement
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sweep:
-    """One view near each map at several exposures.
+    """One view near each map at several exposures."""
 
-    Attributes
-    ----------
-    offsets
-        Stops from the exposure that holds the top half at 0.5, shape (offsets,).
-    errors
-        By offset.
-    votes
-        Shape (maps, offsets).
-    whole
-        Offset at which the whole image has a mean of 0.5, shape (maps,).
-    """
-
-    offsets: NDArray[np.float64]
-    errors: tuple[Errors, ...]
-    votes: NDArray[np.int64]
-    whole: NDArray[np.float64]
+    offsets: NDArray[np.float64]  # stops from the exposure that holds the top half at 0.5, shape (offsets,)
+    errors: tuple[Errors, ...]  # by offset
+    votes: NDArray[np.int64]  # shape (maps, offsets)
+    whole: NDArray[np.float64]  # offset at which the whole image has a mean of 0.5, shape (maps,)
 
 
 def replays_of(results: Results, light: str, tilt_deg: float | None = None) -> list[Any]:

@@ -16,14 +16,9 @@ from fake_camera.world.render.renderer import Surface
 from fake_camera.world.scene.shapes import block, level, upright
 from fake_camera.world.scene.textures import Pattern, clouds, plaster
 
-BOUNCE = 0.1
-"""Light reflected from the ground onto upright surfaces, as a share of the light on level ground."""
-
-GLOW_WIDTH_DEG, GLOW_HEIGHT_DEG = 40.0, 18.0
-"""Extent of the bright sky around the sun."""
-
-HAZE_HEIGHT_DEG = 10.0
-"""Above the horizon, haze falls to 1/e over this angle."""
+BOUNCE = 0.1  # Light reflected from the ground onto upright surfaces, as a share of the light on level ground
+GLOW_WIDTH_DEG, GLOW_HEIGHT_DEG = 40.0, 18.0  # Extent of the bright sky around the sun
+HAZE_HEIGHT_DEG = 10.0  # Above the horizon, haze falls to 1/e over this angle
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,35 +27,20 @@ class Daylight:
 
     An even sky that gives all of the light has radiance 1 everywhere, so a sky that gives the share 1 - direct has
     about that radiance, with more at the horizon and around the sun.
-
-    Attributes
-    ----------
-    sun_azimuth_deg, sun_elevation_deg
-        Where the sun stands; azimuth 0 is east, counted to the north.
-    direct
-        Share of the light that comes directly from the sun.
-    haze
-        How much brighter the horizon is than the zenith.
-    glow
-        Radiance added around the sun.
-    first_lux, last_lux
-        Light on open level ground when the drive begins and ends, in the units of the fake camera's sensor. Outdoors
-        its lens is stopped down, so 1000 of these stand for about 20000 lux.
-    day
-        Seed of what changes from day to day (clouds and leaves); 0 is the day of teaching.
-    grown
-        Share (0..1) of the leaves that others have replaced for good since then.
     """
 
+    # sun_azimuth_deg, sun_elevation_deg: where the sun stands; azimuth 0 is east, counted to the north.
     sun_azimuth_deg: float
     sun_elevation_deg: float
-    direct: float
-    haze: float
-    glow: float
+    direct: float  # share of the light that comes directly from the sun
+    haze: float  # how much brighter the horizon is than the zenith
+    glow: float  # radiance added around the sun
+    # first_lux, last_lux: light on open level ground when the drive begins and ends, in the units of the fake camera's
+    # sensor. Outdoors its lens is stopped down, so 1000 of these stand for about 20000 lux.
     first_lux: float
     last_lux: float
-    day: int
-    grown: float = 0.0
+    day: int  # seed of what changes from day to day (clouds and leaves); 0 is the day of teaching
+    grown: float = 0.0  # share (0..1) of the leaves that others have replaced for good since then
 
     def lux(self, progress: float) -> float:
         """Light at a share (0..1) of the drive; equal shares change it by equal factors."""
@@ -94,36 +74,24 @@ REPLAYS = {
 as bright as the sky, or under an overcast sky, 3 to 4 stops brighter than the trees. And after sunset, when only the
 sky gives light, which falls by two stops during the drive."""
 
-STEADY = ("clear", "overcast")
-"""The replays late in the afternoon."""
+STEADY = ("clear", "overcast")  # The replays late in the afternoon
 
 
-MEADOW_M, MEADOW_TEXELS = 26.0, 4096
-"""The ground around the path: a texel is 6 mm, one pixel at 5 m."""
+MEADOW_M, MEADOW_TEXELS = 26.0, 4096  # The ground around the path: a texel is 6 mm, one pixel at 5 m
 
 BACKDROP_M, PANELS = 30.0, 8
 """Distance of the wood around the park with the sky above, and the number of panels they are painted on."""
 
 PANEL_TEXELS = (820, 1024)
-SKY_TOP_M = 20.0
-"""Top of the panels: 32 degrees above the horizon, more than the view shows."""
-
-TRUNKS, TRUNK_HEIGHT_M = 40, 12.0
-"""Trunks reach beyond the view; of their crowns only the shadows are seen."""
+SKY_TOP_M = 20.0  # Top of the panels: 32 degrees above the horizon, more than the view shows
+TRUNKS, TRUNK_HEIGHT_M = 40, 12.0  # Trunks reach beyond the view; of their crowns only the shadows are seen
 
 SHRUBS = 24
 
-HEDGES, HEDGE_TEXELS = 6, (420, 1800)
-"""Shrubs are cut out of this many patterns of leaves, 256 texels per metre."""
-
-BRIGHTEST_LEAF = 0.25
-"""Leaves reflect 5 to 25 % of visible light, typically 8 %."""
-
-LITTER = 25_000
-"""Fallen leaves on the meadow."""
-
-MOVED = 0.5
-"""Share of the leaves that the wind moves from one day to another."""
+HEDGES, HEDGE_TEXELS = 6, (420, 1800)  # Shrubs are cut out of this many patterns of leaves, 256 texels per metre
+BRIGHTEST_LEAF = 0.25  # Leaves reflect 5 to 25 % of visible light, typically 8 %
+LITTER = 25_000  # Fallen leaves on the meadow
+MOVED = 0.5  # Share of the leaves that the wind moves from one day to another
 
 Changes = Sequence[tuple[np.random.Generator, float]]
 """What replaces leaves, one after the other, and the share of them."""

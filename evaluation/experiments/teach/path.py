@@ -8,16 +8,14 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-MAPS = 80
-"""Local maps along the path, as in the paper."""
+MAPS = 80  # Local maps along the path, as in the paper
 
 CAMERA_HEIGHT_M = 0.7
 
 LATERAL_M, HEADING_DEG, DISTANCE_M = 0.03, 1.5, 0.04
 """The repeating robot's lateral offset, heading error and distance error (standard deviations)."""
 
-SWAY_DEG = 0.4
-"""Pitch and roll of a tracked robot on gravel (standard deviation), when teaching and when repeating."""
+SWAY_DEG = 0.4  # Pitch and roll of a tracked robot on gravel (standard deviation), when teaching and when repeating
 
 
 def path_radius_m(seed: int, bearing_rad: ArrayLike) -> NDArray[np.float64]:
@@ -30,12 +28,7 @@ def path_radius_m(seed: int, bearing_rad: ArrayLike) -> NDArray[np.float64]:
 class TaughtPath:
     """Poses on the loop and near it; a camera looks ahead along the path, tilted by a fixed angle.
 
-    Parameters
-    ----------
-    seed
-        Of the park.
-    tilt_deg
-        How far the camera looks up (positive) or down.
+    `seed`: of the park. `tilt_deg`: how far the camera looks up (positive) or down.
     """
 
     def __init__(self, seed: int, tilt_deg: float) -> None:

@@ -23,8 +23,7 @@ from imaging.frames import StereoPair
 from navigation.views.features import Features, OrbPyramid, Part
 from navigation.views.registration import register, vote
 
-BRIGHTNESS = 0.5
-"""The mean that the paper's policies hold, and to which its operator sets the fixed exposure (MH 4.2)."""
+BRIGHTNESS = 0.5  # The mean that the paper's policies hold, and to which its operator sets the fixed exposure (MH 4.2)
 
 
 def at_half(camera: SimulatedCamera, radiance: Radiance, *, top_only: bool = False) -> ExposureSetting:
@@ -40,8 +39,7 @@ def at_half(camera: SimulatedCamera, radiance: Radiance, *, top_only: bool = Fal
     return time_first((low + high) / 2)
 
 
-GRID_PX = 18
-"""Spacing of the image points at which the true shift is looked up."""
+GRID_PX = 18  # Spacing of the image points at which the true shift is looked up
 
 
 class Truth:
@@ -97,16 +95,14 @@ POLICIES = ("majer2018-standard", "majer2018-full", "majer2018-fixed", "begin202
 """The paper's three, and two newer ones."""
 
 RATE_HZ = 30.0
-DELAY_FRAMES = 2
-"""A decision on one frame applies from this many frames later."""
+DELAY_FRAMES = 2  # A decision on one frame applies from this many frames later
 
 IMAGES_PER_MAP, FRAMES_PER_IMAGE = 8, 5
 """640 images in a drive (658 in the paper), and frames from one image to the next, at about 0.3 m/s."""
 
 ENTRANTS = tuple(Entrant.of(name, DELAY_FRAMES) for name in POLICIES)
 
-STILL_FRAMES, FIRST_FRAMES = 10, 40
-"""Frames at rest before a map is taught, and before a drive begins."""
+STILL_FRAMES, FIRST_FRAMES = 10, 40  # Frames at rest before a map is taught, and before a drive begins
 
 WAYS: dict[str, tuple[str | None, Part]] = {
     "as the paper": ("majer2018-standard", "top half"),
@@ -121,24 +117,12 @@ class Robot:
 
     Images are not blurred: the robot is slow, it moves less than a pixel in 7.5 ms.
 
-    Parameters
-    ----------
-    camera
-        The robot's.
-    first
-        Radiance of the first frame, from which the operator sets the exposure that all start with and `fixed` keeps.
-    entrants
-        Who takes part.
-    rate_hz
-        Of its frames.
+    `camera`: the robot's. `first`: radiance of the first frame, from which the operator sets the exposure that all
+    start with and `fixed` keeps. `entrants`: who takes part. `rate_hz`: of its frames.
     """
 
     def __init__(
-        self,
-        camera: SimulatedCamera,
-        first: Radiance,
-        entrants: Sequence[Entrant] = ENTRANTS,
-        rate_hz: float = RATE_HZ,
+        self, camera: SimulatedCamera, first: Radiance, entrants: Sequence[Entrant] = ENTRANTS, rate_hz: float = RATE_HZ
     ) -> None:
         self._camera, self._rate_hz = camera, rate_hz
         start = at_half(camera, first)
@@ -227,21 +211,11 @@ def replayed(
 def measure(seed: int, tilt_deg: float, light: str, maps: int) -> Plain:
     """Teach a path and replay it in another light.
 
-    Parameters
-    ----------
-    seed
-        Of park, path and noise.
-    tilt_deg
-        How far the camera looks up.
-    light
-        Of the replay, one of `REPLAYS`.
-    maps
-        How many of the 80 maps, starting with the first.
+    `seed`: of park, path and noise. `tilt_deg`: how far the camera looks up. `light`: of the replay, one of `REPLAYS`.
+    `maps`: how many of the 80 maps, starting with the first.
 
-    Returns
-    -------
-    `map` and true `shift` (pixels) of each registration; by way and policy, the `shifts` found (None for none) and
-    their `votes`; `looks` of each image by policy: exposure level, mean of the top half and of the whole (0 to 1),
+    Returns `map` and true `shift` (pixels) of each registration; by way and policy, the `shifts` found (None for none)
+    and their `votes`; `looks` of each image by policy: exposure level, mean of the top half and of the whole (0 to 1),
     share of saturated pixels. `views`: one image by policy from the middle of the drive, a small JPEG in base 64.
     """
     path = TaughtPath(seed, tilt_deg)
@@ -284,11 +258,8 @@ def _small(image: Image) -> str:
     return base64.b64encode(cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, 85])[1].tobytes()).decode()
 
 
-OFFSETS = tuple(range(-4, 5))
-"""Stops from the exposure that holds the top half at 0.5."""
-
-AHEAD = 0.2
-"""Where a view is replayed: this share of the way from its map to the next."""
+OFFSETS = tuple(range(-4, 5))  # Stops from the exposure that holds the top half at 0.5
+AHEAD = 0.2  # Where a view is replayed: this share of the way from its map to the next
 
 
 def measure_sweep(seed: int, tilt_deg: float, light: str, maps: int) -> Plain:
@@ -296,10 +267,8 @@ def measure_sweep(seed: int, tilt_deg: float, light: str, maps: int) -> Plain:
 
     The map is taught with the top half at 0.5. Arguments as those of `replay.measure`.
 
-    Returns
-    -------
-    For each map: `errors` (pixels, None where no shift was found) and `votes` at each of the `offsets`, and the offset
-    at which the `whole` image has a mean of 0.5.
+    Returns for each map: `errors` (pixels, None where no shift was found) and `votes` at each of the `offsets`, and the
+    offset at which the `whole` image has a mean of 0.5.
     """
     path, detector, camera = TaughtPath(seed, tilt_deg), OrbPyramid(), SimulatedCamera(2 * seed, 2 * seed)
     surfaces = park(seed, TEACHING)

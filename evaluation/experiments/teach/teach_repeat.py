@@ -142,8 +142,7 @@ POLICY_COLOURS = {
 }
 """After Okabe and Ito: distinct for everyone."""
 
-PIXELS = np.arange(0.0, 18.01, 0.25)
-"""The horizontal axis of the paper's figure 7."""
+PIXELS = np.arange(0.0, 18.01, 0.25)  # The horizontal axis of the paper's figure 7
 
 SWEEP_COLOURS = ("#0072B2", "#D55E00", "#009E73")
 

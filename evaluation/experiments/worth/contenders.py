@@ -15,8 +15,7 @@ from evaluation.stage.delayed_loop import MakeLoop
 from imaging.exposure import ExposureLimits, ExposureSetting
 from imaging.response import ResponseFunction
 
-HAND_TUNED = ExposureSetting(3000.0, 6.0)
-"""The setting of `fixed`: as in fig12, where it was chosen by hand in a room."""
+HAND_TUNED = ExposureSetting(3000.0, 6.0)  # The setting of `fixed`: as in fig12, where it was chosen by hand in a room
 
 
 def medians(settings: Sequence[ExposureSetting]) -> dict[str, float]:
@@ -29,21 +28,11 @@ def medians(settings: Sequence[ExposureSetting]) -> dict[str, float]:
 
 @dataclass(frozen=True, slots=True)
 class Contender:
-    """A participant.
+    """A participant."""
 
-    Attributes
-    ----------
-    name
-        In tables and JSON.
-    policy_id
-        Its policy; results are kept until that policy's code changes.
-    make_loop
-        (response, limits, start) -> a fresh control loop.
-    """
-
-    name: str
-    policy_id: str
-    make_loop: MakeLoop
+    name: str  # in tables and JSON
+    policy_id: str  # its policy; results are kept until that policy's code changes
+    make_loop: MakeLoop  # (response, limits, start) -> a fresh control loop
 
 
 def policy(policy_id: str) -> Contender:
@@ -71,7 +60,6 @@ OURS: tuple[Contender, ...] = tuple(
 )
 """Those in development; any `Contender` may be added."""
 
-APART = (*OURS, *LEARNED)
-"""Those that are measured one by one, since each changes by itself."""
+APART = (*OURS, *LEARNED)  # Those that are measured one by one, since each changes by itself
 
 CONTENDERS = {contender.name: contender for contender in (*APART, *PUBLISHED)}

@@ -41,8 +41,7 @@ AHEAD_RAD: dict[Kind, float] = {"uneven": 1.5, "window": 1.0, "lamps": 1.2, "tun
 PERIODS_S = {"slow": 40.0, "medium": 15.0, "fast": 9.0}
 """Of a lap: at most 33, 86 and 143 mm and degrees a second, and 8, 21 and 36 pixels a frame; `medium` is fig12's."""
 
-SOFT_START_S = 1.0
-"""From rest to full speed."""
+SOFT_START_S = 1.0  # From rest to full speed
 
 SECONDS = 2.5
 
@@ -56,33 +55,15 @@ room. Two noises halve the variance of that, at the price of five seconds.
 
 @dataclass(frozen=True, slots=True)
 class Drive:
-    """One course, as plain data.
+    """One course, as plain data."""
 
-    Attributes
-    ----------
-    pictures
-        On the walls: photographs by their paths below `DATA`, or paintings by `painter:seed`.
-    seed
-        Of the room and of the heading.
-    kind
-        Of the room.
-    lux
-        Light on its walls.
-    speed
-        One of `PERIODS_S`.
-    seconds
-        How long.
-    sha256
-        Of the pictures' files.
-    """
-
-    pictures: tuple[str, ...]
-    seed: int
-    kind: Kind
-    lux: float
-    speed: str
-    seconds: float = SECONDS
-    sha256: tuple[str, ...] = ()
+    pictures: tuple[str, ...]  # on the walls: photographs by their paths below `DATA`, or paintings by `painter:seed`
+    seed: int  # of the room and of the heading
+    kind: Kind  # of the room
+    lux: float  # light on its walls
+    speed: str  # one of `PERIODS_S`
+    seconds: float = SECONDS  # how long
+    sha256: tuple[str, ...] = ()  # of the pictures' files
 
     @property
     def name(self) -> str:

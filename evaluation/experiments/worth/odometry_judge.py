@@ -33,12 +33,7 @@ WORST_MM = 1e3 * SUB_TRAJECTORY_M
 class Follower:
     """In-house odometry on one run, for each preparation of its frames.
 
-    Parameters
-    ----------
-    stage
-        The drive's; its own noise does not matter.
-    drive, repeat
-        Decide the noise of the frames.
+    `stage`: the drive's; its own noise does not matter. `drive`, `repeat`: decide the noise of the frames.
     """
 
     def __init__(self, stage: Stage, drive: Drive, repeat: int) -> None:
@@ -81,11 +76,8 @@ DELAY_FRAMES = 2
 TRIED_STOPS = (-3.0, -1.5, 0.0, 1.5)
 """Levels tried in hindsight, from the one at which a white wall in the first light is just below saturation."""
 
-WHITE_US_LUX = 2000.0 * 150.0
-"""Such a wall: 2 ms at 150 lux."""
-
-LONGEST_US = 3000.0
-"""Of these settings, unless the most gain needs more: hardly any blur."""
+WHITE_US_LUX = 2000.0 * 150.0  # Such a wall: 2 ms at 150 lux
+LONGEST_US = 3000.0  # Of these settings, unless the most gain needs more: hardly any blur
 
 
 def measure_contender(*, drives: list[dict[str, Any]], contender: str) -> list[dict[str, Any]]:
@@ -167,18 +159,14 @@ JUDGES: dict[str, Literal["higher", "lower"]] = {
 }
 """Translation RPE over 20 mm (mm) on frames as they are and preprocessed; share of these runs that failed."""
 
-GROUP = len(LUX)
-"""Drives of a job, one of each kind."""
-
-CLOSEST = (DEFAULT_POLICY, "begin2022", "begin2022-code")
-"""Who drives through all rooms ..."""
+GROUP = len(LUX)  # Drives of a job, one of each kind
+CLOSEST = (DEFAULT_POLICY, "begin2022", "begin2022-code")  # Who drives through all rooms ..
 
 SCREENED_EVERY = 4
 """... and of the groups those through which everyone does: enough to tell a policy that is worse by a third. Whoever is
 still undecided after that joins `CLOSEST`."""
 
-SET_UP_S, COST_PER_S = 2.0, 5.5
-"""Seconds of one core to build a room, and for a second of a drive with one contender."""
+SET_UP_S, COST_PER_S = 2.0, 5.5  # Seconds of one core to build a room, and for a second of a drive with one contender
 
 
 def jobs_of(name: str, quick: bool) -> list[Job]:

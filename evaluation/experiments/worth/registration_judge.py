@@ -25,8 +25,7 @@ STOPS = range(-4, 2)
 """Exposures tried, from the one that gives the first view a mean of one half; time before gain, since nothing blurs at
 this speed."""
 
-Levels = list[int]
-"""Exposure levels, whole stops."""
+Levels = list[int]  # Exposure levels, whole stops
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,12 +43,7 @@ def bounds(course: Replay, foreign: Sequence[Features]) -> dict[str, Outcome]:
     matters. `oracle-per-frame` has for each image the exposure with most votes, and has taught each of its maps with
     that which gives its images most votes.
 
-    Parameters
-    ----------
-    course
-        The replay.
-    foreign
-        Features of each foreign map.
+    `course`: the replay. `foreign`: features of each foreign map.
     """
     looks, renderers = course.looks(), course.renderers()
     choice, *scoring = (_Sight(course, looks, renderers, foreign, repeat) for repeat in (CHOICE, *SCORING))
@@ -132,8 +126,7 @@ class _Sight:
         return self._known[key]
 
 
-_Plan = tuple[Levels, Levels, Levels]
-"""Levels of the maps, and of the images on one's own and on foreign maps."""
+_Plan = tuple[Levels, Levels, Levels]  # Levels of the maps, and of the images on one's own and on foreign maps
 
 
 def _fixed(sight: _Sight, levels: Levels) -> _Plan:
@@ -240,11 +233,8 @@ JUDGES: dict[str, Literal["higher", "lower"]] = {
 """Share of registrations within 5 px of the truth, on maps that the policy taught itself and on `TEACHER`'s; share of
 saturated pixels under a clear sky, for which there are no bounds: the darkest setting would win."""
 
-QUICK = (TEACHER, "begin2022", "begin2022-code", "fixed")
-"""Of the published policies, in a quick run."""
-
-_COST_S = 1.0
-"""Of one contender and one map (s of one core)."""
+QUICK = (TEACHER, "begin2022", "begin2022-code", "fixed")  # Of the published policies, in a quick run
+_COST_S = 1.0  # Of one contender and one map (s of one core)
 
 
 def jobs_of(name: str, quick: bool) -> list[Job]:

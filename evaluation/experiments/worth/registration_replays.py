@@ -21,8 +21,7 @@ from evaluation.stage.camera import SimulatedCamera
 from fake_camera.world.render.renderer import Renderer, Surface
 from navigation.views.registration import Vote
 
-MAPS = 10
-"""Of the 80 along a path, with eight images each."""
+MAPS = 10  # Of the 80 along a path, with eight images each
 
 CHOICE, SCORING = 0, (1, 2)
 """Repeats (noise) on which bounds are chosen, and on which they are scored; policies run on the first of these."""
@@ -30,22 +29,13 @@ CHOICE, SCORING = 0, (1, 2)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Look:
-    """One image of a replay.
+    """One image of a replay."""
 
-    Attributes
-    ----------
-    index
-        Of the map that it is registered with.
-    pose, lux
-        Where it is taken (camera to world, 4x4), and in which light.
-    shift
-        The true one, pixels; NaN where nothing upright is in both views.
-    """
-
-    index: int
+    index: int  # of the map that it is registered with
+    # pose, lux: where it is taken (camera to world, 4x4), and in which light.
     pose: NDArray[np.float64]
     lux: float
-    shift: float
+    shift: float  # the true one, pixels; NaN where nothing upright is in both views
 
     def found(self, vote: Vote) -> bool:
         """Whether a registration is right, within 5 pixels; a NaN never is."""
@@ -54,23 +44,12 @@ class Look:
 
 @dataclass(frozen=True, slots=True)
 class Replay:
-    """One course, as plain data.
+    """One course, as plain data."""
 
-    Attributes
-    ----------
-    seed
-        Of park and path.
-    light
-        Of the replay, one of `REPLAYS`.
-    sky
-        Where it is in the view, one of `TILTS`.
-    first, maps
-        The first of its maps, and how many. Where registration is hard differs along a path.
-    """
-
-    seed: int
-    light: str
-    sky: str
+    seed: int  # of park and path
+    light: str  # of the replay, one of `REPLAYS`
+    sky: str  # where it is in the view, one of `TILTS`
+    # first, maps: the first of its maps, and how many. Where registration is hard differs along a path.
     first: int
     maps: int = MAPS
 
@@ -137,8 +116,7 @@ def _around(seed: int, cases: Sequence[tuple[str, str]], first: int) -> list[Rep
     ]
 
 
-SETS = {"tuning": tuning, "report": report}
-"""The sets by name."""
+SETS = {"tuning": tuning, "report": report}  # The sets by name
 
 
 def quick(replays: Sequence[Replay]) -> list[Replay]:

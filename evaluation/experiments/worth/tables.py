@@ -19,8 +19,7 @@ FIXED_IN_HINDSIGHT = "fixed-in-hindsight"
 ORACLE_PER_FRAME = "oracle-per-frame"
 BOUNDS = (FIXED_IN_HINDSIGHT, ORACLE_PER_FRAME)
 
-NOT_COUNTED = ("fixed", *BOUNDS)
-"""What knows the course, and `fixed`, which was chosen by hand for rooms like these."""
+NOT_COUNTED = ("fixed", *BOUNDS)  # What knows the course, and `fixed`, which was chosen by hand for rooms like these
 
 
 MARGINS = {
@@ -36,13 +35,11 @@ MARGINS = {
 }
 """The judges by which a policy is inferior or not, most important first, and by how much it may be worse."""
 
-FAILURES = "odometry-failures"
-"""Its values are compared as they are, since most are 0."""
+FAILURES = "odometry-failures"  # Its values are compared as they are, since most are 0
 
 _FEW = f"Of fewer than {FEWEST} places it is Student's interval."
 
-_COLUMNS = 6
-"""Judges side by side in one table."""
+_COLUMNS = 6  # Judges side by side in one table
 
 Better = Mapping[str, Literal["higher", "lower"]]
 
@@ -50,17 +47,10 @@ Better = Mapping[str, Literal["higher", "lower"]]
 class Verdicts:
     """The values of all judges, by course and policy.
 
-    Parameters
-    ----------
-    rows
-        {judge, course, policy, value, ...}; of judges whose values are errors of runs also {failed}.
-    better
-        Which values of each judge are better.
+    `rows`: {judge, course, policy, value, ...}; of judges whose values are errors of runs also {failed}. `better`:
+    which values of each judge are better.
 
-    Raises
-    ------
-    ValueError
-        When no course of a judge is one of all its policies, or a value is not a number.
+    Raises ValueError when no course of a judge is one of all its policies, or a value is not a number.
     """
 
     def __init__(self, rows: Iterable[Mapping[str, Any]], better: Better) -> None:

@@ -19,28 +19,19 @@ from imaging.response import ResponseFunction
 SPEEDS_PX = (0.5, 3.0, 10.0)
 """Of the image, in pixels of the 360 wide frame per 1/60 s: 1, 6 and 20 of a frame 720 wide."""
 
-LUX = (2.0, 10.0, 50.0, 300.0, 2000.0)
-"""A street at night, a corridor, a living room, an office, shade outdoors."""
+LUX = (2.0, 10.0, 50.0, 300.0, 2000.0)  # A street at night, a corridor, a living room, an office, shade outdoors
 
 DIM_LUX, TURN_PX, PANORAMA_TURN_PX = 5.0, 8.4, 3.5
 """A cellar, and a turn of 67 degrees a second: of the rig's cameras, and of those before panoramas."""
 
 STEP_FACTOR = 100.0
-STEP_LUX = (2.0, 6.0, 20.0)
-"""The light on the dark side of a step."""
-
-WARM_UP = 30
-"""Frames not scored: half a second to find an exposure from a sensible start."""
+STEP_LUX = (2.0, 6.0, 20.0)  # The light on the dark side of a step
+WARM_UP = 30  # Frames not scored: half a second to find an exposure from a sensible start
 
 STEADY_FRAMES = 72
-STEP_AT, STEP_FRAMES = 36, 84
-"""A step is scored with three pairs before it, and 0.8 s after it."""
-
-PAN_FRAMES, PAN_SPEEDS_PX = 150, (5.0, 10.0)
-"""Over the width of a still, once to twice."""
-
-EVERY = 2
-"""Odometry gets every second frame, 30 a second."""
+STEP_AT, STEP_FRAMES = 36, 84  # A step is scored with three pairs before it, and 0.8 s after it
+PAN_FRAMES, PAN_SPEEDS_PX = 150, (5.0, 10.0)  # Over the width of a still, once to twice
+EVERY = 2  # Odometry gets every second frame, 30 a second
 
 SENSORS = {
     "default": Eyes(),
@@ -58,38 +49,17 @@ SENSORS = {
 
 @dataclass(frozen=True, slots=True)
 class Course:
-    """One course, as plain data.
+    """One course, as plain data."""
 
-    Attributes
-    ----------
-    scene
-        See `moving_view`.
-    lux
-        The light; where it steps, on the dark side.
-    light
-        "steady", "up" or "down".
-    speed_px
-        Of the image: pixels of the 360 wide frame per 1/60 s.
-    sensor
-        One of `SENSORS`.
-    delay_frames
-        From a decision to the frame that shows it.
-    seed
-        Of the path.
-    sha256
-        Of the picture's file.
-    pan
-        Whether the camera goes from one side of a still to the other and back, instead of along a circle.
-    """
-
-    scene: str
-    lux: float
-    light: str
-    speed_px: float
-    sensor: str = "default"
-    delay_frames: int = 2
-    seed: int = 0
-    sha256: str = ""
+    scene: str  # see `moving_view`
+    lux: float  # the light; where it steps, on the dark side
+    light: str  # "steady", "up" or "down"
+    speed_px: float  # of the image: pixels of the 360 wide frame per 1/60 s
+    sensor: str = "default"  # one of `SENSORS`
+    delay_frames: int = 2  # from a decision to the frame that shows it
+    seed: int = 0  # of the path
+    sha256: str = ""  # of the picture's file
+    # Whether the camera goes from one side of a still to the other and back, instead of along a circle.
     pan: bool = False
 
     @property

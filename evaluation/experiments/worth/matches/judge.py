@@ -32,33 +32,24 @@ for _name in PREPARATIONS:
         f"lost-pairs-{_name}": "lower",
     }
 
-BAD_FRAMES = "bad-frames"
-"""Share of frames of which more than half is white or black."""
-
-BLACK = 1
-"""What rounding and read noise make of no light at all."""
+BAD_FRAMES = "bad-frames"  # Share of frames of which more than half is white or black
+BLACK = 1  # What rounding and read noise make of no light at all
 
 JUDGES: dict[str, Literal["higher", "lower"]] = {**PAIR_JUDGES, BAD_FRAMES: "lower"}
 
-CHOICE_SEED = 0
-"""Noise on which bounds are chosen ..."""
+CHOICE_SEED = 0  # Noise on which bounds are chosen ..
 
 SCORING_SEEDS = (1, 2, 3)
 """... and on which they are scored, else luck wins. Policies run on the first of these: three would cost thrice."""
 
-CHECKED_EVERY = 4
-"""Every fourth scored pair is tried with all settings of the grid, and judged by SIFT."""
+CHECKED_EVERY = 4  # Every fourth scored pair is tried with all settings of the grid, and judged by SIFT
 
 
 class Scorer:
     """Judges the pairs of one camera as its frames come in.
 
-    Attributes
-    ----------
-    pairs
-        For each pair scored so far, the value of each judge that judged it.
-    settings
-        Of each frame that was looked at.
+    `pairs`: for each pair scored so far, the value of each judge that judged it. `settings`: of each frame that was
+    looked at.
     """
 
     def __init__(self, course: Course, film: Film) -> None:

@@ -16,23 +16,15 @@ from evaluation.odometry.stereo import prepared
 
 ORB_FEATURES, SIFT_FEATURES, CORNERS = 500, 300, 300
 
-LOWE_RATIO = 0.8
-"""As Lowe proposed for SIFT; common for ORB, too."""
-
-INLIER_PX = 2.0
-"""Matches within this distance of the true motion agree with it."""
-
-FEWEST_INLIERS = 20
-"""Fewer may agree by chance; a pair with fewer is lost."""
-
-LOST_PX = 5.0
-"""An error that counts as lost; what is lost counts as this."""
+LOWE_RATIO = 0.8  # As Lowe proposed for SIFT; common for ORB, too
+INLIER_PX = 2.0  # Matches within this distance of the true motion agree with it
+FEWEST_INLIERS = 20  # Fewer may agree by chance; a pair with fewer is lost
+LOST_PX = 5.0  # An error that counts as lost; what is lost counts as this
 
 _CORNER_QUALITY, _CORNER_DISTANCE_PX = 0.01, 7.0
 """As common in visual-inertial odometry: a hundredth of the best corner's response, and corners spread out."""
 
-_WINDOW, _PYRAMID = (21, 21), 3
-"""OpenCV's defaults for Lucas and Kanade's tracker: follows 60 pixels."""
+_WINDOW, _PYRAMID = (21, 21), 3  # OpenCV's defaults for Lucas and Kanade's tracker: follows 60 pixels
 
 Image = NDArray[np.uint8]
 Points = NDArray[np.float32]
@@ -73,37 +65,20 @@ class Seen:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Truth:
-    """What is known of the motion between two frames.
+    """What is known of the motion between two frames."""
 
-    Attributes
-    ----------
-    homography
-        Takes pixels of the first to those of the second, (3, 3).
-    model
-        The family that it is from.
-    """
-
-    homography: Homography
-    model: MotionModel
+    homography: Homography  # takes pixels of the first to those of the second, (3, 3)
+    model: MotionModel  # the family that it is from
 
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """What matches say about the motion between two frames.
+    """What matches say about the motion between two frames."""
 
-    Attributes
-    ----------
-    inliers
-        Matches that agree with the true motion.
-    error_px
-        Error of the motion found by RANSAC, as the mean error of displacements over the picture, at most `LOST_PX`.
-    lost
-        Too few inliers or too large an error.
-    """
-
-    inliers: int
+    inliers: int  # matches that agree with the true motion
+    # Error of the motion found by RANSAC, as the mean error of displacements over the picture, at most `LOST_PX`.
     error_px: float
-    lost: bool
+    lost: bool  # too few inliers or too large an error
 
 
 def orb_motion(first: Seen, second: Seen, truth: Truth) -> Motion:

@@ -10,14 +10,7 @@ import cv2
 import numpy as np
 
 from evaluation.experiments.worth.matches.pairs import Truth
-from evaluation.experiments.worth.matches.scenes import (
-    CANVAS,
-    DISPARITY_PX,
-    HEIGHT,
-    WIDTH,
-    MovingView,
-    Radiance,
-)
+from evaluation.experiments.worth.matches.scenes import CANVAS, DISPARITY_PX, HEIGHT, WIDTH, MovingView, Radiance
 from evaluation.scenes.scenarios import RATE_HZ
 from evaluation.stage.camera import LIMITS
 from fake_camera.imaging import PIXEL_FORMATS, ImageSettings
@@ -31,11 +24,8 @@ LONGEST_S = LIMITS.max_time_us * 1e-6
 BLUR_STEP_PX = 0.75
 """Motion of the image's middle between rendered instants: within 1 pixel where panoramas move faster, at their ends."""
 
-DARK = 2.0**-8
-"""What a lens cap with a pinhole lets through: the other eye is 8 stops darker."""
-
-DIRT_SIGMA_PX = 6.0
-"""Blur by dirt on the lens: no detail is left, only large shapes."""
+DARK = 2.0**-8  # What a lens cap with a pinhole lets through: the other eye is 8 stops darker
+DIRT_SIGMA_PX = 6.0  # Blur by dirt on the lens: no detail is left, only large shapes
 
 _EYES: dict[str, Callable[[Radiance], Radiance]] = {
     "open": lambda seen: seen,
@@ -46,8 +36,7 @@ _EYES: dict[str, Callable[[Radiance], Radiance]] = {
 
 DEFAULT_SENSOR = SensorModel(width=WIDTH, height=HEIGHT)
 
-EYES = tuple(_EYES)
-"""States of the right camera; a dead one delivers frames without light."""
+EYES = tuple(_EYES)  # States of the right camera; a dead one delivers frames without light
 
 
 class Film:
@@ -55,14 +44,7 @@ class Film:
 
     An exposure of a moving camera is the mean over the instants that it spans, as in `evaluation.stage.rendering`.
 
-    Parameters
-    ----------
-    view
-        What is seen, per lux.
-    speed_px
-        Of the image, in its pixels per 1/60 s.
-    lux
-        Light in each frame.
+    `view`: what is seen, per lux. `speed_px`: of the image, in its pixels per 1/60 s. `lux`: light in each frame.
     """
 
     def __init__(self, view: MovingView, speed_px: float, lux: Callable[[int], float]) -> None:
@@ -103,37 +85,18 @@ class Film:
 
 @dataclass(frozen=True, slots=True)
 class Eyes:
-    """What the cameras of a rig are.
+    """What the cameras of a rig are."""
 
-    Attributes
-    ----------
-    model
-        The sensor; its size is that of the view.
-    response
-        Name of its response function.
-    pixel_format
-        "Mono8" or "Mono12".
-    right
-        State of the right camera, one of `EYES`.
-    """
-
-    model: SensorModel = DEFAULT_SENSOR
-    response: str = "linear"
-    pixel_format: str = "Mono8"
-    right: str = "open"
+    model: SensorModel = DEFAULT_SENSOR  # the sensor; its size is that of the view
+    response: str = "linear"  # name of its response function
+    pixel_format: str = "Mono8"  # "Mono8" or "Mono12"
+    right: str = "open"  # state of the right camera, one of `EYES`
 
 
 class Rig:
     """Exposes the frames of a film; the noise of a frame is the same whatever its exposure.
 
-    Parameters
-    ----------
-    film
-        What is seen.
-    eyes
-        With what.
-    seed
-        Of the noise.
+    `film`: what is seen. `eyes`: with what. `seed`: of the noise.
     """
 
     def __init__(self, film: Film, eyes: Eyes, seed: int) -> None:

@@ -15,8 +15,7 @@ from evaluation.scenes.scenarios import RATE_HZ
 HYPOTHESES = 200
 """Of two matches each: with a fifth of the matches right, 99.97 % that one of them is of right matches only."""
 
-_REFINEMENTS = 2
-"""Least squares over the inliers, and over those of its result."""
+_REFINEMENTS = 2  # Least squares over the inliers, and over those of its result
 
 Homography = NDArray[np.float64]
 Points = NDArray[np.float64]
@@ -54,10 +53,7 @@ class Similarity:
 class Rotation:
     """Of a turning camera.
 
-    Parameters
-    ----------
-    camera
-        Its matrix K, (3, 3).
+    `camera`: its matrix K, (3, 3).
     """
 
     def __init__(self, camera: Homography) -> None:
@@ -125,28 +121,22 @@ def _triads(rays: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.stack([first, second, np.cross(first, second)], axis=-1)
 
 
-WIDTH, HEIGHT = 360, 270
-"""Of the judged frames: panoramas of 1024x512 have no more detail to show."""
-
-DISPARITY_PX = 12
-"""Between the cameras; everything is at one distance."""
+WIDTH, HEIGHT = 360, 270  # Of the judged frames: panoramas of 1024x512 have no more detail to show
+DISPARITY_PX = 12  # Between the cameras; everything is at one distance
 
 CANVAS = (WIDTH + DISPARITY_PX, HEIGHT)
 """Width and height of what both cameras see together; the left one sees its left end."""
 
-CENTRE = ((WIDTH - 1) / 2, (HEIGHT - 1) / 2)
-"""The left camera's principal point (pixels)."""
+CENTRE = ((WIDTH - 1) / 2, (HEIGHT - 1) / 2)  # The left camera's principal point (pixels)
 
 FOCAL_PX = 180.0
 """Before panoramas: 90 degrees across, where a pixel of the view is about as large as one of the panorama."""
 
-STILL_SPAN = 1.8
-"""Larger stills are shrunk to this many views across or down: sharp, and no view shows nothing but sky."""
+STILL_SPAN = 1.8  # Larger stills are shrunk to this many views across or down: sharp, and no view shows nothing but sky
 
 _PANORAMAS = "hdri_1k_cc0/"
 
-_MARGIN_PX = 64
-"""By which panoramas continue beyond their seam."""
+_MARGIN_PX = 64  # By which panoramas continue beyond their seam
 
 Radiance = NDArray[np.float32]
 
@@ -170,16 +160,8 @@ class StillView:
 
     If it pans, along a flat ellipse instead, from one side of the still to the other and back.
 
-    Parameters
-    ----------
-    still
-        Radiance per lux, (rows, columns); one of its pixels is about one of the view.
-    speed_px
-        Of the image, in pixels of the view per 1/60 s.
-    seed
-        Decides where the circle lies.
-    pan
-        Whether it pans.
+    `still`: radiance per lux, (rows, columns); one of its pixels is about one of the view. `speed_px`: of the image, in
+    pixels of the view per 1/60 s. `seed`: decides where the circle lies. `pan`: whether it pans.
     """
 
     def __init__(self, still: Radiance, speed_px: float, seed: int, *, pan: bool = False) -> None:
@@ -223,14 +205,8 @@ class StillView:
 class PanoramaView:
     """A panorama all around a camera that turns, nods and rolls.
 
-    Parameters
-    ----------
-    panorama
-        Radiance per lux, equirectangular, (rows, columns).
-    speed_px
-        Of the middle of the image, in pixels of the view per 1/60 s.
-    seed
-        Decides where the camera looks first.
+    `panorama`: radiance per lux, equirectangular, (rows, columns). `speed_px`: of the middle of the image, in pixels of
+    the view per 1/60 s. `seed`: decides where the camera looks first.
     """
 
     def __init__(self, panorama: Radiance, speed_px: float, seed: int) -> None:

@@ -82,11 +82,8 @@ def _settings(results: Results, courses: Mapping[str, Course], policies: Sequenc
     return Table(caption, ["light and speed", *(f"`{policy}`" for policy in policies)], rows)
 
 
-WORST = 3
-"""Courses shown."""
-
-FRAMES = 5
-"""Shown of each, spread over what is scored."""
+WORST = 3  # Courses shown
+FRAMES = 5  # Shown of each, spread over what is scored
 
 _LEAST = {"higher": 1.0, "lower": 0.01}
 """Added to matches, and to errors in pixels: a ratio of two tiny values says nothing."""
