@@ -6,9 +6,8 @@ November 2026; until then reports had rooms 101 to 106 and 200 to 223, parks 101
 
 from __future__ import annotations
 
+# Not inferior in odometry: the geometric mean error is at most so much higher, with the whole 90 % interval.
 ERROR_MARGIN = 0.10
-"""Not inferior in odometry: the geometric mean error is at most so much higher, with the whole 90 % interval."""
-
 FEATURE_MARGIN = 0.02  # Not inferior in features: at most so many fewer, with the whole 90 % interval
 ROOMS = 72  # Drives through rooms with natural texture, in each set
 TUNING_ROOM, REPORT_ROOM = 1000, 7000  # Their first seeds

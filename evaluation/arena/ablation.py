@@ -26,14 +26,11 @@ from evaluation.pool import over_processes
 from evaluation.scenes.scenarios import SCENARIOS
 from imaging.errors import AutoexposeError, ConfigurationError
 
+# Those in which single rules of an earlier default weighed most: jumps out of white, motion, light that beats.
 QUICK_SCENARIOS = ("step_up", "pan", "flicker")
-"""Those in which single rules of an earlier default weighed most: jumps out of white, motion, light that beats."""
-
+# The folders whose files decide what comes out.
 _CODE = ("autoexpose_daemon/control", "calibration", "drivers", "evaluation", "fake_camera/world", "imaging")
-"""The folders whose files decide what comes out."""
-
 ALL = "all"  # In the place of a scenario: all courses together
-
 Figures = dict[str, dict[str, Any]]  # A row of `results` for each scenario, and for `ALL`
 
 
@@ -212,6 +209,7 @@ def _judge(asked: _Asked) -> dict[str, dict[str, Any]]:
     return {way: asdict(score) for way, score in scores.items()}
 
 
+# By title: a name in the rows of `results`, and how it is shown.
 COLUMNS: dict[str, tuple[str, str]] = {
     "mean": ("objective_ratio_mean", "{:.3f}"),
     "worst 5 %": ("objective_ratio_p05", "{:.3f}"),
@@ -219,7 +217,6 @@ COLUMNS: dict[str, tuple[str, str]] = {
     "stuck": ("stuck_share", "{:.2f}"),
     "lost pairs": ("lost_pair_share", "{:.3f}"),
 }
-"""By title: a name in the rows of `results`, and how it is shown."""
 
 HOW_TO_READ = """\
 Each row is one constant doubled, halved, or at the value at which its file's `NEUTRAL` says that it has no effect, in

@@ -27,7 +27,6 @@ from imaging.frames import StereoPair
 from imaging.response import ResponseFunction
 
 Course = tuple[str, str, int]  # Scenario, scene and seed
-
 Decisions = list[dict[str, Any]]  # One for each frame, as plain data
 
 

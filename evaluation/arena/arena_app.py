@@ -34,11 +34,8 @@ from fake_camera.world.scene.panorama import load_radiance
 from imaging.errors import AutoexposeError, ConfigurationError
 
 _FRAME_S = 0.005  # of one core per frame and policy, measured on full arenas of 14 policies
-
 _ALL_POLICIES = ",".join(POLICY_IDS)
-
 _ABLATIONS = Path("out/ablation")  # Where what is finished of an ablation is kept
-
 arena_app = typer.Typer(add_completion=False)
 
 

@@ -9,20 +9,18 @@ from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
-from numpy.typing import NDArray
 
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from evaluation.arena.runs import HELD_OUT_SEEDS, MAIN_DELAY, OTHER_DELAYS, TUNE_SCENES, Run, results
+from evaluation.arrays import Floats
 from evaluation.drawing import save
 from evaluation.scenes.scenarios import RATE_HZ, SCENARIOS
 
+# With more lines than these, a plot is unreadable. The oracle shown is that of the first.
 SHOWN_POLICIES = (DEFAULT_POLICY, "begin2022-code", "neves2009", "zhang2024")
-"""With more lines than these, a plot is unreadable. The oracle shown is that of the first."""
 
 
-def plot_table(
-    policies: Sequence[str], scenarios: Sequence[str], values: NDArray[np.float64], title: str, file: Path
-) -> None:
+def plot_table(policies: Sequence[str], scenarios: Sequence[str], values: Floats, title: str, file: Path) -> None:
     """A heat map of shares 0..1, float64 (policies, scenarios), with the numbers in its cells."""
     figure, axes = plt.subplots(figsize=(1.6 + 1.05 * len(scenarios), 1.2 + 0.36 * len(policies)), layout="constrained")
     axes.imshow(values, vmin=0, vmax=1, cmap="viridis", aspect="auto")
@@ -237,16 +235,14 @@ def write_arena_report(runs: Sequence[Run], default_policy: str, folder: Path) -
     return path
 
 
-def cells(
-    rows: Sequence[dict[str, Any]], policies: Sequence[str], scenarios: Sequence[str], key: str
-) -> NDArray[np.float64]:
+def cells(rows: Sequence[dict[str, Any]], policies: Sequence[str], scenarios: Sequence[str], key: str) -> Floats:
     """One score of the results as a table, float64 (policies, scenarios); NaN where it is missing."""
     known = {(row["policy"], row["scenario"]): row[key] for row in rows}
     table = [[known.get((policy, scenario)) for scenario in scenarios] for policy in policies]
     return np.array([[np.nan if value is None else value for value in row] for row in table], np.float64)
 
 
-def _table(names: Sequence[str], heads: Sequence[str], values: NDArray[np.float64], form: str) -> str:
+def _table(names: Sequence[str], heads: Sequence[str], values: Floats, form: str) -> str:
     lines = ["| policy | " + " | ".join(heads) + " |", "|---|" + "---:|" * len(heads)]
     for name, row in zip(names, values, strict=True):
         figures = (form.format(value) if np.isfinite(value) else "-" for value in row)

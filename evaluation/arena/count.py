@@ -34,9 +34,8 @@ ROOT = Path(__file__).resolve().parents[2]
 LOOP = "autoexpose_daemon.control.loop"
 SCOPE = ("autoexpose_daemon.control", "imaging.exposure", "imaging.response")
 NATIVE = "autoexpose_daemon/control/native"
-
+# Frames before the snapshot: enough to fill what a frame leaves behind, and what its decision's outcome does.
 FRAMES = 12
-"""Frames before the snapshot: enough to fill what a frame leaves behind, and what its decision's outcome does."""
 
 _C = re.compile(
     r"""//[^\n]* | /\*.*?\*/ | L?"(?:\\.|[^"\\\n])*" | '(?:\\.|[^'\\\n])*'

@@ -17,9 +17,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from evaluation.arena.scores import Score, SuccessiveFrames, score
+from evaluation.arrays import Floats
 from evaluation.scenes.scenarios import SCENARIOS
 from evaluation.scenes.views import build_views
 from evaluation.stage.delayed_loop import DelayedLoop, Entrant
@@ -43,28 +43,28 @@ class Judgement:
     best: dict[int, Best | None] = field(default_factory=dict)
 
     @property
-    def values(self) -> NDArray[np.float64]:
+    def values(self) -> Floats:
         """By frame and judged camera, shape (frames, cameras)."""
         return np.array(self.judged)
 
     @property
-    def oracle_values(self) -> NDArray[np.float64]:
+    def oracle_values(self) -> Floats:
         """The largest value by frame and judged camera, shape (frames, cameras)."""
         return self._interpolated(lambda best: best.metrics)
 
     @property
-    def oracle_levels(self) -> NDArray[np.float64]:
+    def oracle_levels(self) -> Floats:
         """The best level of each frame, stops."""
         return self._interpolated(lambda best: (best.level,))[:, 0]
 
     @property
-    def ratios(self) -> NDArray[np.float64]:
+    def ratios(self) -> Floats:
         """The value as a share of the oracle's by frame; NaN where no exposure shows anything."""
         with np.errstate(invalid="ignore", divide="ignore"):
             shares = np.mean(self.values / self.oracle_values, axis=1)
         return np.asarray(shares / self._interpolated(lambda best: (best.joint,))[:, 0])
 
-    def _interpolated(self, value: Callable[[Best], tuple[float, ...]]) -> NDArray[np.float64]:
+    def _interpolated(self, value: Callable[[Best], tuple[float, ...]]) -> Floats:
         """Values of the oracle's answers at all frames, shape (frames, values)."""
         known = {frame: value(best) for frame, best in self.best.items() if best is not None}
         if not known:
@@ -89,32 +89,32 @@ class Series:
     pair_shares: list[float] = field(default_factory=list)
 
     @property
-    def levels(self) -> NDArray[np.float64]:
+    def levels(self) -> Floats:
         """Exposure level of each frame, stops."""
         return np.array([setting.level for setting in self.delayed.settings])
 
     @property
-    def gains_db(self) -> NDArray[np.float64]:
+    def gains_db(self) -> Floats:
         """Gain of each frame."""
         return np.array([setting.gain_db for setting in self.delayed.settings])
 
     @property
-    def metrics(self) -> NDArray[np.float64]:
+    def metrics(self) -> Floats:
         """M_g by frame and judged camera, shape (frames, cameras)."""
         return self.by_metric.values
 
     @property
-    def clipped_shares(self) -> NDArray[np.float64]:
+    def clipped_shares(self) -> Floats:
         """Share of black and saturated pixels, together, in each left image."""
         return np.array([decision.saturated_share + decision.black_share for decision in self.delayed.decisions])
 
     @property
-    def oracle_levels(self) -> NDArray[np.float64]:
+    def oracle_levels(self) -> Floats:
         """The level of each frame that is best by what the policy maximises, stops."""
         return self.by_objective.oracle_levels
 
     @property
-    def ratios(self) -> NDArray[np.float64]:
+    def ratios(self) -> Floats:
         """What the policy maximises, as a share of the oracle's; NaN where no exposure shows anything."""
         return self.by_objective.ratios
 

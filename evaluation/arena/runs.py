@@ -9,28 +9,23 @@ from functools import partial
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from evaluation.arena.race import Series, run_course
 from evaluation.arena.scores import Score
+from evaluation.arrays import Floats32
 from evaluation.committed import HELD_OUT_SEED
 from evaluation.pool import over_processes
 from evaluation.scenes.scenarios import SCENARIOS
 from evaluation.stage.delayed_loop import Entrant
 
 Split = Literal["tune", "heldout"]
-
 QUICK_SEED = 2000  # Of quick arenas, which anyone may look at. Seeds 0 to 99 are for tuning; reports had 2000 to 2013.
 MAIN_DELAY = 2  # The delay (frames) that results are for
-
 OTHER_DELAYS = (1, 3)
-
 TUNE_SCENES = ("room", "leaves", "street")
-
+# The scenes that judge, with the number of their seeds, from `HELD_OUT_SEED`; `shelves` and `hall` with other seeds are
+# in `worth-tuning`.
 HELD_OUT_SEEDS = {"room": 14, "shelves": 8, "hall": 8}
-"""The scenes that judge, with the number of their seeds, from `HELD_OUT_SEED`; `shelves` and `hall` with other seeds
-are in `worth-tuning`."""
-
 TUNE_SEEDS = 3
 SEEDS_OF_OTHER_DELAYS = 3  # Seeds per scene in the full arena: about 40 minutes on two cores for 14 policies
 
@@ -82,9 +77,9 @@ def quick_plan(scenarios: Sequence[str], pictures: Sequence[str] = ()) -> list[T
 class Trace:
     """What a plot of one run shows for each frame: exposure level (stops), the oracle's, and share of its metric."""
 
-    levels: NDArray[np.float32]
-    oracle_levels: NDArray[np.float32]
-    ratios: NDArray[np.float32]
+    levels: Floats32
+    oracle_levels: Floats32
+    ratios: Floats32
     first_scored: int
 
 

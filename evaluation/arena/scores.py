@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from evaluation.arrays import Floats
 from evaluation.stage.camera import LIMITS, Radiance
 from evaluation.stage.oracle import LEVELS, LONGEST_TIMES_US
 from evaluation.stage.rendering import Stage
@@ -16,15 +16,13 @@ from imaging.python310 import exp2
 
 CELLS = 8
 LOG2_RADIANCES = np.arange(-14.0, 18.0, 0.25)  # Bins of radiance, lux times reflectance in stops
-
+# Grey levels that detectors need, whatever the noise, as in the objective of our policies; 8 serves as well.
 FRONT_END = 6.0
-"""Grey levels that detectors need, whatever the noise, as in the objective of our policies; 8 serves as well."""
-
 BLUR_PX = 5.0  # In the shrunk image, a blur of this length halves the energy of gradients
 GLIMPSE_S = 20e-6  # The shortest exposure: its radiance is the sharpest
 LOST = 0.1  # A pair with a smaller share of the most that it could show is lost: as 20 of some 250 matches
-
 _SENSOR = SensorModel()
+# Half a stop apart, each split in several ways.
 _TRIED = tuple(
     dict.fromkeys(
         LIMITS.realise(level, min(exp2(level), longest_us))
@@ -32,9 +30,8 @@ _TRIED = tuple(
         for longest_us in LONGEST_TIMES_US.tolist()
     )
 )
-"""Half a stop apart, each split in several ways."""
 
-Variances = NDArray[np.float64]  # By setting and radiance, (settings, bins); infinite where nothing shows
+Variances = Floats  # By setting and radiance, (settings, bins); infinite where nothing shows
 
 
 class SuccessiveFrames:
@@ -71,7 +68,7 @@ class SuccessiveFrames:
         return variances(times_s * lit, gains) * (1.0 + (blur_px[:, None] / BLUR_PX) ** 2)
 
 
-def variances(lit_s: NDArray[np.float64], gains: NDArray[np.float64]) -> Variances:
+def variances(lit_s: Floats, gains: Floats) -> Variances:
     """Of log2 radiance as seen by settings; `lit_s` is their exposure times the light, in its present unit."""
     electrons = _SENSOR.sensitivity_e_per_lux_s * lit_s[:, None] * np.exp2(LOG2_RADIANCES)
     scale = 255.0 / _SENSOR.full_well_e * gains[:, None]
@@ -81,12 +78,12 @@ def variances(lit_s: NDArray[np.float64], gains: NDArray[np.float64]) -> Varianc
     return np.where(grey < 255.0, (noise + FRONT_END**2) / (grey * np.log(2)) ** 2, np.inf)
 
 
-def information(energy: NDArray[np.float64], first: Variances, second: Variances) -> NDArray[np.float64]:
+def information(energy: Floats, first: Variances, second: Variances) -> Floats:
     """Of pairs, (settings,), given the energy of gradients by cell and radiance."""
     return np.asarray(np.sqrt(energy @ (1.0 / (first + second)).T).mean(axis=0))
 
 
-def energy_by_radiance(radiance: Radiance) -> NDArray[np.float64]:
+def energy_by_radiance(radiance: Radiance) -> Floats:
     """Mean over each cell's pixels of the energy of gradients in log2 radiance, (cells, bins).
 
     It is listed under the brightest of the five pixels that a gradient is from: if that is white, it is lost.
@@ -144,14 +141,14 @@ class Score:
 
 def score(
     *,
-    levels: NDArray[np.float64],
-    oracle_levels: NDArray[np.float64],
-    ratios: NDArray[np.float64],
-    metric_ratios: NDArray[np.float64],
-    any_split_ratios: NDArray[np.float64],
-    pair_ratios: NDArray[np.float64],
-    clipped_shares: NDArray[np.float64],
-    gains_db: NDArray[np.float64],
+    levels: Floats,
+    oracle_levels: Floats,
+    ratios: Floats,
+    metric_ratios: Floats,
+    any_split_ratios: Floats,
+    pair_ratios: Floats,
+    clipped_shares: Floats,
+    gains_db: Floats,
     first_scored: int,
 ) -> Score:
     """The scores of a run; all arrays have shape (frames,), and frames before `first_scored` do not count.
@@ -181,22 +178,22 @@ def score(
     )
 
 
-def _mean(ratios: NDArray[np.float64]) -> float:
+def _mean(ratios: Floats) -> float:
     return float(ratios.mean()) if ratios.size else 0.0
 
 
-def _worst(ratios: NDArray[np.float64]) -> float:
+def _worst(ratios: Floats) -> float:
     return float(np.percentile(ratios, 5)) if ratios.size else 0.0
 
 
-def frames_to_settle(ratios: NDArray[np.float64]) -> int | None:
+def frames_to_settle(ratios: Floats) -> int | None:
     """Index of the first of ten ratios in a row of at least 0.9; None when there is no such row."""
     good = np.convolve(ratios >= SETTLED_RATIO, np.ones(SETTLED_FRAMES), "valid") if ratios.size else np.empty(0)
     settled = np.flatnonzero(np.rint(good) == SETTLED_FRAMES)
     return int(settled[0]) if settled.size else None
 
 
-def overshoot(levels: NDArray[np.float64], oracle_levels: NDArray[np.float64], settle: int | None) -> float:
+def overshoot(levels: Floats, oracle_levels: Floats, settle: int | None) -> float:
     """How far (stops) the levels went past the oracle's before settling; see `Score`."""
     end = len(levels) if settle is None else settle + 1
     direction = np.sign(oracle_levels[0] - levels[0])

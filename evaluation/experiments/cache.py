@@ -58,9 +58,8 @@ class ResultCache:
         return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
 
 
+# Loads policies by their names, so no import statement leads to them.
 _TABLE = "autoexpose_daemon.control.policies.table"
-"""Loads policies by their names, so no import statement leads to them."""
-
 _IDS = "autoexpose_daemon.control.policies.ids"  # Lists them: another policy in it changes no result of the others
 
 
@@ -131,8 +130,8 @@ def plain(value: Any) -> Plain:
     return kept
 
 
+# Called with each finished job and how long it took (s; 0 when its result was kept).
 Advance = Callable[[Job, float], None]
-"""Called with each finished job and how long it took (s; 0 when its result was kept)."""
 
 
 def run_jobs(jobs: Sequence[Job], kept: ResultCache, processes: int, advance: Advance) -> list[Plain]:

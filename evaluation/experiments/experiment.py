@@ -73,8 +73,8 @@ class Section:
     parts: Sequence[Table | Figure]
 
 
+# Arguments and result of each job, in the order of the jobs.
 Results: TypeAlias = "Sequence[tuple[Mapping[str, Plain], Any]]"
-"""Arguments and result of each job, in the order of the jobs."""
 
 
 def jobs_and_results(results: Results) -> Plain:

@@ -103,7 +103,6 @@ def _prose(text: str) -> str:
 
 
 experiments_app = typer.Typer(add_completion=False, no_args_is_help=True)
-
 _Folder = Annotated[Path, typer.Option(help="Folder for the report, figures and finished jobs.")]
 _COLOURS = {"reproduced": "green", "reproduced under conditions": "yellow", "not reproduced": "red", "undecided": "dim"}
 

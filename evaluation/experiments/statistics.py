@@ -7,13 +7,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.stats import t
 
+from evaluation.arrays import Flags, Floats, Ints
 from evaluation.experiments.experiment import Verdict
 
 _DRAWS = 10_000
-
 FEWEST = 10  # Clusters from which on a bootstrap of them is to be believed: of six, 95 % intervals cover 87 %
 
 
@@ -44,10 +44,7 @@ def mean_interval(values: ArrayLike, seed: int = 0) -> Interval:
 
 
 def clustered(
-    clusters: ArrayLike,
-    statistic: Callable[[NDArray[np.float64]], NDArray[np.float64]],
-    seed: int = 0,
-    percent: float = 95.0,
+    clusters: ArrayLike, statistic: Callable[[Floats], Floats], seed: int = 0, percent: float = 95.0
 ) -> Interval:
     """A statistic with its percentile bootstrap interval, which draws whole clusters.
 
@@ -81,7 +78,7 @@ def over_places(
     return Interval(middle, middle - half, middle + half)
 
 
-def _ratio(sums: NDArray[np.float64]) -> NDArray[np.float64]:
+def _ratio(sums: Floats) -> Floats:
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.asarray(np.where(sums[:, 1] > 0, sums[:, 0] / sums[:, 1], np.nan))
 
@@ -96,9 +93,7 @@ class Comparison:
     left_out: int = 0  # courses that do not count here, because one of both failed
 
     @classmethod
-    def of_errors(
-        cls, own: NDArray[np.float64], other: NDArray[np.float64], failed: NDArray[np.bool_], places: Sequence[str]
-    ) -> Comparison:
+    def of_errors(cls, own: Floats, other: Floats, failed: Flags, places: Sequence[str]) -> Comparison:
         """By the geometric mean of the ratio of errors, over courses in which neither failed; no room can set it."""
         kept = np.flatnonzero(~failed)
         if not kept.size:
@@ -109,9 +104,7 @@ class Comparison:
         return cls(_of_logs(wide), _of_logs(narrow), len(failed) - len(kept))
 
     @classmethod
-    def of_means(
-        cls, losses: NDArray[np.float64], other: NDArray[np.float64] | None, places: Sequence[str]
-    ) -> Comparison:
+    def of_means(cls, losses: Floats, other: Floats | None, places: Sequence[str]) -> Comparison:
         """By what is lost to the other over what the other has; None: by what is lost, for values that are shares."""
         wide, narrow = (over_places(losses, places, other, percent) for percent in (95.0, 90.0))
         return cls(wide, narrow)
@@ -138,17 +131,17 @@ def _of_logs(logs: Interval) -> Interval:
 def pearson(first: ArrayLike, second: ArrayLike, seed: int = 0) -> Interval:
     """Linear correlation of the points of two arrays (clusters, points), see `clustered`."""
 
-    def correlation(drawn: NDArray[np.float64]) -> NDArray[np.float64]:
+    def correlation(drawn: Floats) -> Floats:
         return _correlation(*(drawn[..., side].reshape(len(drawn), -1) for side in (0, 1)))
 
     return clustered(np.stack([np.asarray(first), np.asarray(second)], axis=-1), correlation, seed)
 
 
-def _draws(size: int, seed: int) -> NDArray[np.int64]:
+def _draws(size: int, seed: int) -> Ints:
     return np.random.default_rng(seed).integers(0, size, (_DRAWS, size))
 
 
-def _correlation(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+def _correlation(a: Floats, b: Floats) -> Floats:
     """Row by row; NaN where a row is constant."""
     a = a - a.mean(axis=1, keepdims=True)
     b = b - b.mean(axis=1, keepdims=True)

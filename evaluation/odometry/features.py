@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from evaluation.arrays import Flags, Floats, Floats32, Greys, Ints
 from evaluation.odometry.stereo import StereoCamera
 from fake_camera.world.compiled import compiled
 
@@ -18,12 +18,8 @@ FLAT = 1e-3  # A smaller one is not divided by
 
 
 def place(
-    source: NDArray[np.uint8],
-    target: NDArray[np.uint8],
-    points: NDArray[np.float64],
-    guesses: NDArray[np.float64],
-    reach: tuple[int, int],
-) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    source: Greys, target: Greys, points: Floats, guesses: Floats, reach: tuple[int, int]
+) -> tuple[Floats, Flags]:
     """Where points of `source` are in `target`, and for which of them the answer is reliable.
 
     Patches are compared at integer shifts by the sum of squared differences; parabolas through the smallest one and its
@@ -49,13 +45,7 @@ def place(
 
 
 @compiled()  # type: ignore[untyped-decorator]
-def _costs(
-    source: NDArray[np.uint8],
-    target: NDArray[np.uint8],
-    at: NDArray[np.intp],
-    near: NDArray[np.intp],
-    reach: tuple[int, int],
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+def _costs(source: Greys, target: Greys, at: Ints, near: Ints, reach: tuple[int, int]) -> tuple[Floats32, Floats32]:
     """How much normalised patches differ at each shift, (n, rows, columns), and the deviation of each patch, (n,)."""
     reach_x, reach_y = reach
     costs = np.empty((len(at), 2 * reach_y + 1, 2 * reach_x + 1), np.float32)
@@ -84,7 +74,7 @@ def _costs(
 
 
 @compiled()  # type: ignore[untyped-decorator]
-def _moments(window: NDArray[np.uint8]) -> tuple[float, float]:
+def _moments(window: Greys) -> tuple[float, float]:
     """Mean and standard deviation."""
     total, squares = 0, 0
     for i in range(window.shape[0]):
@@ -96,7 +86,7 @@ def _moments(window: NDArray[np.uint8]) -> tuple[float, float]:
     return mean, math.sqrt(max(squares / window.size - mean * mean, 0.0))
 
 
-def _least(costs: NDArray[np.float32], least: NDArray[np.intp]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+def _least(costs: Floats32, least: Ints) -> tuple[Floats, Flags]:
     """The fractional position of the smallest cost in each row, and whether it is not at an end."""
     last = costs.shape[1] - 1
     if last == 0:
@@ -110,19 +100,14 @@ def _least(costs: NDArray[np.float32], least: NDArray[np.intp]) -> tuple[NDArray
 
 
 FEATURES = 800  # Per image; time grows with their square
-
 SCALE = 1.2
 LEVELS = 6
 FAST_THRESHOLD = 12  # Of ORB; a gamma of 0.3 amplifies noise too, so lower thresholds find mostly noise
-
+# How far the rows of a match may differ at the finest level; coarser levels place features less precisely.
 ROW_TOLERANCE_PX = 1.5
-"""How far the rows of a match may differ at the finest level; coarser levels place features less precisely."""
-
 NEAREST_M = 0.15  # Nothing comes nearer
 LARGEST_DISTANCE = 64  # Of descriptors, in bits of 256
-
 LOWE_RATIO = 0.85
-
 SEARCH = 3  # How far, in pixels, a match in the right image may lie from its feature there
 
 
@@ -130,11 +115,11 @@ SEARCH = 3  # How far, in pixels, a match in the right image may lie from its fe
 class Features:
     """Features of a pair."""
 
-    image: NDArray[np.uint8]  # the left image
-    points: NDArray[np.float64]  # position in the left image, x and y in pixels, (features, 2)
-    right_x: NDArray[np.float64]  # column in the right image; NaN for a feature that was not found there
-    sigmas: NDArray[np.float64]  # precision of the position, pixels: that of the pyramid level in which it was found
-    descriptors: NDArray[np.uint8]  # ORB's, uint8 (features, 32)
+    image: Greys  # the left image
+    points: Floats  # position in the left image, x and y in pixels, (features, 2)
+    right_x: Floats  # column in the right image; NaN for a feature that was not found there
+    sigmas: Floats  # precision of the position, pixels: that of the pyramid level in which it was found
+    descriptors: Greys  # ORB's, uint8 (features, 32)
 
     def __len__(self) -> int:
         return len(self.points)
@@ -147,7 +132,7 @@ class FeatureFinder:
         self._orb = cv2.ORB.create(FEATURES, SCALE, LEVELS, fastThreshold=FAST_THRESHOLD)
         self._farthest_px = camera.focal_px * camera.baseline_m / NEAREST_M
 
-    def find(self, left: NDArray[np.uint8], right: NDArray[np.uint8]) -> Features:
+    def find(self, left: Greys, right: Greys) -> Features:
         """Features of the left image, matched along the rows of the right one."""
         points, sigmas, descriptors = self._detect(left)
         right_points, right_sigmas, right_descriptors = self._detect(right)
@@ -162,7 +147,7 @@ class FeatureFinder:
         right_x[here[good]] = found[good, 0]
         return Features(left, points, right_x, sigmas, descriptors)
 
-    def _detect(self, image: NDArray[np.uint8]) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.uint8]]:
+    def _detect(self, image: Greys) -> tuple[Floats, Floats, Greys]:
         found, descriptors = self._orb.detectAndCompute(image, None)
         if not found:
             return np.empty((0, 2)), np.empty(0), np.empty((0, 32), np.uint8)
@@ -171,15 +156,13 @@ class FeatureFinder:
         return points, sigmas, np.asarray(descriptors, np.uint8)
 
 
-def apart(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.float32]:
+def apart(first: Floats, second: Floats) -> Floats32:
     """How far each of `first` is from each of `second`, shape (first, second)."""
     # Single precision, because these are the largest arrays.
     return np.asarray(np.abs(np.subtract.outer(first.astype(np.float32), second.astype(np.float32))))
 
 
-def match(
-    queries: NDArray[np.uint8], candidates: NDArray[np.uint8], allowed: NDArray[np.bool_]
-) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def match(queries: Greys, candidates: Greys, allowed: Flags) -> tuple[Ints, Ints]:
     """Indices of allowed pairs of descriptors that match best, and clearly better than the next candidate."""
     if not len(queries) or not len(candidates):
         return np.empty(0, np.intp), np.empty(0, np.intp)

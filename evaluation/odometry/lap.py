@@ -8,8 +8,8 @@ from functools import lru_cache
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from evaluation.arrays import Floats32
 from evaluation.scenes.scenarios import Course, no_turn, steady
 from evaluation.scenes.views import CAMERA
 from evaluation.stage.rendering import Stage
@@ -19,23 +19,21 @@ from fake_camera.world.scene.room import WINDOW_RADIANCE, furnished_room
 from fake_camera.world.sensor import DEFAULT_F_NUMBER
 from fake_camera.world.simulation import RoomView
 
+# Scenarios (a) and (b) of Begin & Hunter's section 3.3, a darker (b), and the light of section 3.1.
 Light = Literal["uneven", "low", "faint", "even"]
-"""Scenarios (a) and (b) of Begin & Hunter's section 3.3, a darker (b), and the light of section 3.1."""
 
+# Mean light on the walls of the dim and the bright part of the room.
 LUX: dict[Light, tuple[float, float]] = {
     "uneven": (1.0, 217.0),
     "low": (3.0, 3.0),
     "faint": (0.5, 0.5),
     "even": (20.0, 20.0),
 }
-"""Mean light on the walls of the dim and the bright part of the room."""
 
 PAINT = 0.9  # Reflectance of the window: it is covered by a poster, so that all light is the room's
 ROOM_SCALE = 0.6  # The room is scaled down, so that things are 0.2 to 2 m away; the paper's were 0.2 to 2.5 m away
-
+# The bright part of the room as seen from its middle, and the angle over which its light fades (radians).
 BRIGHT_HALF_ANGLE, FADE = 0.5, 0.4
-"""The bright part of the room as seen from its middle, and the angle over which its light fades (radians)."""
-
 PERIOD_S, YAW_SWING = 15.0, 0.9  # At most 86 mm and 89 degrees a second; the paper's table moved at up to 100 of both
 
 
@@ -90,7 +88,7 @@ def _lit(room: int, lux: tuple[float, float], bright_rad: float) -> list[Surface
     return [replace(s, pattern=s.pattern * illumination(s, lux, bright_rad)) for s in painted]
 
 
-def illumination(surface: Surface, lux: tuple[float, float], bright_rad: float) -> NDArray[np.float32]:
+def illumination(surface: Surface, lux: tuple[float, float], bright_rad: float) -> Floats32:
     """Light on every texel of a surface, shape (rows, columns), by its bearing from the middle of the room.
 
     `lux[1]` around the bearing `bright_rad`, `lux[0]` away from it.

@@ -6,29 +6,26 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from evaluation.arrays import Flags, Floats, Greys
 from evaluation.odometry.features import FeatureFinder, Features, apart, match, place
 from evaluation.odometry.stereo import StereoCamera, Tracked
 
 RANSAC_ROUNDS = 200
 RANSAC_ERROR_PX = 3.0
-
+# Points with larger errors are outliers; 95 % of the good ones stay below, in two to three dimensions.
 OUTLIER_SIGMAS = 2.8
-"""Points with larger errors are outliers; 95 % of the good ones stay below, in two to three dimensions."""
-
 IN_FRONT_M = 0.05  # Points nearer than this, or behind the camera, are not visible
-
 ROUNDS = 10
 DAMPING = 1e-3  # Keeps the equations solvable when all points are on a line; negligible otherwise
 
 
-def transform(pose: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
+def transform(pose: Floats, points: Floats) -> Floats:
     """Points (n, 3) moved by a pose (4, 4)."""
     return np.asarray(points @ pose[:3, :3].T + pose[:3, 3])
 
 
-def project(camera: StereoCamera, points: NDArray[np.float64]) -> NDArray[np.float64]:
+def project(camera: StereoCamera, points: Floats) -> Floats:
     """Where points (n, 3) are seen: column and row in the left image, column in the right one, shape (n, 3)."""
     depth = np.maximum(points[:, 2], 1e-6)
     x = camera.focal_px * points[:, 0] / depth + camera.centre_px[0]
@@ -36,7 +33,7 @@ def project(camera: StereoCamera, points: NDArray[np.float64]) -> NDArray[np.flo
     return np.column_stack([x, y, x - camera.focal_px * camera.baseline_m / depth])
 
 
-def triangulate(camera: StereoCamera, seen: NDArray[np.float64]) -> NDArray[np.float64]:
+def triangulate(camera: StereoCamera, seen: Floats) -> Floats:
     """Points (n, 3) in the frame of the left camera from where they are seen, the inverse of `project`."""
     depth = camera.focal_px * camera.baseline_m / np.maximum(seen[:, 0] - seen[:, 2], 1e-3)
     x = (seen[:, 0] - camera.centre_px[0]) / camera.focal_px * depth
@@ -44,9 +41,7 @@ def triangulate(camera: StereoCamera, seen: NDArray[np.float64]) -> NDArray[np.f
     return np.column_stack([x, y, depth])
 
 
-def rough_pose(
-    camera: StereoCamera, points: NDArray[np.float64], seen: NDArray[np.float64]
-) -> NDArray[np.float64] | None:
+def rough_pose(camera: StereoCamera, points: Floats, seen: Floats) -> Floats | None:
     """The pose that takes points (n, 3) to the left camera, by RANSAC from where it sees them (n, 2); None for none."""
     if len(points) < 6:
         return None
@@ -63,12 +58,8 @@ def rough_pose(
 
 
 def refined_pose(
-    camera: StereoCamera,
-    pose: NDArray[np.float64],
-    points: NDArray[np.float64],
-    seen: NDArray[np.float64],
-    sigmas: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    camera: StereoCamera, pose: Floats, points: Floats, seen: Floats, sigmas: Floats
+) -> tuple[Floats, Flags]:
     """The pose with the smallest robust error (Gauss-Newton with Huber's weights), and the points that agree with it.
 
     `camera`: the stereo camera. `pose`: first guess. `points`: (n, 3), metres. `seen`: as `project` returns it; NaN
@@ -92,16 +83,14 @@ def refined_pose(
     return pose, length <= OUTLIER_SIGMAS
 
 
-def _errors(
-    camera: StereoCamera, local: NDArray[np.float64], seen: NDArray[np.float64], sigmas: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _errors(camera: StereoCamera, local: Floats, seen: Floats, sigmas: Floats) -> tuple[Floats, Floats]:
     """Seen minus expected in pixels (0 where not seen), and its length in sigmas, infinite behind the camera."""
     error = np.nan_to_num(seen - project(camera, local))
     length = np.linalg.norm(error, axis=1) / sigmas
     return error, np.where(local[:, 2] > IN_FRONT_M, length, np.inf)
 
 
-def _slopes(camera: StereoCamera, local: NDArray[np.float64]) -> NDArray[np.float64]:
+def _slopes(camera: StereoCamera, local: Floats) -> Floats:
     """How `project` changes with a small shift and turn of the points, shape (n, 3, 6)."""
     x, y = local[:, 0], local[:, 1]
     depth = np.maximum(local[:, 2], 1e-6)
@@ -124,11 +113,9 @@ def _slopes(camera: StereoCamera, local: NDArray[np.float64]) -> NDArray[np.floa
 
 
 KEYS = 3  # A pair is tied to this many key pairs and to the pair before it, so that their errors average out
-
+# A pair becomes a key pair when it shares fewer points with the last one than this part of the most so far, or than
+# `FEWEST_INLIERS`: one that nobody shares anything with is not the last for long.
 STALE_SHARE = 0.6
-"""A pair becomes a key pair when it shares fewer points with the last one than this part of the most so far, or than
-`FEWEST_INLIERS`: one that nobody shares anything with is not the last for long."""
-
 FEWEST_INLIERS = 20  # Fewer points may agree on a motion by chance
 USUAL_INTERVAL_S = 1 / 30  # Between pairs: what the next two hold for
 LARGEST_JUMP_M, LARGEST_JUMP_RAD = 0.02, 0.1  # A pose farther than this from where the motion so far leads is an error
@@ -141,10 +128,10 @@ PLACED_SIGMA = 0.4  # Of a point placed by its patch (pixels); three to four tim
 class _Key:
     """A pair that later ones are tied to: its features with depth, in its left image and in the first pair's frame."""
 
-    image: NDArray[np.uint8]
-    seen: NDArray[np.float64]
-    points: NDArray[np.float64]
-    descriptors: NDArray[np.uint8]
+    image: Greys
+    seen: Floats
+    points: Floats
+    descriptors: Greys
 
 
 class OrbOdometry:
@@ -171,7 +158,7 @@ class OrbOdometry:
         self._most_shared = 0
         self.features_px = self.inliers_px = np.empty((0, 2))
 
-    def track(self, left: NDArray[np.uint8], right: NDArray[np.uint8]) -> Tracked:
+    def track(self, left: Greys, right: Greys) -> Tracked:
         """See `StereoOdometry`."""
         cv2.setRNGSeed(self._seed)
         features = self._finder.find(left, right)
@@ -195,15 +182,13 @@ class OrbOdometry:
         lost = len(self._before.points) < FEWEST_INLIERS if first else tied is None
         return Tracked(pose.copy(), lost)
 
-    def _keep(self, pose: NDArray[np.float64], features: Features) -> _Key:
+    def _keep(self, pose: Floats, features: Features) -> _Key:
         deep = ~np.isnan(features.right_x)
         seen = np.column_stack([features.points, features.right_x])[deep]
         points = transform(pose, triangulate(self._camera, seen))
         return _Key(features.image, seen[:, :2], points, features.descriptors[deep])
 
-    def _tie(
-        self, features: Features, expected: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+    def _tie(self, features: Features, expected: Floats) -> tuple[Floats, Floats] | None:
         """Pose of a pair from what it shares with earlier ones, and where it sees the points of the last key pair.
 
         None when it shares too little or the pose is implausible.
@@ -223,9 +208,7 @@ class OrbOdometry:
         of_last = len(seen) - len(found[-1][0])
         return pose, seen[of_last:, :2][agree[of_last:]]
 
-    def _shared(
-        self, key: _Key, features: Features, expected: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    def _shared(self, key: _Key, features: Features, expected: Floats) -> tuple[Floats, Floats, Floats]:
         """Points of a key pair that this pair sees too, where (as `project` returns it), and how precisely."""
         local = transform(np.asarray(np.linalg.inv(expected), np.float64), key.points)
         where = project(self._camera, local)[:, :2]
@@ -241,7 +224,7 @@ class OrbOdometry:
         sigmas = np.where(good, PLACED_SIGMA, features.sigmas[here])
         return key.points[there], np.column_stack([seen, right_x]), sigmas
 
-    def _jumps(self, off: NDArray[np.float64]) -> bool:
+    def _jumps(self, off: Floats) -> bool:
         turn_rad, move_m = float(np.linalg.norm(cv2.Rodrigues(off[:3, :3])[0])), float(np.linalg.norm(off[:3, 3]))
         return turn_rad > self._reach * LARGEST_JUMP_RAD or move_m > self._reach * LARGEST_JUMP_M
 

@@ -12,8 +12,8 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from evaluation.arrays import Greys, Ints
 from evaluation.odometry.lap import odometry_stage
 from evaluation.odometry.stereo import StereoCamera, Tracked, images
 from evaluation.odometry.tracking import EVERY
@@ -83,7 +83,7 @@ class OrbSlam3:
         self._pose, self._start = np.eye(4), np.eye(4)
         self._lost = False
 
-    def track(self, left: NDArray[np.uint8], right: NDArray[np.uint8]) -> Tracked:
+    def track(self, left: Greys, right: Greys) -> Tracked:
         """The pose at the next pair; a lost pair has that of the pair before."""
         self._system.process_image_stereo(left, right, self._pairs * self._interval_s)
         self._pairs += 1
@@ -104,7 +104,7 @@ BRANCHES, LEVELS = 10, 4  # Ten thousand words at most: enough for a room
 ROUNDS = 6  # Of moving each centre to the majority of its nearest descriptors
 
 
-def write_vocabulary(descriptors: NDArray[np.uint8], file: Path, seed: int = 0) -> int:
+def write_vocabulary(descriptors: Greys, file: Path, seed: int = 0) -> int:
     """Cluster ORB descriptors (n, 32) into a tree and write it in DBoW2's text format; returns the number of nodes.
 
     The first line gives branches, levels, L1 score and TF-IDF weights. Each node then has a line, parents first: the
@@ -128,7 +128,7 @@ def write_vocabulary(descriptors: NDArray[np.uint8], file: Path, seed: int = 0) 
     return len(lines)
 
 
-def _clusters(bits: NDArray[np.uint8], rng: np.random.Generator) -> tuple[NDArray[np.uint8], NDArray[np.int64]]:
+def _clusters(bits: Greys, rng: np.random.Generator) -> tuple[Greys, Ints]:
     """Centres, and the one that each row of bits belongs to, none without rows: k-means with majorities."""
     centres = bits[rng.choice(len(bits), min(BRANCHES, len(bits)), replace=False)]
     nearest = np.zeros(len(bits), np.int64)
@@ -142,7 +142,6 @@ def _clusters(bits: NDArray[np.uint8], rng: np.random.Generator) -> tuple[NDArra
 
 
 TAUGHT_ROOM = 1  # Not one of the rooms in the report
-
 TAUGHT_FRAMES = range(0, 900, 30)
 
 
@@ -151,7 +150,7 @@ def write_taught_vocabulary(file: Path) -> None:
     write_vocabulary(_descriptors(), file)
 
 
-def _descriptors() -> NDArray[np.uint8]:
+def _descriptors() -> Greys:
     """ORB descriptors of a lap in even light, (n, 32)."""
     stage, orb, seen = odometry_stage("even", TAUGHT_ROOM, 0, 0), cv2.ORB.create(1000), []
     for frame in TAUGHT_FRAMES:

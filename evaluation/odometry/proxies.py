@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from autoexpose_daemon.control.metrics.gradient import GradientMetric
 from autoexpose_daemon.control.metrics.quality import CombinedQuality
 from autoexpose_daemon.control.metrics.weighted_gradients import entropy, entropy_weighted_gradient, median_gradient
 from autoexpose_daemon.control.picture.image import ImagePreparation
+from evaluation.arrays import Greys
 from evaluation.odometry.stereo import images
 from imaging.frames import StereoPair
 
@@ -41,11 +41,7 @@ class StereoMatcher:
         self._matcher = cv2.BFMatcher(cv2.NORM_HAMMING)
 
     def match(
-        self,
-        left: NDArray[np.uint8],
-        right: NDArray[np.uint8],
-        left_weights: NDArray[np.uint8] | None = None,
-        right_weights: NDArray[np.uint8] | None = None,
+        self, left: Greys, right: Greys, left_weights: Greys | None = None, right_weights: Greys | None = None
     ) -> StereoMatches:
         """Match two uint8 images of shape (height, width); features are looked for where weights are not 0."""
         left_points, left_descriptors = self._orb.detectAndCompute(left, left_weights)

@@ -8,14 +8,13 @@ from typing import Protocol
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from evaluation.arrays import Floats, Greys
 from fake_camera.world.render.renderer import Pinhole
 from fake_camera.world.scene.path import BASELINE_M
 from imaging.frames import StereoPair
 
 GAMMA = 0.3  # Brightens the dark parts before features are detected (Begin & Hunter 2022, section 3.1)
-
 _CONTRAST = np.rint(255.0 * (np.arange(256) / 255.0) ** GAMMA).astype(np.uint8)
 
 
@@ -39,26 +38,26 @@ class Tracked:
     """What odometry returns for one pair."""
 
     # Pose of the left camera in the frame of the first one: the matrix (4, 4) that takes its coordinates (m) there.
-    pose: NDArray[np.float64]
+    pose: Floats
     lost: bool  # whether the pose is a guess, because the pair could not be tied to an earlier one
 
 
 class StereoOdometry(Protocol):
     """Follows a stereo camera from pair to pair."""
 
-    def track(self, left: NDArray[np.uint8], right: NDArray[np.uint8]) -> Tracked:
+    def track(self, left: Greys, right: Greys) -> Tracked:
         """The pose at the next pair of images, uint8 (height, width), as `prepared` makes them.
 
         Always answers: a pair that cannot be tracked gets a guess and is marked as lost.
         """
 
 
-def images(pair: StereoPair) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+def images(pair: StereoPair) -> tuple[Greys, Greys]:
     """Both images of a complete pair as odometry gets them."""
     return prepared(pair.frames["left"].grey8()), prepared(pair.frames["right"].grey8())
 
 
-def prepared(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def prepared(image: Greys) -> Greys:
     """An image as the paper gives it to odometry: 3x3 median, then a gamma of 0.3."""
     return np.asarray(cv2.LUT(cv2.medianBlur(image, 3), _CONTRAST), np.uint8)
 
@@ -68,8 +67,8 @@ TOLERANCE = 0.1  # By which share a sub-trajectory's length may be off
 
 
 def relative_errors_mm(
-    truth: Sequence[NDArray[np.float64]],
-    estimate: Sequence[NDArray[np.float64]],
+    truth: Sequence[Floats],
+    estimate: Sequence[Floats],
     length_m: float = SUB_TRAJECTORY_M,
     tolerance: float = TOLERANCE,
 ) -> list[float]:

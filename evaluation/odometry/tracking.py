@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from evaluation.arrays import Floats
 from evaluation.odometry.stereo import StereoOdometry, images, relative_errors_mm
 from evaluation.stage.delayed_loop import DelayedLoop, Entrant
 from evaluation.stage.oracle import Oracle, best_start
@@ -28,9 +28,9 @@ class TrackedRun:
     entrant: Entrant
     delayed: DelayedLoop
     odometry: StereoOdometry
-    estimate: list[NDArray[np.float64]] = field(default_factory=list)
+    estimate: list[Floats] = field(default_factory=list)
     lost: list[bool] = field(default_factory=list)
-    truth: list[NDArray[np.float64]] = field(default_factory=list)
+    truth: list[Floats] = field(default_factory=list)
 
     def errors_mm(self) -> list[float]:
         """Translation RPE of each sub-trajectory; guesses for lost pairs count like any pose."""
@@ -98,11 +98,11 @@ def lost_for_good(lost: Sequence[bool]) -> bool:
     return False
 
 
-def _from_above(pose: NDArray[np.float64]) -> list[float]:
+def _from_above(pose: Floats) -> list[float]:
     return [round(1e3 * float(pose[0, 3]), 2), round(1e3 * float(pose[2, 3]), 2)]
 
 
-def true_pose(stage: Stage, setting: ExposureSetting) -> NDArray[np.float64]:
+def true_pose(stage: Stage, setting: ExposureSetting) -> Floats:
     """Where the left camera is in the middle of an exposure of the present frame."""
     view = stage.views["left"]
     assert isinstance(view, RoomView)

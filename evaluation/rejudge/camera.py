@@ -9,9 +9,9 @@ from typing import Any, cast
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
+from evaluation.arrays import Floats, Floats32, Greys
 from evaluation.odometry.stereo import StereoCamera
 from evaluation.rejudge.drive import Timeline
 from imaging.exposure import ExposureSetting, linear_gain
@@ -21,25 +21,18 @@ from imaging.pixels import Pixels
 from imaging.python310 import exp2
 from imaging.response import ResponseFunction, greys_of_codes
 
-Plane = NDArray[np.float32]
-
+Plane = Floats32
+# Shares of full scale between which a sample loses its weight: noise lets some of the pixels near saturation clip.
 FULL, CLEAR = 0.95, 0.85
-"""Shares of full scale between which a sample loses its weight: noise lets some of the pixels near saturation clip."""
-
+# What a frame saturates is taken to be a stop brighter: so it stays saturated in one that is a little darker.
 HIDDEN = 2.0
-"""What a frame saturates is taken to be a stop brighter: so it stays saturated in one that is a little darker."""
-
+# Codes above black between which rounding stops counting in full: where noise is less than a code, all samples of one
+# light are rounded alike, which no mean over them mends.
 ROUNDED, FINE = 3.0, 8.0
-"""Codes above black between which rounding stops counting in full: where noise is less than a code, all samples of one
-light are rounded alike, which no mean over them mends."""
-
 USUAL = 0.1  # The light by which frames are weighed, as a share of full scale at the middle of their levels
-
+# Light up to this share of full scale is exposed with its noise, which can make a sample less than full.
 BRIGHTEST = 1.5
-"""Light up to this share of full scale is exposed with its noise, which can make a sample less than full."""
-
 _STEPS = 4096  # Entries of the tables over light, evenly spaced in its root: noise is about the same in all of them
-
 _POOL = 1 << 22
 
 
@@ -112,10 +105,10 @@ class Exposer:
         missing += code[index]
         shift = bit_depth - 8
         full = ((self._response.saturation + 1) << shift) - 1
-        rounded: NDArray[np.float32] = np.rint(np.clip(missing, 0, full))
+        rounded: Floats32 = np.rint(np.clip(missing, 0, full))
         return rounded.astype(np.uint16) if shift else rounded.astype(np.uint8)
 
-    def _shares(self, frame: Frame) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def _shares(self, frame: Frame) -> tuple[Floats, Floats]:
         """Share of full scale behind every code of a frame, 0..1, and its variance."""
         codes = np.arange(1 << frame.bit_depth)
         share = self._response.light(greys_of_codes(codes, frame.bit_depth))
@@ -150,12 +143,12 @@ def _tables(response: ResponseFunction, noise: SensorNoise, gain_db: float, bit_
     return tuple(table.astype(np.float32) for table in (code, slope, variance))
 
 
-def _codes_of_greys(grey: NDArray[np.float64], shift: int) -> NDArray[np.float64]:
+def _codes_of_greys(grey: Floats, shift: int) -> Floats:
     """The inverse of `greys_of_codes`."""
     return grey * (1 << shift) + ((1 << shift) - 1) / 2.0
 
 
-def _look_up(table: NDArray[np.float64], codes: Pixels) -> Plane:
+def _look_up(table: Floats, codes: Pixels) -> Plane:
     entries = table.astype(np.float32)
     if codes.dtype == np.uint8:
         return cast(Plane, cv2.LUT(codes, entries))
@@ -239,7 +232,7 @@ class RecordedCameras:
         return self._lights[key]
 
 
-Image = NDArray[np.uint8]
+Image = Greys
 
 
 class Rectifier:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.loop import REFERENCE_RATE_HZ, ControlLoop, ControlSetup
 from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
+from evaluation.arrays import Greys
 from evaluation.odometry.proxies import StereoMatcher
 from evaluation.rejudge.camera import FAR_STOPS, Exposer, Made, RecordedCameras, Rectifier
 from evaluation.rejudge.drive import Drive
@@ -149,10 +150,9 @@ def _mean(decisions: list[Decision], name: str) -> float:
     return float(values.mean())
 
 
+# An error is greater than the least one if they differ by so many standard errors, by the parts of the drive; those
+# that are not are alike, and more matches decide.
 SURE = 2.0
-"""An error is greater than the least one if they differ by so many standard errors, by the parts of the drive; those
-that are not are alike, and more matches decide."""
-
 LOST_MORE = 0.05  # A policy that loses a larger share of the pairs than the best one by this is not recommended
 PICTURES = 6  # Instants at which pictures are kept for the report
 
@@ -174,7 +174,7 @@ class Outcome:
 
     figures: Figures
     levels: Sequence[float]
-    pictures: Sequence[NDArray[np.uint8]]
+    pictures: Sequence[Greys]
     captions: Sequence[str]
 
 
@@ -189,7 +189,7 @@ def play(one: Round) -> list[Outcome]:
         for policy in one.policies
     ]
     shown = set(np.linspace(0, len(timeline.glimpses) - 1, PICTURES + 2).round().astype(int)[1:-1].tolist())
-    pictures: list[list[NDArray[np.uint8]]] = [[] for _ in runs]
+    pictures: list[list[Greys]] = [[] for _ in runs]
     captions: list[list[str]] = [[] for _ in runs]
     cameras = RecordedCameras(timeline, exposers(drive))
     for number, pair_at in drive.pairs():

@@ -18,20 +18,16 @@ from imaging.geometry import CameraGeometry
 from imaging.pixels import plane_shape
 from imaging.python310 import exp2
 
+# Cycles before and after an instant from which a shot may stand for it: the ladder needs one to follow a jump of the
+# light, and all shots of that cycle may be saturated.
 REACH = 2
-"""Cycles before and after an instant from which a shot may stand for it: the ladder needs one to follow a jump of the
-light, and all shots of that cycle may be saturated."""
-
 EMPTY = 0.98  # A shot with a larger share of saturated places shows nothing
-
+# A larger change of the light of the median pixel, from one shot to the next that knows it, is a jump of the light.
 JUMP_STOPS = 1.0
-"""A larger change of the light of the median pixel, from one shot to the next that knows it, is a jump of the light."""
-
 STOPS_PER_FRAME = 0.05  # What a shot is farther off in time counts against this much off in level
-
+# What a brighter shot saturates that the wanted exposure would not: a hundredth of the picture counts like a fifth of a
+# stop.
 STOPS_PER_CLIPPED = 20.0
-"""What a brighter shot saturates that the wanted exposure would not: a hundredth of the picture counts like a fifth of
-a stop."""
 
 
 @dataclass(frozen=True, slots=True)

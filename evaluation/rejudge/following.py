@@ -15,10 +15,10 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
 from documents.files import read_text
+from evaluation.arrays import Floats, Greys
 from evaluation.odometry.orb import OrbOdometry
 from evaluation.odometry.orb_slam3 import PACKAGE, OrbSlam3, installed, silent, write_taught_vocabulary
 from evaluation.odometry.stereo import SUB_TRAJECTORY_M, StereoCamera, StereoOdometry, prepared, relative_errors_mm
@@ -27,12 +27,9 @@ from imaging.errors import AutoexposeError, ConfigurationError
 LONGEST_GAP_S = 1.0  # Poses farther apart than this say nothing about the time between them
 MOST_PARTS, PART_LENGTHS = 8, 4.0  # A drive is divided into parts of at least so many sub-trajectories
 FEWEST_LENGTHS = 2.0  # A part in which the camera moves by fewer has no error
-
+# A sub-trajectory is at least as long as the camera moves in this many steps, else no two poses are one apart.
 LENGTH_STEPS = 2.5
-"""A sub-trajectory is at least as long as the camera moves in this many steps, else no two poses are one apart."""
-
 TOLERANCE = 0.4  # By which share its length may be off
-
 _UNIT = 0.9, 1.1
 _LATEST_S = 1e11  # Times of day are about 1.8e9 s
 _LONGEST_BYTES = 1 << 28
@@ -46,10 +43,10 @@ class TooFewPosesError(ConfigurationError):
 class Trajectory:
     """Poses in order of time."""
 
-    times_s: NDArray[np.float64]  # seconds, increasing, float64, shape (n,)
-    poses: NDArray[np.float64]  # camera to world, metres, float64, shape (n, 4, 4)
+    times_s: Floats  # seconds, increasing, float64, shape (n,)
+    poses: Floats  # camera to world, metres, float64, shape (n, 4, 4)
 
-    def at(self, time_s: float) -> NDArray[np.float64] | None:
+    def at(self, time_s: float) -> Floats | None:
         """The pose at a time, between its neighbours; None outside, or where they are more than a second apart."""
         after = int(np.searchsorted(self.times_s, time_s))
         if after < len(self.times_s) and self.times_s[after] == time_s:
@@ -84,7 +81,7 @@ class Reference:
         """Mean translation RPE of an estimate in each part, mm; NaN where too little is known, or nothing moved."""
         begin_s, end_s = float(self.trajectory.times_s[0]), float(self.trajectory.times_s[-1])
         part_s = (end_s - begin_s) / self.parts * (1 + 1e-9)
-        known: list[list[tuple[NDArray[np.float64], NDArray[np.float64]]]] = [[] for _ in range(self.parts)]
+        known: list[list[tuple[Floats, Floats]]] = [[] for _ in range(self.parts)]
         for time_s, found in zip(estimate.times_s, estimate.poses, strict=True):
             true = self.trajectory.at(float(time_s))
             if true is not None:
@@ -92,7 +89,7 @@ class Reference:
         return [_error_mm(part, self.length_m) for part in known]
 
 
-def _error_mm(known: Sequence[tuple[NDArray[np.float64], NDArray[np.float64]]], length_m: float) -> float:
+def _error_mm(known: Sequence[tuple[Floats, Floats]], length_m: float) -> float:
     """Of true and found poses, one after the other."""
     truth, estimate = [true for true, _ in known], [found for _, found in known]
     if sum(_apart_m(a, b) for a, b in pairwise(truth)) < FEWEST_LENGTHS * length_m:
@@ -105,7 +102,7 @@ def _error_mm(known: Sequence[tuple[NDArray[np.float64], NDArray[np.float64]]], 
         return math.nan
 
 
-def _apart_m(first: NDArray[np.float64], second: NDArray[np.float64]) -> float:
+def _apart_m(first: Floats, second: Floats) -> float:
     return float(np.linalg.norm(second[:3, 3] - first[:3, 3]))
 
 
@@ -158,7 +155,7 @@ def tum(trajectory: Trajectory) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _between(first: NDArray[np.float64], second: NDArray[np.float64], share: float) -> NDArray[np.float64]:
+def _between(first: Floats, second: Floats, share: float) -> Floats:
     """A pose between two: straight, and turning evenly."""
     turns = Slerp([0.0, 1.0], Rotation.from_matrix([first[:3, :3], second[:3, :3]]))
     pose = np.eye(4)
@@ -168,11 +165,9 @@ def _between(first: NDArray[np.float64], second: NDArray[np.float64], share: flo
 
 
 IN_HOUSE, ORB_SLAM3 = "in-house", "orbslam3"
-
+# Our processes ignore Ctrl-C and are ended by their parent; what they have started must not outlive them.
 _ENDS_WITH_US = ("setpriv", "--pdeathsig", "TERM", "env", "--default-signal=INT")
-"""Our processes ignore Ctrl-C and are ended by their parent; what they have started must not outlive them."""
-
-Image = NDArray[np.uint8]
+Image = Greys
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -204,7 +199,7 @@ class OdometryFollower(Follower):
     def __init__(self, odometry: StereoOdometry) -> None:
         self._odometry = odometry
         self._times_s: list[float] = []
-        self._poses: list[NDArray[np.float64]] = []
+        self._poses: list[Floats] = []
         self._lost: list[bool] = []
 
     def look(self, left: Image, right: Image, time_s: float) -> None:
@@ -325,5 +320,5 @@ class Following:
         return CommandFollower(self.odometry, self.folder / name, self.camera)
 
 
-def _trajectory(times_s: list[float], poses: list[NDArray[np.float64]]) -> Trajectory:
+def _trajectory(times_s: list[float], poses: list[Floats]) -> Trajectory:
     return Trajectory(np.array(times_s), np.array(poses).reshape(-1, 4, 4))

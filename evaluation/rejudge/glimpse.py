@@ -8,22 +8,19 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from autoexpose_daemon.control.decision import Decision
+from evaluation.arrays import Floats32, Greys
 from imaging.exposure import ExposureSetting
 from imaging.frames import Side, StereoPair
 from imaging.response import GREY_LEVELS, ResponseFunction
 
+# Stillness is looked for at this size: noise averages out, and what moves by a pixel of it is far from still.
 SMALL = (90, 68)
-"""Stillness is looked for at this size: noise averages out, and what moves by a pixel of it is far from still."""
-
 FAINT, BRIGHT = 0.02, 0.9  # Shares of full scale between which light is known
-
+# In nine of ten places, light of a still picture differs by less from a cycle to the next: 0.08 with the noise of a dim
+# room. An edge of two stops that moves by a pixel changes its place by twice as much.
 STILL_STOPS = 0.12
-"""In nine of ten places, light of a still picture differs by less from a cycle to the next: 0.08 with the noise of a
-dim room. An edge of two stops that moves by a pixel changes its place by twice as much."""
-
 COMPARED = 0.1  # Share of full scale above which places are compared: below, a grey level is too large a step
 
 
@@ -39,7 +36,7 @@ class Glimpse:
     decided: ExposureSetting  # the setting that was decided on it
     # Share of all pixels with at least each share of full scale: ``above[i]`` for that of grey level i; float32, shape
     # (257,).
-    above: NDArray[np.float32]
+    above: Floats32
     median_share: float  # that of the median pixel of the reference frame
     repeats: bool | None  # whether it shows the light that the pair a cycle earlier shows; None where nothing tells
 
@@ -70,7 +67,7 @@ class Watcher:
         greys = np.arange(GREY_LEVELS, dtype=np.float64)
         self._shares = {side: response.light(greys) for side, response in responses.items()}
         self._full = {side: response.saturation for side, response in responses.items()}
-        self._before: deque[tuple[float, dict[Side, NDArray[np.float32]]]] = deque(maxlen=cycle)
+        self._before: deque[tuple[float, dict[Side, Floats32]]] = deque(maxlen=cycle)
 
     def look(self, pair: StereoPair, decision: Decision, time_s: float) -> Glimpse:
         """The glimpse of the next pair, of a time."""
@@ -99,7 +96,7 @@ class Watcher:
             repeats,
         )
 
-    def _seen(self, side: Side, grey: NDArray[np.uint8]) -> NDArray[np.float32]:
+    def _seen(self, side: Side, grey: Greys) -> Floats32:
         """Share of full scale by place, float32; saturated where any pixel of a place is."""
         share = np.asarray(self._shares[side][cv2.resize(grey, SMALL, interpolation=cv2.INTER_AREA)], np.float32)
         _, full = cv2.threshold(grey, self._full[side] - 1, 255, cv2.THRESH_BINARY)
@@ -107,7 +104,7 @@ class Watcher:
         return share
 
 
-def _alike(share: NDArray[np.float32], before: NDArray[np.float32] | None, stops: float) -> bool | None:
+def _alike(share: Floats32, before: Floats32 | None, stops: float) -> bool | None:
     """Whether two pictures show the same light, the first with so many stops more; None where no place tells."""
     if before is None:
         return False

@@ -14,15 +14,14 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import cv2
-import numpy as np
 import typer
-from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
 from autoexpose_daemon.control.policies.ids import POLICY_IDS, check_policy_id
 from documents.files import check_writable
 from documents.text import readable
+from evaluation.arrays import Greys
 from evaluation.long_runs import LongProgress
 from evaluation.pool import over_processes
 from evaluation.rejudge.contest import Figures, Outcome, Round, document, first_setting, follow_best_shots, play
@@ -66,7 +65,7 @@ def write_report(drive: Drive, outcomes: Sequence[Outcome], result: Mapping[str,
         raise AutoexposeError(f"{page} cannot be written: {readable(str(error.strerror))}") from error
 
 
-def _jpeg(picture: NDArray[np.uint8]) -> str:
+def _jpeg(picture: Greys) -> str:
     height = round(WIDTH * picture.shape[0] / picture.shape[1])
     small = cv2.resize(picture, (WIDTH, height), interpolation=cv2.INTER_AREA)
     return base64.b64encode(cv2.imencode(".jpg", small)[1].tobytes()).decode()

@@ -33,7 +33,6 @@ from imaging.response import ResponseFunction
 
 LIST = "frames.csv"
 COLUMNS = ("file", "side", "time_s", "exposure_time_us", "gain_db")
-
 SAME_STOPS = 0.05
 MOST_SHOTS = 12
 _LONGEST_BYTES = 1 << 27

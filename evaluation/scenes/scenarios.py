@@ -12,9 +12,8 @@ from evaluation.scenes.views import Gaze
 from fake_camera.world.lighting import Change, Flicker, LightScript
 
 RATE_HZ = 60.0
+# Not scored: half a second from the best exposure of the first frame to the one that a policy prefers.
 WARM_UP_FRAMES = 30
-"""Not scored: half a second from the best exposure of the first frame to the one that a policy prefers."""
-
 STEP_FACTOR = 150.0  # Ratio of the light before and after a step
 
 

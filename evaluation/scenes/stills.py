@@ -7,11 +7,12 @@ from functools import lru_cache
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-Still = NDArray[np.float32]
+from evaluation.arrays import Floats32
+
+Still = Floats32
+# (rng, width, height) -> radiance per lux, float32, (height, width), mostly around 0.2.
 Painter = Callable[[np.random.Generator, int, int], Still]
-"""(rng, width, height) -> radiance per lux, float32, (height, width), mostly around 0.2."""
 
 
 def leaves(rng: np.random.Generator, width: int, height: int) -> Still:

@@ -10,8 +10,8 @@ from typing import Literal, Protocol
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from evaluation.arrays import Floats, Floats32
 from evaluation.scenes.stills import PAINTERS, Still, leaves, painting
 from fake_camera.world.render.renderer import Pinhole, Renderer, Surface
 from fake_camera.world.scene.panorama import load_radiance
@@ -22,18 +22,15 @@ from fake_camera.world.scene.textures import Pattern, lampshade
 from fake_camera.world.simulation import RoomView, Side
 
 CAMERA = Pinhole()
-
+# Where the camera looks at a time (s): an angle in radians from the heading of the scene, positive to the left.
 Gaze = Callable[[float], float]
-"""Where the camera looks at a time (s): an angle in radians from the heading of the scene, positive to the left."""
-
 WINDOW_HEADING_RAD = -math.pi / 2  # The room's window is in its south wall
 NEAR_WINDOW_M = (-0.2, -0.75)  # From here the window fills the view, with no furniture in between
 OPENING = (600, 860)  # Height and width (pixels) of the window in stills: larger than the view
 OUTDOORS_LUX = 1000.0  # Light outside the window of stills, 8 stops above the 4 lux inside
 DISPARITY_PX = 24.0  # Of stills, where everything is at one distance
-
+# Width and height of stills (pixels): room for the widest pan, one radian to either side, plus the view.
 STILL_SIZE = (3000, 700)
-"""Width and height of stills (pixels): room for the widest pan, one radian to either side, plus the view."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +41,7 @@ class GazePath(CameraPath):
     place_m: tuple[float, float] = (0.0, 0.0)
     heading_rad: float = 0.0
 
-    def pose(self, time_s: float) -> NDArray[np.float64]:
+    def pose(self, time_s: float) -> Floats:
         """Pose of the left camera, camera to world, shape (4, 4)."""
         angle = self.gaze(time_s)
         yaw = self.heading_rad + angle
@@ -62,7 +59,7 @@ class Scene(Protocol):
     def image_shift_px(self, start_s: float, end_s: float) -> float:
         """About how far the image moves between two instants, in pixels."""
 
-    def radiance(self, times_s: NDArray[np.float64], lux: float) -> NDArray[np.float32]:
+    def radiance(self, times_s: Floats, lux: float) -> Floats32:
         """Mean radiance over the instants in lux times reflectance, shape (height, width); affine in `lux`."""
 
 
@@ -73,9 +70,7 @@ class StillView:
     light, same shape, or None. `gaze`: where the camera looks; 0 is the middle of the still. `side`: "left" or "right".
     """
 
-    def __init__(
-        self, interior: NDArray[np.float32], outdoors: NDArray[np.float32] | None, gaze: Gaze, side: Side
-    ) -> None:
+    def __init__(self, interior: Floats32, outdoors: Floats32 | None, gaze: Gaze, side: Side) -> None:
         self._interior, self._outdoors, self._gaze = interior, outdoors, gaze
         self._shift_px = DISPARITY_PX if side == "right" else 0.0
 
@@ -83,7 +78,7 @@ class StillView:
         """How far the image moves between two instants, in pixels."""
         return CAMERA.focal_px * abs(self._gaze(end_s) - self._gaze(start_s))
 
-    def radiance(self, times_s: NDArray[np.float64], lux: float) -> NDArray[np.float32]:
+    def radiance(self, times_s: Floats, lux: float) -> Floats32:
         """Mean radiance over the instants in lux times reflectance, shape (height, width); affine in `lux`."""
         total = np.zeros((CAMERA.height, CAMERA.width), np.float32)
         for time_s in times_s:
@@ -93,7 +88,7 @@ class StillView:
         total /= np.float32(len(times_s))
         return total
 
-    def _at(self, still: NDArray[np.float32], time_s: float) -> NDArray[np.float32]:
+    def _at(self, still: Floats32, time_s: float) -> Floats32:
         rows, columns = still.shape
         centre = (columns / 2 - CAMERA.focal_px * self._gaze(time_s) + self._shift_px, rows / 2)
         return np.asarray(cv2.getRectSubPix(still, (CAMERA.width, CAMERA.height), centre), np.float32)
@@ -125,7 +120,7 @@ def build_views(scene: str, seed: int, gaze: Gaze, at_window: bool) -> dict[Side
     return {side: StillView(interior, outdoors, turned, side) for side in ("left", "right")}
 
 
-def _still(scene: str, seed: int, at_window: bool) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
+def _still(scene: str, seed: int, at_window: bool) -> tuple[Floats32, Floats32 | None]:
     """Interior and outdoors of a painting or picture."""
     interior = painting(scene, seed, *STILL_SIZE) if scene in PAINTERS else _wide(load_radiance(Path(scene)))
     if not at_window:
@@ -142,7 +137,7 @@ def _still(scene: str, seed: int, at_window: bool) -> tuple[NDArray[np.float32],
     return interior, outdoors
 
 
-def _wide(picture: NDArray[np.float32]) -> NDArray[np.float32]:
+def _wide(picture: Floats32) -> Floats32:
     """A picture enlarged to the height of stills and mirrored at its sides until it is wide enough."""
     scale = max(1.0, STILL_SIZE[1] / picture.shape[0])
     size = (math.ceil(picture.shape[1] * scale), math.ceil(picture.shape[0] * scale))
@@ -152,27 +147,19 @@ def _wide(picture: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 Feature = Literal["plain", "window", "lamps"]  # What there is beside walls and cartons
-
+# East to west, north to south, floor to ceiling: the furnished room at the scale of `evaluation.odometry.lap`.
 LENGTH_M, WIDTH_M, HEIGHT_M = 3.0, 2.4, 1.32
-"""East to west, north to south, floor to ceiling: the furnished room at the scale of `evaluation.odometry.lap`."""
-
 TEXELS_PER_M = 680.0  # About one texel per pixel at 1.2 m
 LEVEL_TEXELS_PER_M = 340.0  # Of floor and ceiling, which are seen at a slant
-
+# Largest size of the pieces into which pictures are cut (texels): no picture repeats over the whole of a wall.
 TILE = 360
-"""Largest size of the pieces into which pictures are cut (texels): no picture repeats over the whole of a wall."""
-
 DARKEST, BRIGHTEST = 0.03, 0.9  # Reflectance: black ink and white paper
-
+# Between the 1st and the 99th percentile of a wall: all that a surface can have, or plaster and faded paint.
 HIGH_STOPS, LOW_STOPS = math.log2(BRIGHTEST / DARKEST), 1.7
-"""Between the 1st and the 99th percentile of a wall: all that a surface can have, or plaster and faded paint."""
-
 CARTONS = 8  # So many that every view has something near: before a bare wall, turning and moving sideways look alike
-
+# Width and height of the window, its height above the floor, and its distance from the middle of the room. It is a bay
+# with a dark frame, so that it fits before any bearing.
 WINDOW_M, SILL_M, WINDOW_AWAY_M = (0.55, 0.6), 0.15, 1.0
-"""Width and height of the window, its height above the floor, and its distance from the middle of the room. It is a bay
-with a dark frame, so that it fits before any bearing."""
-
 _FRAME = 0.002  # Share of the window's light that its frame shows
 
 
@@ -274,7 +261,7 @@ def _lamps(bearing_rad: float) -> list[Surface]:
     """Two lamps on poles, one on either side of a bearing."""
     surfaces = []
     for side in (-0.3, 0.3):
-        at: NDArray[np.float64] = 0.85 * np.array([math.cos(bearing_rad + side), math.sin(bearing_rad + side)])
+        at: Floats = 0.85 * np.array([math.cos(bearing_rad + side), math.sin(bearing_rad + side)])
         shade = [lampshade(128, 128) * np.float32(LAMP_RADIANCE)] * 4
         surfaces += block(at, (0.12, 0.12), 20.0, (0.4, 0.55), shade)
         surfaces += block(at, (0.02, 0.02), 20.0, (0.0, 0.4), [np.full((64, 8), 0.25, np.float32)] * 4)

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from evaluation.arrays import Floats32, Greys
 from fake_camera.imaging import ImageSettings
 from fake_camera.world.response import CURVES
 from fake_camera.world.sensor import DEFAULT_F_NUMBER, Sensor, SensorModel
@@ -19,9 +19,8 @@ from imaging.python310 import exp2
 from imaging.response import ResponseFunction
 
 LIMITS = ExposureLimits(min_time_us=20.0, max_time_us=7500.0, min_gain_db=0.0, max_gain_db=30.0)
-
-Image = NDArray[np.uint8]
-Radiance = NDArray[np.float32]
+Image = Greys
+Radiance = Floats32
 
 
 class SimulatedCamera:

@@ -6,7 +6,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from autoexpose_daemon.control.balance import Balance, ExposurePriority
 from autoexpose_daemon.control.metrics.contrast import Contrast, GreyBins, contrast
@@ -15,6 +14,7 @@ from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise, response
 from autoexpose_daemon.control.parameters import ControlParameters
 from autoexpose_daemon.control.picture.image import ImagePreparation
 from autoexpose_daemon.control.policy import Objective
+from evaluation.arrays import Floats, Ints
 from evaluation.stage.camera import LIMITS, Image, time_first
 from evaluation.stage.rendering import Stage
 from fake_camera.world.simulation import Side
@@ -22,16 +22,14 @@ from imaging.exposure import ExposureSetting, linear_gain
 from imaging.python310 import exp2
 from imaging.response import GREY_LEVELS, ResponseFunction
 
+# Grey levels of contrast that feature detectors and matchers lose besides noise, as the default policy has it.
 FRONT_END_DN = 6.0
-"""Grey levels of contrast that feature detectors and matchers lose besides noise, as the default policy has it."""
-
 QUANTISATION = 1 / 12  # Variance of rounding to whole grey levels
 FLATTEST_SHARE = 0.1  # The flattest tenth of the cells shows how much noise there is at most ..
-
 LEAST_READABLE = 0.5
+# ... of those with so much of their weight neither black nor saturated, and with so much noise expected (squared grey
+# levels): what is clipped shows no noise, and rounding hides less than half a grey level of it.
 LEAST_VARIANCE = 0.25
-"""... of those with so much of their weight neither black nor saturated, and with so much noise expected (squared grey
-levels): what is clipped shows no noise, and rounding hides less than half a grey level of it."""
 
 
 class Information:
@@ -76,9 +74,7 @@ class Information:
         return float(np.sqrt(np.maximum(of_cells, 0.0) * mean_pixel).sum() / cells)
 
 
-def share_of_noise(
-    shown: NDArray[np.float64], expected: NDArray[np.float64], weight: NDArray[np.float64], by_cell: NDArray[np.float64]
-) -> float:
+def share_of_noise(shown: Floats, expected: Floats, weight: Floats, by_cell: Floats) -> float:
     """The actual noise as a share of the noise expected, at most 1: the flattest cells have no more.
 
     A sensor better than the one configured would otherwise seem to see nothing in the dark. By cell: energy shown,
@@ -90,7 +86,7 @@ def share_of_noise(
     return min(float(np.quantile(shown[telling] / expected[telling], FLATTEST_SHARE)), 1.0)
 
 
-def variance_of(noise_dn2: NDArray[np.float64], pixels: float) -> NDArray[np.float64]:
+def variance_of(noise_dn2: Floats, pixels: float) -> Floats:
     """Variance of the image that control sees, each pixel of which is the rounded mean of `pixels` of the sensor's.
 
     `noise_dn2` is the variance from photons and read noise in a frame before rounding; all in squared grey levels.
@@ -104,10 +100,8 @@ LEVELS = np.arange(LIMITS.darkest.level, LIMITS.brightest.level + GRID_STOPS / 2
 COARSE = 3  # Every third level is tried first: 0.375 stops apart, while plateaus are 0.5 to 3.5 stops wide
 PROMISING = 0.85  # Hills of the coarse curve that reach this share of its maximum are searched on the full grid
 PLATEAU = 0.99  # The best level is the middle of those that reach this share of the maximum
-
-
+# For the best time and gain of all: at each level the time that is at most one of these, the rest gain.
 LONGEST_TIMES_US = LIMITS.max_time_us * 0.5 ** np.arange(6)
-"""For the best time and gain of all: at each level the time that is at most one of these, the rest gain."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -191,7 +185,7 @@ class Oracle:
             self._known.clear()
             self._values.clear()
 
-    def _search(self, settings: tuple[ExposureSetting, ...]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def _search(self, settings: tuple[ExposureSetting, ...]) -> tuple[Floats, Floats]:
         """The levels tried, (n,), and what each camera's image is worth there, (n, cameras)."""
         curve = np.full((len(LEVELS), len(self._sides)), np.nan)
         coarse = np.arange(0, len(LEVELS), 1 if self._exhaustive else COARSE)
@@ -204,9 +198,7 @@ class Oracle:
         tried = np.flatnonzero(~np.isnan(curve[:, 0]))
         return LEVELS[tried], curve[tried]
 
-    def _try(
-        self, settings: tuple[ExposureSetting, ...], curve: NDArray[np.float64], places: NDArray[np.int64]
-    ) -> None:
+    def _try(self, settings: tuple[ExposureSetting, ...], curve: Floats, places: Ints) -> None:
         for place in places:
             setting = settings[place]
             if setting not in self._values:
@@ -225,20 +217,20 @@ def rounded_motion(motion_px: float) -> float:
     return 0.0 if motion_px < 0.5 else 2.0 ** (round(2.0 * math.log2(motion_px)) / 2.0)
 
 
-def _best(levels: NDArray[np.float64], curve: NDArray[np.float64]) -> Best:
+def _best(levels: Floats, curve: Floats) -> Best:
     joint = _joint(curve)
     good = levels[joint >= PLATEAU * joint.max()]
     return Best(float(good.mean()), tuple(curve.max(axis=0).tolist()), float(joint.max()))
 
 
-def _hills(values: NDArray[np.float64]) -> NDArray[np.int64]:
+def _hills(values: Floats) -> Ints:
     """Indices of the local maxima that reach `PROMISING` of the largest."""
     padded = np.concatenate([[-1.0], values, [-1.0]])
     highest = (values >= padded[:-2]) & (values >= padded[2:]) & (values >= PROMISING * values.max()) & (values > 0)
     return np.flatnonzero(highest)
 
 
-def _joint(curve: NDArray[np.float64]) -> NDArray[np.float64]:
+def _joint(curve: Floats) -> Floats:
     """Mean over the cameras of their shares of their own best, shape (levels,)."""
     best = curve.max(axis=0)
     return np.asarray(np.mean(curve / np.where(best > 0, best, 1.0), axis=1))

@@ -8,20 +8,18 @@ from typing import Literal
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from calibration.sources.sweep import Shot, Sweep, SweepPlan
+from evaluation.arrays import Floats
 from fake_camera.world.lighting import Change, Flicker, LightScript
 from imaging.exposure import ExposureLimits, ExposureSetting, linear_gain
 from imaging.pixels import Pixels
 from imaging.response import ResponseFunction
 
 Processing = Literal["raw", "jpeg 75", "jpeg 85", "jpeg 95", "median", "bilateral", "nlm", "colour"]
+# Those that leave no noise of photons; "colour" is three channels that mix, as JPEG of one of those qualities.
 PROCESSINGS: tuple[Processing, ...] = ("jpeg 75", "jpeg 85", "jpeg 95", "median", "bilateral", "nlm", "colour")
-"""Those that leave no noise of photons; "colour" is three channels that mix, as JPEG of one of those qualities."""
-
 Process = Callable[[Pixels], Pixels]
-
 GREEN = 1
 
 
@@ -59,7 +57,6 @@ STEPS = 1 << 20  # Of the table of a curve
 CYCLE_S = 0.02  # Least time from one shot to the next
 LIMITS = ExposureLimits(1.0, 1e6, 0.0, 48.0)
 STEP_STOPS = 0.5  # Between exposures of a sound sweep, as `plan_sweep` takes them
-
 Kind = Literal["sound", "few", "clipped", "noisy", "offset", "proportion", "one wrong", "drift", "flicker"]
 KINDS: tuple[Kind, ...] = (
     "sound", "sound", "sound", "sound", "few", "few", "clipped", "noisy",
@@ -67,11 +64,10 @@ KINDS: tuple[Kind, ...] = (
 )  # fmt: skip
 """Every seed takes the next: four of 15 are sound."""
 
+# What makes colours of three channels: each row one channel's part in all.
 MIX = np.array([[1.6, -0.2, 0.0], [-0.5, 1.4, -0.4], [-0.1, -0.2, 1.4]])
-"""What makes colours of three channels: each row one channel's part in all."""
-
 Scene = Literal["textured", "uniform", "natural"]
-Values = NDArray[np.float64]
+Values = Floats
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -6,14 +6,12 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from evaluation.arrays import Floats32
 from evaluation.training.training import Arrays
 
-Batch = NDArray[np.float32]
-
+Batch = Floats32
 DECAYS = (np.float32(0.9), np.float32(0.999))  # Of the two moments (Kingma & Ba 2015)
-
 TINY = np.float32(1e-8)
 
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from autoexpose_daemon.control.policies.learned.learned_policy import LearnedPolicy, Sight
 from autoexpose_daemon.control.policy import Look
+from evaluation.arrays import Floats, Floats32, Greys
 from evaluation.scenes.scenarios import RATE_HZ
 from evaluation.scenes.stills import painting
 from evaluation.scenes.views import STILL_SIZE, build_views
@@ -22,15 +23,12 @@ from imaging.response import ResponseFunction
 
 DIMMEST, BRIGHTEST = -1.0, 13.0  # log2 of lux: half a lux, and 8000
 STEP_CHANCE = 1.0 / 40.0  # Of a step in a frame, where light steps
-
 LARGEST_STEP_STOPS = 8.0
-
 FLICKER_HZ = 100.0
-
 FASTEST_PX = 20.0  # Of a view, in pixels that control sees, from frame to frame
 
 
-def random_light(rng: np.random.Generator, frames: int) -> NDArray[np.float64]:
+def random_light(rng: np.random.Generator, frames: int) -> Floats:
     """Lux in each frame, shape (frames,): steady, stepping, ramping or wandering; sometimes with flicker."""
     start = float(rng.uniform(0.0, 12.0))
     kind = int(rng.choice(4, p=(0.3, 0.35, 0.2, 0.15)))
@@ -75,7 +73,7 @@ OPENING_STOPS = (3.0, 8.0)  # How much brighter than the rest a window in every 
 class Picture:
     """Radiance per lux."""
 
-    light: NDArray[np.float32]  # float32, (rows, columns); one pixel is one of those that control sees
+    light: Floats32  # float32, (rows, columns); one pixel is one of those that control sees
     stride: int  # every which pixel of it a simulated view takes, so that a view fits into it with room to move
 
 
@@ -88,7 +86,7 @@ def tuning_pictures(count: int) -> list[Picture]:
     return pictures
 
 
-def _painted(painter: str, seed: int) -> NDArray[np.float32]:
+def _painted(painter: str, seed: int) -> Floats32:
     width, height = STILL_SIZE
     whole, size = painting(painter, seed, *STILL_SIZE), (width // 2, height // 2)
     light = np.asarray(cv2.resize(whole, size, interpolation=cv2.INTER_AREA), np.float32)
@@ -100,7 +98,7 @@ def _painted(painter: str, seed: int) -> NDArray[np.float32]:
     return light
 
 
-def _room(seed: int) -> list[NDArray[np.float32]]:
+def _room(seed: int) -> list[Floats32]:
     """Views all around from one place, at the size that control sees."""
     view = build_views("room", seed, lambda time_s: time_s, at_window=False)["left"]
     angles = np.linspace(0.0, 2 * math.pi, HEADINGS, endpoint=False)
@@ -108,21 +106,14 @@ def _room(seed: int) -> list[NDArray[np.float32]]:
     return [np.asarray(cv2.resize(each, (360, 270), interpolation=cv2.INTER_AREA), np.float32) for each in views]
 
 
+# Pixels of a view: sampled from those that control sees, so that they differ as much from each other.
 ROWS, COLUMNS = 64, 88
-"""Pixels of a view: sampled from those that control sees, so that they differ as much from each other."""
-
 ELECTRONS_PER_LUX_S = 73000.0  # As the default lens of the fake cameras (fake_camera.world.sensor)
-
 WELLS_E = (22000.0, 10500.0, 5500.0)
-
 READ_NOISE_E = (2.0, 8.0)
-
 AVERAGED = 6.0  # What the mean of four pixels and the median leave of the variance of noise, as a divisor
-
 NOISE_POOL = np.random.default_rng(17).standard_normal(1 << 18).astype(np.float32)
-
 TABLE = 1 << 14
-
 LOWEST, HIGHEST = 2.0, 24.0  # Levels (stops) between which an answer is looked for
 
 
@@ -170,7 +161,7 @@ class Episode:
         """What control sees of a frame taken with a setting."""
         return Look("left", self.expose(self._view(frame), setting, frame), self._response)
 
-    def expose(self, radiance: NDArray[np.float32], setting: ExposureSetting, frame: int) -> NDArray[np.uint8]:
+    def expose(self, radiance: Floats32, setting: ExposureSetting, frame: int) -> Greys:
         """An image of some radiance per lux in the light of a frame, with new noise; uint8 of its shape."""
         per_lux = ELECTRONS_PER_LUX_S * setting.exposure_time_us * 1e-6
         electrons = radiance * np.float32(self.lux[frame] * per_lux)
@@ -191,11 +182,11 @@ class Episode:
             low, high = (middle, high) if found < mean else (low, middle)
         return self.limits.clamp_level((low + high) / 2)
 
-    def _greys(self, signal: NDArray[np.float32]) -> NDArray[np.uint8]:
+    def _greys(self, signal: Floats32) -> Greys:
         places = np.clip(signal, 0.0, 1.0) * np.float32(TABLE - 1) + np.float32(0.5)
         return self._table[places.astype(np.int32)]
 
-    def _view(self, frame: int) -> NDArray[np.float32]:
+    def _view(self, frame: int) -> Floats32:
         stride, left = self.picture.stride, int(self.left[frame])
         return self.picture.light[self.top : self.top + ROWS * stride : stride, left : left + COLUMNS * stride : stride]
 
@@ -205,7 +196,7 @@ class Episode:
         return ROWS * self.picture.stride, COLUMNS * self.picture.stride
 
 
-def _response_curve(rng: np.random.Generator) -> NDArray[np.float64]:
+def _response_curve(rng: np.random.Generator) -> Floats:
     """A random response: linear, a power law, or that under a film-like curve; 0..1 by signal, shape (TABLE,)."""
     signal = np.linspace(0.0, 1.0, TABLE)
     if rng.random() < 0.5:
@@ -216,7 +207,7 @@ def _response_curve(rng: np.random.Generator) -> NDArray[np.float64]:
     return signal
 
 
-def _known(curve: NDArray[np.float64], black: int) -> ResponseFunction:
+def _known(curve: Floats, black: int) -> ResponseFunction:
     """The response as a calibration without errors finds it; black stands for half a grey level of light."""
     greys = np.maximum(np.arange(256.0) - black, 0.5) / (255.0 - black)
     light = np.interp(greys, curve, np.linspace(0.0, 1.0, TABLE))

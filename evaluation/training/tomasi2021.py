@@ -7,35 +7,28 @@ from functools import cached_property
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from autoexpose_daemon.control.policies.learned.learned_policy import Sight
 from autoexpose_daemon.control.policies.learned.tomasi2021 import Tomasi2021
+from evaluation.arrays import Floats, Floats32, Greys
 from evaluation.training.backprop import Batch, TrainedNet
 from evaluation.training.episode import FAR_STOPS, Episode, Picture, tuning_pictures
 from evaluation.training.training import Arrays, net_arrays
 from imaging.exposure import ExposureSetting
 
+# Of the frames that features are looked for in: half of what control sees, since time grows with their size.
 ROWS, COLUMNS = 144, 192
-"""Of the frames that features are looked for in: half of what control sees, since time grows with their size."""
-
 FEATURES = 250
-
+# Of a descriptor, and the margin without features, pixels: in frames of this size, less would be left of OpenCV's.
 PATCH = 21
-"""Of a descriptor, and the margin without features, pixels: in frames of this size, less would be left of OpenCV's."""
-
 NEAR_PX = 2.0  # Matches within this distance of the true motion count, as in `worth`
-
 LOWE_RATIO = 0.8
-
 STEP_STOPS = 1.0  # Between levels tried
 LIT, FULL = 0.02, 0.97  # Levels whose frame has a mean signal outside of these show too little to be tried
 GOOD = 0.9  # The answer is the mean of the levels with at least this share of the most matches, weighted by them
 FEWEST = 8  # With fewer matches at best there is no answer
-
 _ORB = cv2.ORB.create(FEATURES, edgeThreshold=PATCH, patchSize=PATCH, fastThreshold=15)
-
-Image = NDArray[np.uint8]
+Image = Greys
 
 
 def best_level(episode: Episode, frame: int) -> float | None:
@@ -61,7 +54,7 @@ def _shrunk_by(picture: Picture) -> float:
     return picture.stride * 88 / COLUMNS
 
 
-def _radiance(episode: Episode, frame: int) -> NDArray[np.float32]:
+def _radiance(episode: Episode, frame: int) -> Floats32:
     """Of a whole view, with all its detail, shape (ROWS, COLUMNS)."""
     rows, columns = episode.whole_size
     left = int(episode.left[frame])
@@ -69,7 +62,7 @@ def _radiance(episode: Episode, frame: int) -> NDArray[np.float32]:
     return np.asarray(cv2.resize(whole, (COLUMNS, ROWS), interpolation=cv2.INTER_AREA), np.float32)
 
 
-def _matches(first: Image, second: Image, shift: NDArray[np.float64]) -> int:
+def _matches(first: Image, second: Image, shift: Floats) -> int:
     """Clear matches between two frames that agree with the true shift of the picture, in pixels."""
     (here, queries), (there, candidates) = (_ORB.detectAndCompute(each, None) for each in (first, second))
     if len(here) < 2 or len(there) < 2:
@@ -82,13 +75,10 @@ def _matches(first: Image, second: Image, shift: NDArray[np.float64]) -> int:
 
 
 INPUTS, UNITS = 130, 64
-
 FRAMES = 64  # Of an episode
 LABEL_EVERY = 9  # Frames: finding a label takes as long as 200 frames
 VARIANTS = 7  # Besides the frames taken, the same moments seen at other exposures: a label holds for any of them
-
 BATCH, RATE, LAST_RATE = 256, 1e-3, 1e-4
-
 DECAY = 1e-4  # Share of the weights that each step takes away: labels are noisy
 LARGEST_ERROR_STOPS = 1.0  # Larger errors pull no harder
 

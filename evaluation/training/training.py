@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 
 from autoexpose_daemon.control.policies.learned.net import AXES, MARGIN, WEIGHTS_FORMAT, LearntRange
 from documents.files import replace_file
+from evaluation.arrays import Floats32
 from imaging.errors import AutoexposeError
 
 Arrays = dict[str, NDArray[Any]]
-
 LARGEST_BYTES = 200_000  # Of a committed file
 
 
@@ -49,7 +49,7 @@ def make_writable(file: Path) -> None:
         raise AutoexposeError(f"{file}: cannot be written ({error.strerror}): choose another --out") from None
 
 
-def net_arrays(layers: list[tuple[NDArray[Any], NDArray[Any]]], inputs: NDArray[np.float32], seed: int) -> Arrays:
+def net_arrays(layers: list[tuple[NDArray[Any], NDArray[Any]]], inputs: Floats32, seed: int) -> Arrays:
     """What a file of weights holds: the layers of the net, and the range of inputs (rows, of the training)."""
     arrays: Arrays = {"format": np.array(WEIGHTS_FORMAT), "seed": np.array(seed)}
     for place, (matrix, offsets) in enumerate(layers):
@@ -58,7 +58,7 @@ def net_arrays(layers: list[tuple[NDArray[Any], NDArray[Any]]], inputs: NDArray[
     return arrays | range_arrays(inputs)
 
 
-def range_arrays(inputs: NDArray[np.float32]) -> Arrays:
+def range_arrays(inputs: Floats32) -> Arrays:
     """The range of what was learnt, from some inputs of the training, shape (rows, inputs)."""
     rows = inputs.astype(np.float64)
     centre = rows.mean(axis=0)

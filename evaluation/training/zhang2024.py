@@ -18,7 +18,6 @@ from evaluation.training.training import Arrays, net_arrays
 from imaging.exposure import ExposureSetting
 
 UNITS = 64
-
 DISCOUNT = 0.9  # Per decision. Theirs is 0.99; here what a frame is worth hardly depends on decisions ten before it.
 RATE, LAST_RATE = 1e-3, 1e-4  # Of Adam, at the beginning and at the end of a training
 FOLLOWING = 0.01  # How far the slow nets move with each update
@@ -87,11 +86,8 @@ class ActorCritic:
 
 
 INPUTS = 130
-
 FLICKER_WEIGHT = 0.2  # Of the change of the mean, as theirs
-
 BATCH = 128
-
 EXPLORING = 0.25  # Standard deviation of what is added to actions, at first; it falls to a fifth
 REMEMBERED = 40_000  # Transitions; older ones are forgotten
 KEPT = 40  # Inputs that each round keeps for the range of what was learnt

@@ -18,11 +18,10 @@ from evaluation.odometry.tracking import EVERY
 from evaluation.scenes.scenarios import RATE_HZ
 from fake_camera.world.sensor import DEFAULT_F_NUMBER
 
+# In every scene. The paper's two lights have the learned policies, too ...
 POLICIES = (DEFAULT_POLICY, *LAWS, *RIVALS, "fixed")
-"""In every scene. The paper's two lights have the learned policies, too ..."""
-
+# ... and in the first eight rooms all others: enough to tell a policy that is worse by a third.
 _OTHERS = tuple(policy for policy in POLICY_IDS if policy not in {*POLICIES, *LEARNED, "majer2018-fixed"})
-"""... and in the first eight rooms all others: enough to tell a policy that is worse by a third."""
 
 _SETTING = f"""\
 The paper sent its rig along one trajectory in two lights: (a) 1 to 217 lux in different parts of the room, (b) 2 to 4

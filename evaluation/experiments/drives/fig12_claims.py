@@ -82,13 +82,11 @@ def level(run: Run) -> float:
     return float(np.mean(np.log2(run["times_us"]) + np.array(run["gains_db"]) / (20 * np.log10(2))))
 
 
+# The paper's law as its authors' code runs it, which counts as their claim, and as the paper prints it.
 LAWS = {"begin2022-code": "as coded", "begin2022": "as printed"}
-"""The paper's law as its authors' code runs it, which counts as their claim, and as the paper prints it."""
-
+# Those of the paper: "Mehta's open-source implementation of Shim's algorithm" as the authors' code runs it, and the
+# built-in control.
 RIVALS = ("mehta2020-code", "neves2009")
-"""Those of the paper: "Mehta's open-source implementation of Shim's algorithm" as the authors' code runs it, and the
-built-in control."""
-
 ALIKE_METRIC = 0.005  # Values of M_g that differ by less are alike: 2 % of what good frames have
 ALIKE_STOPS = 0.1  # Mean levels that differ by less are alike: so much an exposure at rest may waver in the arena
 

@@ -15,9 +15,7 @@ from evaluation.odometry.orb_slam3 import PACKAGE, installed
 from evaluation.scenes.scenarios import RATE_HZ
 
 POLICIES = (DEFAULT_POLICY, *LAWS)
-
 FEW_ROOMS = ROOMS[:3]
-
 _ABSENT = f"`{PACKAGE}` is not installed, so nothing was measured: see docs/odometry.md."
 
 _SETTING = f"""\

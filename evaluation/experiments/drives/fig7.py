@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from evaluation.arrays import Floats
 from evaluation.drawing import COLOURS, boxes, panels, save
 from evaluation.experiments.drives.drives import ALIKE_MM, ROOMS, SETTINGS, measure_fixed, over_rooms, unless_few
 from evaluation.experiments.experiment import Claim, Experiment, Figure, Job, Results, Section, Table, Verdict
@@ -17,7 +17,6 @@ from evaluation.odometry.proxies import PROXIES
 from evaluation.scenes.scenarios import RATE_HZ
 
 MARKERS = "osv^"
-
 EQUALLY_GOOD = 0.05  # Smaller differences of |r| do not count
 NO_CORRELATION = 0.3  # An r whose whole interval is within it predicts nothing: the paper calls its 0.26 no correlation
 
@@ -76,14 +75,14 @@ def section(results: Results, folder: Path) -> Section:
     )
 
 
-def correlate(values: NDArray[np.float64], errors: NDArray[np.float64]) -> dict[str, Interval]:
+def correlate(values: Floats, errors: Floats) -> dict[str, Interval]:
     """Correlation of each measure (rooms, settings, measures) with the error (rooms, settings) within rooms."""
     error = errors - errors.mean(axis=1, keepdims=True)
     deviations = values - values.mean(axis=1, keepdims=True)
     return {name: pearson(deviations[..., place], error) for place, name in enumerate(PROXIES)}
 
 
-def _time_raises_the_error(errors: NDArray[np.float64]) -> Claim:
+def _time_raises_the_error(errors: Floats) -> Claim:
     """From the shortest time to the longest."""
     worse = over_rooms(errors[:, -1] - errors[:, 0])
     return Claim(
@@ -94,11 +93,11 @@ def _time_raises_the_error(errors: NDArray[np.float64]) -> Claim:
     )
 
 
-def _time_raises_the_spread(errors: NDArray[np.float64]) -> Claim:
+def _time_raises_the_spread(errors: Floats) -> Claim:
     """Likewise, by the distance of the quartiles over rooms."""
     spreads = np.subtract(*np.percentile(errors, [75, 25], axis=0))
 
-    def wider(drawn: NDArray[np.float64]) -> NDArray[np.float64]:
+    def wider(drawn: Floats) -> Floats:
         apart = np.subtract(*np.percentile(drawn, [75, 25], axis=1))
         return np.asarray(apart[:, -1] - apart[:, 0])
 
@@ -111,7 +110,7 @@ def _time_raises_the_spread(errors: NDArray[np.float64]) -> Claim:
     )
 
 
-def _noise_hardly_matters(errors: NDArray[np.float64]) -> Claim:
+def _noise_hardly_matters(errors: Floats) -> Claim:
     """From 18 to 24 dB, between the two shortest times, where blur differs least."""
     worse = over_rooms(errors[:, 0] - errors[:, 1])
     return Claim(
@@ -162,7 +161,7 @@ def _poor_proxies(correlations: Mapping[str, Interval]) -> Claim:
     )
 
 
-def _table(results: Results, errors: NDArray[np.float64]) -> Table:
+def _table(results: Results, errors: Floats) -> Table:
     rows = []
     for place, (time_us, gain_db) in enumerate(SETTINGS):
         runs = [run[place] for _, run in results]
@@ -194,7 +193,7 @@ def _proxy_table(correlations: Mapping[str, Interval]) -> Table:
     )
 
 
-def _draw_errors(errors: NDArray[np.float64], file: Path) -> None:
+def _draw_errors(errors: Floats, file: Path) -> None:
     figure, axes = panels(1, 1, 3.6)
     boxes(axes, list(errors.T), [f"{time_us / 1e3:.2g} ms\n{gain_db:g} dB" for time_us, gain_db in SETTINGS])
     axes.set_ylabel("RPE over 20 mm (mm)")
@@ -216,9 +215,7 @@ def _draw_paths(results: Results, file: Path) -> None:
     save(figure, file)
 
 
-def _draw_proxies(
-    values: NDArray[np.float64], errors: NDArray[np.float64], correlations: Mapping[str, Interval], file: Path
-) -> None:
+def _draw_proxies(values: Floats, errors: Floats, correlations: Mapping[str, Interval], file: Path) -> None:
     figure, grid = panels(2, 4, 4.8, sharey=True)
     error = errors - errors.mean(axis=1, keepdims=True)
     for place, (axes, (name, one)) in enumerate(zip(grid.flat, _of_the_paper(correlations).items(), strict=False)):

@@ -9,9 +9,9 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
+from evaluation.arrays import Flags, Floats
 from evaluation.experiments.experiment import Plain
 from evaluation.experiments.navigation.seasons import Night, Scene
 from evaluation.experiments.teach.park import REPLAYS, TEACHING, Daylight
@@ -29,12 +29,9 @@ from navigation.store import MapInfo, Place
 from navigation.views.detectors import FINDERS
 
 SPEED_M_S, PERIOD_S = 0.4, 0.1  # The robot looks and steers ten times a second, every 4 cm
-
+# Of its odometry and of its turns: 2 % of the distance, and a degree a metre.
 SCALE_ERROR, DRIFT_RAD_PER_M = 0.02, math.radians(1.0)
-"""Of its odometry and of its turns: 2 % of the distance, and a degree a metre."""
-
 STEP_NS = round(PERIOD_S * 1e9)
-
 SWITCHED = 1 / 100  # The light of the middle third of a lap, where it is switched off and on again
 
 
@@ -62,8 +59,8 @@ LIGHTS: MappingProxyType[str, Daylight] = MappingProxyType({
 class Lap:
     """How one lap went."""
 
-    aside_m: NDArray[np.float64]  # distance from the taught path at each look, float64, (n,)
-    registered: NDArray[np.bool_]  # whether each look was registered, bool, (n,)
+    aside_m: Floats  # distance from the taught path at each look, float64, (n,)
+    registered: Flags  # whether each look was registered, bool, (n,)
     stop: Stop | None  # why it ended
 
     @property
@@ -91,7 +88,7 @@ class Wanderer:
     `place`, `heading_rad`: where it is in truth. `driven_m`: what its odometry says it has driven.
     """
 
-    def __init__(self, place: NDArray[np.float64], heading_rad: float, seed: int) -> None:
+    def __init__(self, place: Floats, heading_rad: float, seed: int) -> None:
         random = np.random.default_rng([seed, 91])
         self.place, self.heading_rad, self.driven_m = place.copy(), heading_rad, 0.0
         self._scale = 1.0 + SCALE_ERROR * random.choice([-1.0, 1.0])
@@ -179,7 +176,6 @@ def _entrant(policy: str) -> Entrant:
 
 
 POLICIES = (DEFAULT_POLICY, "fixed", "majer2018-standard", "begin2022", "begin2022-code")
-
 ASIDE_M, TURNED_RAD = 0.3, math.radians(5.0)  # Where the robot starts beside the path
 LOST_M = 1.0  # A lap that was not completed counts as this far aside
 AT_MOST_M = 0.1  # How far aside a robot may be at the end of a lap

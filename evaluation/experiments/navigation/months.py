@@ -8,8 +8,8 @@ from itertools import product
 from typing import Final, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
+from evaluation.arrays import Floats, Ints
 from evaluation.experiments.experiment import Plain
 from evaluation.experiments.navigation.seasons import HOURS, TAUGHT, Scene, When, months
 from evaluation.experiments.teach.path import MAPS, TaughtPath
@@ -24,10 +24,8 @@ from navigation.views.registration import RULES, Registration, VoteRule, registe
 
 EXPOSURE = "majer2018-standard"  # The paper's, with which it made its maps
 PLACES = 20  # Of the 80 local maps of a path, every fourth
-
+# Frames taken at each place, so that exposure and threshold have settled, and the last ones, which are searched.
 STILL_FRAMES, FOUND_FRAMES = 10, 3
-"""Frames taken at each place, so that exposure and threshold have settled, and the last ones, which are searched."""
-
 PART: Final = "top half"  # Where all but one of `FINDERS` look
 
 
@@ -48,13 +46,13 @@ class FixedFinder(AdaptiveFinder):
         return features
 
 
+# What sets the threshold: the responses in the upper half, in the whole image, or nobody. The features themselves are
+# taken from the upper half in the first and the last.
 FINDERS: dict[str, Callable[[], AdaptiveFinder]] = {
     "upper half": lambda: AdaptiveFinder(FastOrb(), PART),
     "whole image": lambda: AdaptiveFinder(FastOrb(), "whole image"),
     "fixed threshold": FixedFinder,
 }
-"""What sets the threshold: the responses in the upper half, in the whole image, or nobody. The features themselves are
-taken from the upper half in the first and the last."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -90,7 +88,7 @@ class Surveyor:
         found = self._found(Scene(self._seed, when.daylight(number)), poses, camera=2 * self._seed + number)
         return [Look(features, shift) for features, shift in zip(found, shifts, strict=True)]
 
-    def _found(self, scene: Scene, poses: Sequence[NDArray[np.float64]], camera: int) -> Iterator[dict[str, Features]]:
+    def _found(self, scene: Scene, poses: Sequence[Floats], camera: int) -> Iterator[dict[str, Features]]:
         robot: Robot | None = None
         for pose in poses:
             radiance = scene.radiance(pose)
@@ -155,16 +153,14 @@ class Remembered:
             np.array(self._times_s), np.array(states, np.int8).reshape(shape), np.array(passed, bool).reshape(shape)
         )
 
-    def register(self, seen: Features, which: NDArray[np.int64]) -> float | None:
+    def register(self, seen: Features, which: Ints) -> float | None:
         """The shift of a view (pixels) against some of its features."""
         return register(self.map.features.take(which), seen, self._rule).vote.shift_px
 
 
 PAPERS = "fremen, as the paper"  # One period, a day, and always used
-
+# What says which features will be seen, by name.
 MODELS_COMPARED = {PAPERS: lambda history: fremen(history, order=1, periods_s=(86_400.0,)), **MODELS}
-"""What says which features will be seen, by name."""
-
 DRAWN = "fremen, drawn"  # Features drawn by their probability (Monte Carlo), instead of the most probable ones
 ALL = "all features"  # No choice
 
@@ -188,17 +184,13 @@ def foretold(
 
 
 LEARNT = 57  # Of the drives of the months, as in the paper; the rest is foretold
-
 PAPERS_FINDER = "upper half"
-
+# Finder and strategy of each way to keep a map up.
 STRATEGIES: dict[str, tuple[str, Strategy]] = {name: (PAPERS_FINDER, name) for name in get_args(Strategy)}
-"""Finder and strategy of each way to keep a map up."""
-
+# Other ways to set the threshold, with maps that stay as they are.
 THRESHOLDS: dict[str, tuple[str, Strategy]] = {name: (name, "static") for name in FINDERS if name != PAPERS_FINDER}
-"""Other ways to set the threshold, with maps that stay as they are."""
-
+# Shifts found (pixels, None for none) by rule and by what kept the map up, by drive and place.
 Shifts = dict[str, dict[str, list[list[float | None]]]]
-"""Shifts found (pixels, None for none) by rule and by what kept the map up, by drive and place."""
 
 
 class Maps:

@@ -11,9 +11,9 @@ from typing import Any, Literal
 
 import matplotlib.pyplot as plt
 import numpy as np
-from numpy.typing import NDArray
 
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
+from evaluation.arrays import Floats, Ints
 from evaluation.drawing import save
 from evaluation.experiments.experiment import Claim, Experiment, Figure, Job, Plain, Results, Section, Table, Verdict
 from evaluation.experiments.navigation.laps import AT_MOST_M, LIGHTS, LOST_M, POLICIES, measure_laps
@@ -24,7 +24,6 @@ from evaluation.experiments.teach.judge import LOST_PX, WITHIN_PX, Comparison, E
 from navigation.views.registration import RULES
 
 Kept = Mapping[str, Errors]  # Errors by what kept the map up, chose its features, or set the threshold
-
 MONTHS = "months"
 
 DRIVES = {
@@ -34,7 +33,6 @@ DRIVES = {
 }
 
 ALIKE_PX = 1.0  # Two mean errors are alike if the whole interval of their difference is within this
-
 THEIR_RULE = next(iter(RULES))
 
 
@@ -78,8 +76,8 @@ CLAIMED = (
 def errors_of(results: Results, programme: str, rule: str) -> Kept:
     """The errors of one programme in all parks."""
     found = [result for arguments, result in results if programme_of(arguments) == programme]
-    errors: dict[str, list[NDArray[np.float64]]] = {}
-    places: list[NDArray[np.int64]] = []
+    errors: dict[str, list[Floats]] = {}
+    places: list[Ints] = []
     first = 0
     for park in found:
         truth = np.array(park["truth"], np.float64)
@@ -136,7 +134,6 @@ def _difference(first: Errors, second: Errors) -> tuple[Comparison, str]:
 
 
 _COLOURS = 7
-
 Laps = Mapping[tuple[str, str], list[list[dict[str, Any]]]]  # Rows of laps by light and policy, a list for each park
 
 
@@ -228,8 +225,6 @@ def _ending(parks: list[list[dict[str, Any]]]) -> str:
 
 
 PARKS, LAP_PARKS = (41, 42, 43), (46, 47)  # Seeds of parks in which nothing was tried before
-
-
 MANY_LAPS, MANY_LAPS_IN = 10, ("low sun", "overcast")
 
 BETTER: dict[str, Literal["higher", "lower"]] = {

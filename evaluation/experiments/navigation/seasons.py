@@ -7,8 +7,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from evaluation.arrays import Flags, Floats, Floats32
 from evaluation.experiments.teach.park import Daylight, park
 from evaluation.scenes.views import CAMERA
 from evaluation.stage.camera import Radiance
@@ -19,16 +20,12 @@ FIRST_DAY, DAYS = 60, 60  # From the first of March, in days of the year
 DRIVES = 87  # In these days, as many as in the paper
 DARK_SHARE = 1 / 3  # Of the drives; hours are drawn until they are dark or light as wanted
 CLEARS, CLOUDS = 0.1, 0.08  # Chance in an hour that an overcast sky clears, and that a clear one clouds over
-
+# Elevation of the sun above which there are shadows, and below which the robot drives by its lamp.
 DAY_DEG, NIGHT_DEG = 3.0, -6.0
-"""Elevation of the sun above which there are shadows, and below which the robot drives by its lamp."""
-
+# Light on level ground, in the units of the fake camera's sensor: under the sun in the zenith, the share of that under
+# clouds, when shadows vanish, and when the lamp is switched on.
 NOON_LUX, OVERCAST, DUSK_LUX, LAST_LUX = 3000.0, 0.35, 60.0, 0.5
-"""Light on level ground, in the units of the fake camera's sensor: under the sun in the zenith, the share of that under
-clouds, when shadows vanish, and when the lamp is switched on."""
-
 GROWN = 0.5  # Share of the leaves that are others at the end of the two months
-
 _HOUR_S = 3600.0
 
 
@@ -40,7 +37,7 @@ class Night(Daylight):
         """As much as on level ground: the lamp decides."""
         return 1.0
 
-    def sky(self, azimuth_deg: ArrayLike, elevation_deg: ArrayLike) -> NDArray[np.float32]:
+    def sky(self, azimuth_deg: ArrayLike, elevation_deg: ArrayLike) -> Floats32:
         """Black."""
         return np.zeros(np.broadcast_shapes(np.shape(azimuth_deg), np.shape(elevation_deg)), np.float32)
 
@@ -128,7 +125,7 @@ HOURS = {"steady": steady, "nightfall": nightfall}  # The drives of one day, by 
 TAUGHT = When(0, 12.0, overcast=False)  # When maps are taught
 
 
-def weather(seed: int) -> NDArray[np.bool_]:
+def weather(seed: int) -> Flags:
     """Whether each hour is overcast: a chain of two states."""
     random = np.random.default_rng([seed, 52])
     overcast, hours = False, []
@@ -138,9 +135,8 @@ def weather(seed: int) -> NDArray[np.bool_]:
     return np.array(hours)
 
 
+# Light of the lamp at a metre, in the units of the fake camera's sensor (20 times as much outdoors).
 LAMP_LUX_M2 = 400.0
-"""Light of the lamp at a metre, in the units of the fake camera's sensor (20 times as much outdoors)."""
-
 GROUND_AHEAD_M = 3.0  # The ground, one surface, is lit as it is so far ahead
 
 
@@ -156,7 +152,7 @@ class Scene:
         self._renderer = Renderer(self.surfaces, CAMERA)
         self._lamp = Lamp(self.surfaces) if isinstance(daylight, Night) else None
 
-    def radiance(self, pose: NDArray[np.float64], progress: float = 0.0) -> Radiance:
+    def radiance(self, pose: Floats, progress: float = 0.0) -> Radiance:
         """From a pose (camera to world, 4x4), at a share (0..1) of a drive; the next call overwrites it."""
         lux = self.daylight.lux(progress) if self._lamp is None else self._lamp.lux(pose)
         return self._renderer.render(pose[None], lux)
@@ -172,7 +168,7 @@ class Lamp:
         self._normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
         self._level = np.abs(self._normals[:, 2]) > 0.5
 
-    def lux(self, pose: NDArray[np.float64]) -> NDArray[np.float64]:
+    def lux(self, pose: Floats) -> Floats:
         """On each surface, float64, (surfaces,)."""
         lamp, ahead = pose[:3, 3], pose[:3, 2]
         towards = np.where(self._level[:, None], lamp + GROUND_AHEAD_M * ahead * [1.0, 1.0, 0.0], lamp)

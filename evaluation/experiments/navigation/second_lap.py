@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any, Final, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.light_ahead import LightAhead
@@ -20,6 +19,7 @@ from autoexpose_daemon.control.override import NO_OVERRIDE, Override
 from autoexpose_daemon.control.picture.steering import Steering
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from evaluation.arena.race import Series, race
+from evaluation.arrays import Floats, Ints
 from evaluation.experiments.experiment import Claim, Experiment, Figure, Job, Plain, Results, Section, Table, Verdict
 from evaluation.scenes.scenarios import RATE_HZ, WARM_UP_FRAMES, Course, steady
 from evaluation.scenes.views import Gaze, build_views
@@ -33,25 +33,19 @@ from imaging.response import ResponseFunction
 from navigation.drive.lesson import LightTrail
 from navigation.maps.path import SPREAD_M, LightMemory
 
+# Seconds that the light takes to fall or rise where a robot drives in or out.
 MOUTHS: Final[dict[str, float]] = {"tunnel": 1.0, "underpass": 0.25, "door": 0.06}
-"""Seconds that the light takes to fall or rise where a robot drives in or out."""
-
 WINDOW: Final = "window"  # The robot turns past a window and back, in steady light
-
 SPEED_M_S: Final = 1.0
 FRAMES: Final = 480
 LUX, LATER = 800.0, 1.0 / 3.0  # Light of the first lap, and its share on the second
 BAD: Final = 0.5  # A frame that is worth less than this share of what the best exposure gives is bad
-
+# By how much the second lap looks to the side of where the first one looked, to and fro: two degrees.
 ASIDE_RAD: Final = 0.035
-"""By how much the second lap looks to the side of where the first one looked, to and fro: two degrees."""
-
 WANDERING_FRAMES: Final = 30  # The error of the place on the way changes this slowly
 WRONG_M: Final = 3.0  # How much further on a robot believes to be that is told wrong
-
 DELAYS: Final = (2, 4, 8)
 SCENES: Final = (("shelves", 3000), ("hall", 3000), ("room", 3001), ("room", 3002))  # Tried on seeds 1 to 18 only
-
 LAPS: Final = ("first", "second", "second, told", "second, told wrong")
 
 
@@ -79,7 +73,7 @@ class Told(ControlLoop):
     def __init__(
         self,
         memory: LightMemory,
-        error_m: NDArray[np.float64],
+        error_m: Floats,
         response: ResponseFunction,
         limits: ExposureLimits,
         start: ExposureSetting,
@@ -162,7 +156,7 @@ def _outcome(series: Series) -> Plain:
     return {"bad": int((ratios < BAD).sum()), "mean": float(np.nanmean(ratios))}
 
 
-def _wandering(rng: np.random.Generator, frames: int) -> NDArray[np.float64]:
+def _wandering(rng: np.random.Generator, frames: int) -> Floats:
     """Errors of the distance along the way, m, as large as the product takes them to be."""
     kept = math.exp(-1.0 / WANDERING_FRAMES)
     errors, error = [], float(rng.normal())
@@ -227,7 +221,7 @@ def jobs(quick: bool) -> list[Job]:
 class _Case:
     """All scenes of one scenario and delay: bad frames by lap, summed, and mean worth by lap and scene."""
 
-    bad: NDArray[np.int64] = field(default_factory=lambda: np.zeros(len(LAPS), np.int64))
+    bad: Ints = field(default_factory=lambda: np.zeros(len(LAPS), np.int64))
     means: list[list[float]] = field(default_factory=list)
 
 
@@ -253,7 +247,7 @@ def section(results: Results, _folder: Path) -> Section:
 
 def _claims(results: Results) -> Iterator[Claim]:
     by_case = _cases(results)
-    by_scenario: dict[str, NDArray[np.int64]] = {}
+    by_scenario: dict[str, Ints] = {}
     for (scenario, _), case in by_case.items():
         by_scenario[scenario] = by_scenario.get(scenario, 0) + case.bad
     yield _halving(by_scenario, 0, "scenario")
@@ -270,7 +264,7 @@ def _claims(results: Results) -> Iterator[Claim]:
     )
 
 
-def _halving(bad: dict[str, NDArray[np.int64]], lap: int, each: str) -> Claim:
+def _halving(bad: dict[str, Ints], lap: int, each: str) -> Claim:
     """The claim that a lap which is told has at most half of the bad frames of another, of `LAPS`, in each of `bad`."""
     halved = all(frames[2] <= 0.5 * frames[lap] for frames in bad.values())
     return Claim(

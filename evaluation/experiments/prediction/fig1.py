@@ -22,12 +22,9 @@ from evaluation.experiments.statistics import Interval, mean_interval
 
 LUX = 50.0  # As in the paper
 DARK_STOPS = 1.0  # Frames at least this far below the best exposure are dark
-
+# A metric depends on gain if gain alone changes it by more than a tenth of its peak; below a twentieth it does not.
 COUPLED, DECOUPLED = 0.10, 0.05
-"""A metric depends on gain if gain alone changes it by more than a tenth of its peak; below a twentieth it does not."""
-
 SAME_OPTIMUM_STOPS = 0.5  # Narrower than the plateaus on which the metric is within 1 % of its peak often are
-
 _SHOTS = 4
 _VIEW_NAMES = {
     "control": "as control sees it: 360x270, median",

@@ -26,18 +26,13 @@ from evaluation.experiments.statistics import Interval, mean_interval
 from evaluation.stage.camera import CameraResponse
 
 BEFORE_LUX = 1.0
-
 THE_PAPERS_RISE = math.log2(150.0)  # Stops: from 1 to 150 lux
-
 THE_PAPERS = CameraResponse("linear", 0.3)
 CAMERAS = (THE_PAPERS, CameraResponse("linear"))
-
+# The paper reads about 15 and up to 100 frames off a plot: at most twice the one, at least two thirds of the other.
 QUICK_FRAMES, SLOW_FRAMES = 30, 70
-"""The paper reads about 15 and up to 100 frames off a plot: at most twice the one, at least two thirds of the other."""
-
 LARGE_FACTOR = 3.0  # Half of the paper's 100 over 15
 A_WAY_TO_GO = 8  # Frames: four steps at a delay of two. In fewer, feedback can make no difference.
-
 SAME_LEVEL_STOPS = 0.25
 
 _SETTING = f"""\

@@ -15,16 +15,12 @@ from evaluation.experiments.statistics import Interval, mean_interval
 from evaluation.stage.camera import CameraResponse
 
 LUX = 50.0
-
+# The paper's camera, taken to be linear, and the two that the paper derived from it by gamma transformations.
 THE_PAPERS = (CameraResponse("linear"), CameraResponse("linear", 0.6), CameraResponse("linear", 0.3))
-"""The paper's camera, taken to be linear, and the two that the paper derived from it by gamma transformations."""
-
+# The paper's, and the fake camera's other responses.
 CAMERAS = (*THE_PAPERS, CameraResponse("gamma"), CameraResponse("s_shaped"))
-"""The paper's, and the fake camera's other responses."""
-
+# A best level that moves by less from camera to camera varies slightly: gamma curves err by 1 to 3 stops.
 SLIGHT_STOPS = 1.0
-"""A best level that moves by less from camera to camera varies slightly: gamma curves err by 1 to 3 stops."""
-
 _LAW_NAMES = {"begin2022": "by the response", "shim2018": "by gamma, shim2018", "mehta2020": "by gamma, mehta2020"}
 
 _SETTING = """\
@@ -58,8 +54,8 @@ def jobs(quick: bool) -> list[Job]:
     ]
 
 
+# For each camera, what `predicted_optimum.summary` returns for each scene, with scenes in the same order.
 Summaries = Mapping[CameraResponse, Sequence[Mapping[str, Mapping[str, float]]]]
-"""For each camera, what `predicted_optimum.summary` returns for each scene, with scenes in the same order."""
 
 
 def section(results: Results, folder: Path) -> Section:

@@ -17,13 +17,10 @@ from imaging.response import prediction_table
 
 LUX = 50.0
 CHANGES = (-2.0, -1.0, -0.5, 0.5, 1.0, 2.0)  # In stops: the changes that the paper's algorithm predicts
-
+# Levels of well-exposed frames to start from: most pixels are neither black nor white.
 LEVELS = {"room": 11.5, "leaves": 13.5, "street": 13.0, "hall": 13.5}
-"""Levels of well-exposed frames to start from: most pixels are neither black nor white."""
-
 EXACT_GREY = 1.0  # A prediction with a smaller error (rms, grey levels) is as good as 8 bits allow
 FAR_GREY = 4.0  # A prediction with a larger error is off by more than the noise of most frames
-
 _SHOWN = (-2.0, -1.0, 1.0, 2.0)
 _SHOTS = 16
 

@@ -7,12 +7,12 @@ from typing import Any, TypeAlias
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.metrics.gradient import GradientMetric
 from autoexpose_daemon.control.picture.image import CONTROL_SIZE, ImagePreparation
 from autoexpose_daemon.control.policies.published.shim2018 import gamma_table
+from evaluation.arrays import Floats, Greys
 from evaluation.experiments.experiment import Plain
 from evaluation.scenes.scenarios import Course, no_turn, steady
 from evaluation.scenes.views import build_views
@@ -32,7 +32,7 @@ class StillLife:
     def __init__(self, scene: str, seed: int, lux: float, camera: CameraResponse) -> None:
         self._stage = still_stage(scene, seed, steady(lux), camera)
 
-    def take(self, setting: ExposureSetting, shot: int = 0) -> NDArray[np.uint8]:
+    def take(self, setting: ExposureSetting, shot: int = 0) -> Greys:
         """An image, uint8, (540, 720); each shot has its own noise."""
         if shot != self._stage.frame:
             self._stage.go_to(shot)
@@ -45,7 +45,7 @@ def still_stage(scene: str, seed: int, light: LightScript, camera: CameraRespons
     return Stage(views, Course(light, no_turn, 0), seed, response=camera.curve, gamma=camera.gamma)
 
 
-def plateau_centre(levels: NDArray[np.float64], metrics: NDArray[np.float64], share: float = 0.99) -> float:
+def plateau_centre(levels: Floats, metrics: Floats, share: float = 0.99) -> float:
     """The best level: the middle of those around the maximum that reach `share` of it, because maxima are flat."""
     top = int(np.argmax(metrics))
     good = metrics >= share * metrics[top]
@@ -54,14 +54,13 @@ def plateau_centre(levels: NDArray[np.float64], metrics: NDArray[np.float64], sh
     return float((levels[low] + levels[high]) / 2)
 
 
-GAMMAS: NDArray[np.float64] = np.exp2(np.arange(-4.0, 4.001, 0.02))
-"""The gamma that predicts a change best is sought among these: 1/16 to 16."""
-
+# The gamma that predicts a change best is sought among these: 1/16 to 16.
+GAMMAS: Floats = np.exp2(np.arange(-4.0, 4.001, 0.02))
+# Greys nearer than this to black or white may be clipped in some shots, and say nothing about light.
 _CLIPPED_MARGIN = 3
-"""Greys nearer than this to black or white may be clipped in some shots, and say nothing about light."""
 
 
-def gamma_curve(gamma: float) -> NDArray[np.float64]:
+def gamma_curve(gamma: float) -> Floats:
     """Eq. (15) for every grey level, not rounded, shape (256,)."""
     return np.asarray(255.0 * (np.arange(GREY_LEVELS) / 255.0) ** gamma)
 
@@ -102,7 +101,7 @@ def measure_changes(
     return found
 
 
-def _mean_of(life: StillLife, level: float, shots: int) -> NDArray[np.float64]:
+def _mean_of(life: StillLife, level: float, shots: int) -> Floats:
     setting = time_first(level)
     total = np.zeros(life.take(setting).shape)
     for shot in range(shots):
@@ -112,24 +111,19 @@ def _mean_of(life: StillLife, level: float, shots: int) -> NDArray[np.float64]:
 
 DELTAS = (0.06, 0.30)  # Activation thresholds: Shim's, and Begin & Hunter's
 GAINS_DB = tuple(range(0, 49, 6))  # Up to the most that the paper's camera can give; the arena's limit is 30
-
 Rows: TypeAlias = "Sequence[Mapping[str, Any]]"  # What `measure` returns
-
 _PREPARATION = ImagePreparation()
 _LIFTED = gamma_table(0.3)
 
+# What is done to an image before it is measured. `control` shrinks it and takes a median, as the paper says and the
+# daemon does. `lifted` first applies the paper's gamma of 0.3, which brightens dark parts. `shrunk` leaves out the
+# median, as the paper's code in effect does. `raw` does nothing.
 VIEWS: Mapping[str, Callable[[Image], Image]] = {
     "control": _PREPARATION.prepare,
     "lifted": lambda image: _PREPARATION.prepare(np.asarray(cv2.LUT(image, _LIFTED), np.uint8)),
     "shrunk": lambda image: np.asarray(cv2.resize(image, CONTROL_SIZE, interpolation=cv2.INTER_AREA), np.uint8),
     "raw": lambda image: image,
 }
-"""What is done to an image before it is measured.
-
-`control` shrinks it and takes a median, as the paper says and the daemon does. `lifted` first applies the paper's gamma
-of 0.3, which brightens dark parts. `shrunk` leaves out the median, as the paper's code in effect does. `raw` does
-nothing.
-"""
 
 
 def pairs_of(level: float) -> list[ExposureSetting]:
@@ -160,7 +154,7 @@ def measure_coupling(scene: str, seed: int, lux: float, levels: list[float], sho
     return rows
 
 
-def curve_of_least_gain(rows: Rows, view: str, delta: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def curve_of_least_gain(rows: Rows, view: str, delta: float) -> tuple[Floats, Floats]:
     """Levels, and the metric (view, delta) of the pair with the lowest gain at each."""
     by_level: dict[float, float] = {}
     for row in sorted(rows, key=lambda row: (row["level"], row["gain_db"])):
@@ -204,13 +198,13 @@ def measure_rest(scene: str, seed: int, lux: float, camera: list[Any], levels: l
     return {"levels": levels, "metrics": metrics} | steps
 
 
-def step_of(law: str, response: ResponseFunction, image: NDArray[np.uint8], setting: ExposureSetting) -> float:
+def step_of(law: str, response: ResponseFunction, image: Greys, setting: ExposureSetting) -> float:
     """The change of level (stops) that a law wants after one image, knowing no other."""
     loop = ControlLoop(law, response, _UNBOUNDED, setting)
     return loop.step(pair_of({"left": image}, setting, 0, 0.0)).level - setting.level
 
 
-def rest_level(levels: NDArray[np.float64], steps: NDArray[np.float64], near: float) -> float:
+def rest_level(levels: Floats, steps: Floats, near: float) -> float:
     """The level where a law comes to rest: it wants to go up below it and down above it.
 
     Of several such levels, the one nearest to `near`; NaN for none.

@@ -23,13 +23,10 @@ LAPS: Sequence[tuple[Light, int]] = (
 SCENARIOS = ("step_up", "step_down", "tunnel", "pan", "sun_shadow", "lowlight_fast")
 SCENE, SEED = "street", 310
 STILL_SCENES = ("leaves", "street", "room")
-
 FIGURES = {"metric": "M_g", "saturated_share": "saturated share", "matches": "matches", "rpe_mm": "RPE (mm)"}
-
 WANTED_RANKING = 0.9
 WANTED_RMS_GREY = 1.0
 WANTED_FRAMES = 1.0
-
 SETTLED_STOPS = 0.25  # A policy has settled when it stays this close to the level at which it ends
 
 _SETTING = """\

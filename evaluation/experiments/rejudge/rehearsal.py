@@ -131,9 +131,8 @@ class _TrueCameras:
         return Made(stage.take(setting), stage.frame, 0.0, 1.0, fused=True, time_s=time_s)
 
 
+# Stops from the middle of the bracket at which emulated frames are compared with true ones.
 OFFSETS = tuple(range(-4, 5))
-"""Stops from the middle of the bracket at which emulated frames are compared with true ones."""
-
 APART = (0, 14, 21)  # Frames before the last at which the light is found: in cycles that share no shot
 REPEATS = 12  # Frames of one exposure, whose mean tells the error from the noise
 

@@ -19,6 +19,7 @@ from autoexpose_daemon.control.picture.image import ImagePreparation
 from autoexpose_daemon.control.picture.steering import CellExposure, Steering, TrackingMemory
 from autoexpose_daemon.control.picture.tracked_cells import COLUMNS, ROWS, TrackedCells, count_by_cell
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
+from evaluation.arrays import Floats, Floats32, Greys
 from evaluation.experiments.experiment import Plain
 from evaluation.odometry.lap import Light, odometry_stage
 from evaluation.odometry.orb import in_house
@@ -35,15 +36,12 @@ from imaging.frames import StereoPair
 from imaging.response import ResponseFunction
 
 LATENCY_FRAMES: Final = 3  # From a frame to the decision that its report steers first
-
 FEATURES, FAST_THRESHOLD = 800, 12
+# Of a match: in bits of its descriptor, and from where the median of all matches puts it.
 LARGEST_DISTANCE, ASTRAY_PX = 64, 3.0
-"""Of a match: in bits of its descriptor, and from where the median of all matches puts it."""
-
 Half = Literal["left", "right"]
+# The cells of each half of the picture.
 HALVES: Final = {"left": np.s_[:, : COLUMNS // 2], "right": np.s_[:, COLUMNS // 2 :]}
-"""The cells of each half of the picture."""
-
 Cells = NDArray[np.uint16]
 
 
@@ -60,7 +58,7 @@ class Orb:
     def __init__(self) -> None:
         self._orb = cv2.ORB.create(FEATURES, fastThreshold=FAST_THRESHOLD)
         self._matcher = cv2.BFMatcher(cv2.NORM_HAMMING, crossCheck=True)
-        self._before: tuple[NDArray[np.float64], NDArray[np.uint8]] | None = None
+        self._before: tuple[Floats, Greys] | None = None
 
     def track(self, pair: StereoPair) -> tuple[Cells, Cells]:
         """See `Consumer`."""
@@ -181,9 +179,7 @@ def _steered(response: ResponseFunction, limits: ExposureLimits, start: Exposure
 
 LUX: Final = 60.0
 EDGE: Final = 0.1  # Half the width of the edge of the shade, as a share of the picture's
-
 SWAY_RAD, SWAY_HZ = 0.05, 0.3
-
 PARTS: Final = ("left", "right", "whole")
 _MARGIN = 12
 
@@ -198,7 +194,7 @@ class SunAndShade:
         """See `Scene`."""
         return self._view.image_shift_px(start_s, end_s)
 
-    def radiance(self, times_s: NDArray[np.float64], lux: float) -> NDArray[np.float32]:
+    def radiance(self, times_s: Floats, lux: float) -> Floats32:
         """See `Scene`."""
         radiance = self._view.radiance(times_s, lux)
         across = np.clip(np.linspace(-1.0, 1.0, radiance.shape[1]) / EDGE, -1.0, 1.0)

@@ -46,9 +46,7 @@ SWAP_FRAME: Final = 120
 FRAMES: Final = 180
 JUDGED_EVERY: Final = 3
 OBSERVED_EVERY: Final = 6
-
 SCENES: Final = (("shelves", 3000), ("hall", 3000))  # `street` 1 and `leaves` 3 were looked at while this was made
-
 STOPS: Final = (4.0, 6.0)
 DRIVES: Final = (("uneven", 300), ("uneven", 301), ("low", 300))
 DRIVE_FRAMES: Final = 360
@@ -196,5 +194,5 @@ information of the left camera's frames, as the policy counts it, of a half or t
 steering. Points: those that ORB follows in each half, by an observer that steers nothing. The drive is fig12's: the
 in-house odometry reports its own features and inliers."""
 
+# Not in the papers.
 EXPERIMENT = Experiment("steering", "Exposure that consumers steer (ours)", jobs, section, jobs_and_results)
-"""Not in the papers."""

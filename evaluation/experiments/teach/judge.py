@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from evaluation.arrays import Floats, Ints
 from evaluation.experiments.experiment import Claim, Results, Verdict
 from evaluation.experiments.statistics import Interval
 from evaluation.experiments.teach.park import REPLAYS, STEADY
@@ -18,12 +18,9 @@ from evaluation.experiments.teach.replay import POLICIES, WAYS
 LOST_PX = 50.0  # In means and tests, larger errors and failures count as this: a robot cannot be more than lost
 WITHIN_PX = 5.0  # Where the curves are compared
 SMALL_DIFFERENCE = 0.1  # What counts as "only a small difference" between two curves at 5 pixels
-
 SIGNIFICANT = 0.05
-
+# A robot can follow its path if this share of registrations is within this error, two thirds of a degree.
 FOLLOWS_PX, FOLLOWS_SHARE = 10.0, 0.9
-"""A robot can follow its path if this share of registrations is within this error, two thirds of a degree."""
-
 _DRAWS = 2000
 
 
@@ -31,13 +28,13 @@ _DRAWS = 2000
 class Errors:
     """Registration errors of one policy, in the same order for all policies of a case."""
 
-    errors: NDArray[np.float64]  # in pixels, infinite where no shift was found, float64, (registrations,)
+    errors: Floats  # in pixels, infinite where no shift was found, float64, (registrations,)
     # The local map of each, numbered from 0 over all parks, int64. Registrations with one map are alike, so bootstraps
     # draw maps, not registrations.
-    places: NDArray[np.int64]
+    places: Ints
 
     @property
-    def capped(self) -> NDArray[np.float64]:
+    def capped(self) -> Floats:
         """Errors capped at `LOST_PX`."""
         return np.minimum(self.errors, LOST_PX)
 
@@ -50,7 +47,7 @@ class Errors:
         """p(error <= pixels) with its interval."""
         return _interval((self.errors <= pixels).astype(np.float64), self.places)
 
-    def curve(self, pixels: NDArray[np.float64]) -> NDArray[np.float64]:
+    def curve(self, pixels: Floats) -> Floats:
         """p(error <= x) and the lower and upper end of its 95 % band, shape (3, len(pixels))."""
         within = (self.errors[:, None] <= pixels).astype(np.float64)
         low, high = np.percentile(_drawn_means(within, self.places), [2.5, 97.5], axis=0)
@@ -81,7 +78,7 @@ def compare(first: Errors, second: Errors) -> Comparison:
     return Comparison(_interval(difference, first.places), t, p)
 
 
-def paired_t(differences: NDArray[np.float64]) -> tuple[float, float]:
+def paired_t(differences: Floats) -> tuple[float, float]:
     """Student's t of hundreds of paired differences and its two-sided probability, by the normal approximation."""
     spread = float(differences.std(ddof=1))
     if spread == 0:
@@ -107,12 +104,12 @@ def follows(errors: Errors) -> bool:
     return bool((errors.errors <= FOLLOWS_PX).mean() >= FOLLOWS_SHARE)
 
 
-def _interval(values: NDArray[np.float64], places: NDArray[np.int64]) -> Interval:
+def _interval(values: Floats, places: Ints) -> Interval:
     low, high = np.percentile(_drawn_means(values[:, None], places), [2.5, 97.5])
     return Interval(float(values.mean()), float(low), float(high))
 
 
-def _drawn_means(values: NDArray[np.float64], places: NDArray[np.int64]) -> NDArray[np.float64]:
+def _drawn_means(values: Floats, places: Ints) -> Floats:
     """Means of columns over maps drawn with replacement, shape (draws, columns)."""
     _, groups, sizes = np.unique(places, return_inverse=True, return_counts=True)
     sums = np.zeros((len(sizes), values.shape[1]))
@@ -122,13 +119,10 @@ def _drawn_means(values: NDArray[np.float64], places: NDArray[np.int64]) -> NDAr
 
 
 STANDARD, FULL, FIXED = POLICIES[:3]
-
+# Where the sky is, by the upward tilt of the camera (degrees): level; raised, so that the sky reaches into the lower
+# half; and lowered, so that the view ends in the trees.
 TILTS = {"in the upper half": 0.0, "beyond it": 12.0, "hardly seen": -14.0}
-"""Where the sky is, by the upward tilt of the camera (degrees): level; raised, so that the sky reaches into the lower
-half; and lowered, so that the view ends in the trees."""
-
 AS_PAPER = next(iter(WAYS))
-
 Case = tuple[str, str]  # Light and placement
 
 
@@ -136,10 +130,10 @@ Case = tuple[str, str]  # Light and placement
 class Sweep:
     """One view near each map at several exposures."""
 
-    offsets: NDArray[np.float64]  # stops from the exposure that holds the top half at 0.5, shape (offsets,)
+    offsets: Floats  # stops from the exposure that holds the top half at 0.5, shape (offsets,)
     errors: tuple[Errors, ...]  # by offset
-    votes: NDArray[np.int64]  # shape (maps, offsets)
-    whole: NDArray[np.float64]  # offset at which the whole image has a mean of 0.5, shape (maps,)
+    votes: Ints  # shape (maps, offsets)
+    whole: Floats  # offset at which the whole image has a mean of 0.5, shape (maps,)
 
 
 def replays_of(results: Results, light: str, tilt_deg: float | None = None) -> list[Any]:
@@ -163,8 +157,8 @@ def cases_of(results: Results, way: str = AS_PAPER) -> dict[Case, dict[str, Erro
 
 def errors_of(replays: list[Any], way: str, policy: str) -> Errors:
     """One policy's errors over several replays; registrations without a true shift are omitted for all policies."""
-    errors: list[NDArray[np.float64]] = []
-    places: list[NDArray[np.int64]] = []
+    errors: list[Floats] = []
+    places: list[Ints] = []
     first = 0
     for replay in replays:
         truth, maps = np.array(replay["shift"]), np.array(replay["map"], np.int64)
@@ -212,7 +206,7 @@ def _joined(found: list[Any]) -> Sweep:
     )
 
 
-def _or_infinite(values: list[Any]) -> NDArray[np.float64]:
+def _or_infinite(values: list[Any]) -> Floats:
     return np.array([math.inf if value is None else value for value in values], np.float64)
 
 

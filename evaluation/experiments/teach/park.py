@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from evaluation.arrays import Flags, Floats, Floats32
 from evaluation.experiments.teach.path import path_radius_m
 from evaluation.scenes.stills import leaves
 from fake_camera.world.render.renderer import Surface
@@ -52,7 +53,7 @@ class Daylight:
         direct = self.direct * max(facing, 0.0) / math.tan(math.radians(self.sun_elevation_deg))
         return direct + (1.0 - self.direct) / 2 + BOUNCE
 
-    def sky(self, azimuth_deg: ArrayLike, elevation_deg: ArrayLike) -> NDArray[np.float32]:
+    def sky(self, azimuth_deg: ArrayLike, elevation_deg: ArrayLike) -> Floats32:
         """Radiance of the sky without clouds; azimuth and elevation are broadcast against each other."""
         azimuth, elevation = np.asarray(azimuth_deg, np.float32), np.asarray(elevation_deg, np.float32)
         away = (azimuth - self.sun_azimuth_deg + 180.0) % 360.0 - 180.0
@@ -62,46 +63,39 @@ class Daylight:
         return np.asarray(even + glow, np.float32)
 
 
+# Early in the afternoon, the sun high.
 TEACHING = Daylight(230.0, 40.0, direct=0.75, haze=1.5, glow=2.0, first_lux=2000.0, last_lux=2000.0, day=0)
-"""Early in the afternoon, the sun high."""
 
+# Late in the afternoon, in steady light: under a clear sky, where shadows have moved and what faces the sun is almost
+# as bright as the sky, or under an overcast sky, 3 to 4 stops brighter than the trees. And after sunset, when only the
+# sky gives light, which falls by two stops during the drive.
 REPLAYS = {
     "clear": Daylight(195.0, 20.0, direct=0.7, haze=1.5, glow=3.0, first_lux=1000.0, last_lux=900.0, day=1),
     "overcast": Daylight(195.0, 20.0, direct=0.0, haze=0.0, glow=0.0, first_lux=500.0, last_lux=550.0, day=2),
     "sunset": Daylight(180.0, 1.0, direct=0.0, haze=0.8, glow=7.0, first_lux=40.0, last_lux=10.0, day=3),
 }
-"""Late in the afternoon, in steady light: under a clear sky, where shadows have moved and what faces the sun is almost
-as bright as the sky, or under an overcast sky, 3 to 4 stops brighter than the trees. And after sunset, when only the
-sky gives light, which falls by two stops during the drive."""
 
 STEADY = ("clear", "overcast")  # The replays late in the afternoon
-
-
 MEADOW_M, MEADOW_TEXELS = 26.0, 4096  # The ground around the path: a texel is 6 mm, one pixel at 5 m
-
+# Distance of the wood around the park with the sky above, and the number of panels they are painted on.
 BACKDROP_M, PANELS = 30.0, 8
-"""Distance of the wood around the park with the sky above, and the number of panels they are painted on."""
-
 PANEL_TEXELS = (820, 1024)
 SKY_TOP_M = 20.0  # Top of the panels: 32 degrees above the horizon, more than the view shows
 TRUNKS, TRUNK_HEIGHT_M = 40, 12.0  # Trunks reach beyond the view; of their crowns only the shadows are seen
-
 SHRUBS = 24
-
 HEDGES, HEDGE_TEXELS = 6, (420, 1800)  # Shrubs are cut out of this many patterns of leaves, 256 texels per metre
 BRIGHTEST_LEAF = 0.25  # Leaves reflect 5 to 25 % of visible light, typically 8 %
 LITTER = 25_000  # Fallen leaves on the meadow
 MOVED = 0.5  # Share of the leaves that the wind moves from one day to another
-
+# What replaces leaves, one after the other, and the share of them.
 Changes = Sequence[tuple[np.random.Generator, float]]
-"""What replaces leaves, one after the other, and the share of them."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Thing:
     """Something upright: its place, size and height (m), and how it is turned."""
 
-    place: NDArray[np.float64]
+    place: Floats
     size: tuple[float, float]
     height: float
     turn_deg: float
@@ -167,7 +161,7 @@ def _bark(rng: np.random.Generator) -> Pattern:
     return np.asarray(rng.uniform(0.1, 0.2) * (1.0 + 0.3 * ribs + 0.4 * stains), np.float32).clip(0.02, 0.5)
 
 
-def _foliage(rng: np.random.Generator, changes: Changes, width: int, height: int) -> tuple[Pattern, NDArray[np.bool_]]:
+def _foliage(rng: np.random.Generator, changes: Changes, width: int, height: int) -> tuple[Pattern, Flags]:
     """Leaves, and where the sky shows between them."""
     pattern = leaves(rng, width, height)
     for random, share in changes:
@@ -254,7 +248,7 @@ def _meadow(rng: np.random.Generator, wind: np.random.Generator | None, seed: in
     return ground.clip(0.02, 0.7)
 
 
-def _sunlit(things: list[_Thing], daylight: Daylight) -> NDArray[np.float32]:
+def _sunlit(things: list[_Thing], daylight: Daylight) -> Floats32:
     """Light on the meadow per lux on open ground: the shadows of things, and flecks of sun under the crowns."""
     size = MEADOW_TEXELS
     if daylight.direct == 0:
@@ -274,7 +268,7 @@ def _sunlit(things: list[_Thing], daylight: Daylight) -> NDArray[np.float32]:
     return np.asarray(1.0 - daylight.direct * (1.0 - soft), np.float32)
 
 
-def _texels(points_m: NDArray[np.float64]) -> NDArray[np.int32]:
+def _texels(points_m: Floats) -> NDArray[np.int32]:
     """Places on the meadow as (column, row), shape (points, 2)."""
     scale = MEADOW_TEXELS / MEADOW_M
     return np.stack([points_m[:, 0] * scale, -points_m[:, 1] * scale], axis=1).astype(np.int32) + MEADOW_TEXELS // 2

@@ -8,9 +8,9 @@ from collections.abc import Iterator, Sequence
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
+from evaluation.arrays import Floats
 from evaluation.experiments.experiment import Plain
 from evaluation.experiments.teach.park import REPLAYS, TEACHING, park
 from evaluation.experiments.teach.path import MAPS, TaughtPath
@@ -58,7 +58,7 @@ class Truth:
         across, down = (self._pixels - half_x) / CAMERA.focal_px, (y.ravel() - half_y) / CAMERA.focal_px
         self._rays = np.stack([across, down, np.ones(x.size)], axis=1)
 
-    def shift(self, taught: NDArray[np.float64], seen: NDArray[np.float64]) -> float:
+    def shift(self, taught: Floats, seen: Floats) -> float:
         """True shift (pixels) of the image from pose `seen` against the one from pose `taught`; NaN for none."""
         points = self._points(taught)
         local = (points - seen[:3, 3]) @ seen[:3, :3]
@@ -71,7 +71,7 @@ class Truth:
         winner = vote((column - self._pixels)[visible]).shift_px
         return math.nan if winner is None else winner
 
-    def _points(self, pose: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _points(self, pose: Floats) -> Floats:
         """World point seen at each point of the grid, shape (points, 3); NaN where nothing upright is seen."""
         rays = self._rays @ pose[:3, :3].T
         nearest = np.full(len(rays), np.inf)
@@ -91,25 +91,21 @@ class Truth:
         return np.where(upright[:, None], rays * nearest[:, None] + pose[:3, 3], np.nan)
 
 
+# The paper's three, and two newer ones.
 POLICIES = ("majer2018-standard", "majer2018-full", "majer2018-fixed", "begin2022", DEFAULT_POLICY)
-"""The paper's three, and two newer ones."""
-
 RATE_HZ = 30.0
 DELAY_FRAMES = 2  # A decision on one frame applies from this many frames later
-
+# 640 images in a drive (658 in the paper), and frames from one image to the next, at about 0.3 m/s.
 IMAGES_PER_MAP, FRAMES_PER_IMAGE = 8, 5
-"""640 images in a drive (658 in the paper), and frames from one image to the next, at about 0.3 m/s."""
-
 ENTRANTS = tuple(Entrant.of(name, DELAY_FRAMES) for name in POLICIES)
-
 STILL_FRAMES, FIRST_FRAMES = 10, 40  # Frames at rest before a map is taught, and before a drive begins
 
+# The policy that taught the map (None: the replaying one), and where features are looked for.
 WAYS: dict[str, tuple[str | None, Part]] = {
     "as the paper": ("majer2018-standard", "top half"),
     "each its own map": (None, "top half"),
     "features everywhere": ("majer2018-standard", "whole image"),
 }
-"""The policy that taught the map (None: the replaying one), and where features are looked for."""
 
 
 class Robot:
@@ -173,7 +169,7 @@ def taught_maps(
     return taught
 
 
-def frames(path: TaughtPath, light: str, maps: int, first: int = 0) -> Iterator[tuple[int, NDArray[np.float64], float]]:
+def frames(path: TaughtPath, light: str, maps: int, first: int = 0) -> Iterator[tuple[int, Floats, float]]:
     """The frames of one replay of `maps` maps from the `first`: number, pose and light (lux)."""
     daylight, number = REPLAYS[light], 1 + list(REPLAYS).index(light)
     for frame in range(maps * IMAGES_PER_MAP * FRAMES_PER_IMAGE):
@@ -196,7 +192,7 @@ def replayed(
     maps: int,
     entrants: Sequence[Entrant] = ENTRANTS,
     first: int = 0,
-) -> Iterator[tuple[int, NDArray[np.float64], dict[str, Image], Robot]]:
+) -> Iterator[tuple[int, Floats, dict[str, Image], Robot]]:
     """The images of one replay: the nearest map (from 0), pose, image by entrant, and the robot."""
     robot: Robot | None = None
     for frame, pose, lux in frames(path, light, maps, first):

@@ -11,9 +11,9 @@ import cv2
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
-from numpy.typing import NDArray
 
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
+from evaluation.arrays import Greys
 from evaluation.drawing import save
 from evaluation.experiments.experiment import Experiment, Figure, Job, Results, Section, Table
 from evaluation.experiments.teach.judge import (
@@ -133,6 +133,7 @@ def ways_table(results: Results) -> Table:
     )
 
 
+# After Okabe and Ito: distinct for everyone.
 POLICY_COLOURS = {
     "majer2018-standard": "#0072B2",
     "majer2018-full": "#D55E00",
@@ -140,10 +141,8 @@ POLICY_COLOURS = {
     "begin2022": "#CC79A7",
     DEFAULT_POLICY: "#222222",
 }
-"""After Okabe and Ito: distinct for everyone."""
 
 PIXELS = np.arange(0.0, 18.01, 0.25)  # The horizontal axis of the paper's figure 7
-
 SWEEP_COLOURS = ("#0072B2", "#D55E00", "#009E73")
 
 
@@ -231,7 +230,7 @@ def _legend(figure: Any, axes: Axes) -> None:
     figure.legend(handles, labels, loc="outside upper center", ncols=len(labels), fontsize=8, frameon=False)
 
 
-def _decoded(text: str) -> NDArray[np.uint8]:
+def _decoded(text: str) -> Greys:
     content = np.frombuffer(base64.b64decode(text), np.uint8)
     return np.asarray(cv2.imdecode(content, cv2.IMREAD_GRAYSCALE), np.uint8)
 

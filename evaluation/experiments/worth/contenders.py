@@ -45,21 +45,20 @@ def policy(policy_id: str) -> Contender:
     return Contender(policy_id, policy_id, make_loop)
 
 
+# All but `majer2018-fixed`, which is `fixed`.
 PUBLISHED: tuple[Contender, ...] = tuple(
     policy(policy_id)
     for policy_id, place in PLACES.items()
     if place.startswith("published.") and policy_id != "majer2018-fixed"
 )
-"""All but `majer2018-fixed`, which is `fixed`."""
 
+# Others' ideas with weights of our own training.
 LEARNED: tuple[Contender, ...] = tuple(policy(policy_id) for policy_id in LEARNED_IDS)
-"""Others' ideas with weights of our own training."""
 
+# Those in development; any `Contender` may be added.
 OURS: tuple[Contender, ...] = tuple(
     policy(policy_id) for policy_id, place in PLACES.items() if not place.startswith(("published.", "learned."))
 )
-"""Those in development; any `Contender` may be added."""
 
 APART = (*OURS, *LEARNED)  # Those that are measured one by one, since each changes by itself
-
 CONTENDERS = {contender.name: contender for contender in (*APART, *PUBLISHED)}

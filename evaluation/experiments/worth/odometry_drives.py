@@ -22,6 +22,7 @@ from fake_camera.world.simulation import RoomView
 
 Kind = Literal["plain", "dim", "uneven", "window", "lamps", "tunnel"]
 
+# Light on the walls where the drive begins, least and most.
 LUX: dict[Kind, tuple[float, float]] = {
     "plain": (10.0, 2000.0),
     "dim": (1.0, 8.0),
@@ -30,27 +31,19 @@ LUX: dict[Kind, tuple[float, float]] = {
     "lamps": (2.0, 200.0),
     "tunnel": (60.0, 2000.0),
 }
-"""Light on the walls where the drive begins, least and most."""
 
+# The light ahead, as a share of that: a bright side, around lamps, and a dark stretch.
 THERE: dict[Kind, float] = {"uneven": 30.0, "lamps": 5.0, "tunnel": 1 / 60}
-"""The light ahead, as a share of that: a bright side, around lamps, and a dark stretch."""
-
+# What is special lies so far to the left of the first view: it comes into view within the drive, even a slow one.
 AHEAD_RAD: dict[Kind, float] = {"uneven": 1.5, "window": 1.0, "lamps": 1.2, "tunnel": 1.5}
-"""What is special lies so far to the left of the first view: it comes into view within the drive, even a slow one."""
-
+# Of a lap: at most 33, 86 and 143 mm and degrees a second, and 8, 21 and 36 pixels a frame; `medium` is fig12's.
 PERIODS_S = {"slow": 40.0, "medium": 15.0, "fast": 9.0}
-"""Of a lap: at most 33, 86 and 143 mm and degrees a second, and 8, 21 and 36 pixels a frame; `medium` is fig12's."""
-
 SOFT_START_S = 1.0  # From rest to full speed
-
 SECONDS = 2.5
-
+# Repeats (noise): on which the best fixed setting is chosen, which policies see, and on which everyone is scored. The
+# errors of two all but identical exposures of one drive differ by a third, most of what two policies differ by in a
+# room. Two noises halve the variance of that, at the price of five seconds.
 CHOICE, SEEN, SCORED = 0, 1, (2, 3)
-"""Repeats (noise): on which the best fixed setting is chosen, which policies see, and on which everyone is scored.
-
-The errors of two all but identical exposures of one drive differ by a third, most of what two policies differ by in a
-room. Two noises halve the variance of that, at the price of five seconds.
-"""
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
+from evaluation.arrays import Floats
 from evaluation.experiments.experiment import Job, Plain
 from evaluation.experiments.worth.contenders import CONTENDERS, Contender, medians
 from evaluation.experiments.worth.matches.pairs import PREPARATIONS
@@ -26,8 +26,8 @@ from imaging.exposure import ExposureSetting
 from imaging.python310 import exp2
 from imaging.response import ResponseFunction
 
+# The error of an odometry that never moves. No sub-trajectory counts as more, and failed runs are listed as this.
 WORST_MM = 1e3 * SUB_TRAJECTORY_M
-"""The error of an odometry that never moves. No sub-trajectory counts as more, and failed runs are listed as this."""
 
 
 class Follower:
@@ -40,9 +40,9 @@ class Follower:
         seed = drive.noise_seed(repeat)
         self._stage = stage
         self._cameras = {side: SimulatedCamera(2 * seed + (side == "right"), seed) for side in BOTH}
-        self._truth: list[NDArray[np.float64]] = []
+        self._truth: list[Floats] = []
         self._odometry = {name: in_house() for name in PREPARATIONS}
-        self._estimates: dict[str, list[NDArray[np.float64]]] = {name: [] for name in PREPARATIONS}
+        self._estimates: dict[str, list[Floats]] = {name: [] for name in PREPARATIONS}
         self._lost: dict[str, list[bool]] = {name: [] for name in PREPARATIONS}
 
     def look(self, setting: ExposureSetting) -> None:
@@ -72,10 +72,8 @@ class Follower:
 
 
 DELAY_FRAMES = 2
-
+# Levels tried in hindsight, from the one at which a white wall in the first light is just below saturation.
 TRIED_STOPS = (-3.0, -1.5, 0.0, 1.5)
-"""Levels tried in hindsight, from the one at which a white wall in the first light is just below saturation."""
-
 WHITE_US_LUX = 2000.0 * 150.0  # Such a wall: 2 ms at 150 lux
 LONGEST_US = 3000.0  # Of these settings, unless the most gain needs more: hardly any blur
 
@@ -153,19 +151,17 @@ def _rows(
     return [*errors, {"judge": "odometry-failures", **base, "value": float(np.mean(list(failed.values())))}]
 
 
+# Translation RPE over 20 mm (mm) on frames as they are and preprocessed; share of these runs that failed.
 JUDGES: dict[str, Literal["higher", "lower"]] = {
     **{f"odometry-{name}": "lower" for name in PREPARATIONS},
     "odometry-failures": "lower",
 }
-"""Translation RPE over 20 mm (mm) on frames as they are and preprocessed; share of these runs that failed."""
 
 GROUP = len(LUX)  # Drives of a job, one of each kind
 CLOSEST = (DEFAULT_POLICY, "begin2022", "begin2022-code")  # Who drives through all rooms ..
-
+# ... and of the groups those through which everyone does: enough to tell a policy that is worse by a third. Whoever is
+# still undecided after that joins `CLOSEST`.
 SCREENED_EVERY = 4
-"""... and of the groups those through which everyone does: enough to tell a policy that is worse by a third. Whoever is
-still undecided after that joins `CLOSEST`."""
-
 SET_UP_S, COST_PER_S = 2.0, 5.5  # Seconds of one core to build a room, and for a second of a drive with one contender
 
 

@@ -10,11 +10,9 @@ from pathlib import Path
 from evaluation.scenes.stills import Still, painting
 from fake_camera.world.scene.panorama import load_radiance
 
+# Where the photographs are (docs/experiments.md).
 DATA = Path(os.environ.get("AUTOEXPOSE_DATA", Path(__file__).parents[4] / "shared" / "data"))
-"""Where the photographs are (docs/experiments.md)."""
-
 PAINTED_SIZE = (1000, 640)  # Width and height of painted stills
-
 _STILLS = {"tuning": ("Carrots", "CrissyField"), "report": ("Desk", "GoldenGate", "MtTamWest")}
 
 

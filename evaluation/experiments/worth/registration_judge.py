@@ -21,10 +21,9 @@ from fake_camera.world.render.renderer import Renderer
 from navigation.views.features import Features, OrbPyramid
 from navigation.views.registration import Vote, register
 
+# Exposures tried, from the one that gives the first view a mean of one half; time before gain, since nothing blurs at
+# this speed.
 STOPS = range(-4, 2)
-"""Exposures tried, from the one that gives the first view a mean of one half; time before gain, since nothing blurs at
-this speed."""
-
 Levels = list[int]  # Exposure levels, whole stops
 
 
@@ -155,8 +154,8 @@ def _free(sight: _Sight, taught: Levels, seen: Levels) -> _Plan:
     return maps, images, others
 
 
+# Taught the foreign maps: the paper's default, which meters as robots outdoors often do, by a part of the image.
 TEACHER = "majer2018-standard"
-"""Taught the foreign maps: the paper's default, which meters as robots outdoors often do, by a part of the image."""
 
 
 def measure_policies(*, replay: dict[str, Any], policies: list[str]) -> list[dict[str, Any]]:
@@ -225,13 +224,13 @@ def _entrant(contender: Contender) -> Entrant:
     return Entrant(contender.name, DELAY_FRAMES, contender.make_loop)
 
 
+# Share of registrations within 5 px of the truth, on maps that the policy taught itself and on `TEACHER`'s; share of
+# saturated pixels under a clear sky, for which there are no bounds: the darkest setting would win.
 JUDGES: dict[str, Literal["higher", "lower"]] = {
     "registration-own": "higher",
     "registration-foreign": "higher",
     "saturated-share": "lower",
 }
-"""Share of registrations within 5 px of the truth, on maps that the policy taught itself and on `TEACHER`'s; share of
-saturated pixels under a clear sky, for which there are no bounds: the darkest setting would win."""
 
 QUICK = (TEACHER, "begin2022", "begin2022-code", "fixed")  # Of the published policies, in a quick run
 _COST_S = 1.0  # Of one contender and one map (s of one core)

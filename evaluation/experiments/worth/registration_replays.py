@@ -7,9 +7,7 @@ from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
+from evaluation.arrays import Floats
 from evaluation.committed import REPORT_PARK, TUNING_PARK
 from evaluation.experiments.teach.judge import TILTS, WITHIN_PX
 from evaluation.experiments.teach.park import REPLAYS, TEACHING, Daylight, park
@@ -22,9 +20,8 @@ from fake_camera.world.render.renderer import Renderer, Surface
 from navigation.views.registration import Vote
 
 MAPS = 10  # Of the 80 along a path, with eight images each
-
+# Repeats (noise) on which bounds are chosen, and on which they are scored; policies run on the first of these.
 CHOICE, SCORING = 0, (1, 2)
-"""Repeats (noise) on which bounds are chosen, and on which they are scored; policies run on the first of these."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,7 +30,7 @@ class Look:
 
     index: int  # of the map that it is registered with
     # pose, lux: where it is taken (camera to world, 4x4), and in which light.
-    pose: NDArray[np.float64]
+    pose: Floats
     lux: float
     shift: float  # the true one, pixels; NaN where nothing upright is in both views
 

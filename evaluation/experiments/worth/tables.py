@@ -18,7 +18,6 @@ from evaluation.experiments.statistics import FEWEST, Comparison, Interval, over
 FIXED_IN_HINDSIGHT = "fixed-in-hindsight"
 ORACLE_PER_FRAME = "oracle-per-frame"
 BOUNDS = (FIXED_IN_HINDSIGHT, ORACLE_PER_FRAME)
-
 NOT_COUNTED = ("fixed", *BOUNDS)  # What knows the course, and `fixed`, which was chosen by hand for rooms like these
 
 
@@ -36,11 +35,8 @@ MARGINS = {
 """The judges by which a policy is inferior or not, most important first, and by how much it may be worse."""
 
 FAILURES = "odometry-failures"  # Its values are compared as they are, since most are 0
-
 _FEW = f"Of fewer than {FEWEST} places it is Student's interval."
-
 _COLUMNS = 6  # Judges side by side in one table
-
 Better = Mapping[str, Literal["higher", "lower"]]
 
 

@@ -16,18 +16,14 @@ from evaluation.stage.camera import CameraResponse
 from fake_camera.world.sensor import SensorModel
 from imaging.response import ResponseFunction
 
+# Of the image, in pixels of the 360 wide frame per 1/60 s: 1, 6 and 20 of a frame 720 wide.
 SPEEDS_PX = (0.5, 3.0, 10.0)
-"""Of the image, in pixels of the 360 wide frame per 1/60 s: 1, 6 and 20 of a frame 720 wide."""
-
 LUX = (2.0, 10.0, 50.0, 300.0, 2000.0)  # A street at night, a corridor, a living room, an office, shade outdoors
-
+# A cellar, and a turn of 67 degrees a second: of the rig's cameras, and of those before panoramas.
 DIM_LUX, TURN_PX, PANORAMA_TURN_PX = 5.0, 8.4, 3.5
-"""A cellar, and a turn of 67 degrees a second: of the rig's cameras, and of those before panoramas."""
-
 STEP_FACTOR = 100.0
 STEP_LUX = (2.0, 6.0, 20.0)  # The light on the dark side of a step
 WARM_UP = 30  # Frames not scored: half a second to find an exposure from a sensible start
-
 STEADY_FRAMES = 72
 STEP_AT, STEP_FRAMES = 36, 84  # A step is scored with three pairs before it, and 0.8 s after it
 PAN_FRAMES, PAN_SPEEDS_PX = 150, (5.0, 10.0)  # Over the width of a still, once to twice

@@ -34,14 +34,10 @@ for _name in PREPARATIONS:
 
 BAD_FRAMES = "bad-frames"  # Share of frames of which more than half is white or black
 BLACK = 1  # What rounding and read noise make of no light at all
-
 JUDGES: dict[str, Literal["higher", "lower"]] = {**PAIR_JUDGES, BAD_FRAMES: "lower"}
-
 CHOICE_SEED = 0  # Noise on which bounds are chosen ..
-
+# ... and on which they are scored, else luck wins. Policies run on the first of these: three would cost thrice.
 SCORING_SEEDS = (1, 2, 3)
-"""... and on which they are scored, else luck wins. Policies run on the first of these: three would cost thrice."""
-
 CHECKED_EVERY = 4  # Every fourth scored pair is tried with all settings of the grid, and judged by SIFT
 
 
@@ -95,8 +91,8 @@ def rows(
     ]
 
 
+# Of every policy but `fixed`: sensible, and wrong by stops in most of the light here.
 START = ExposureSetting(1000.0, 0.0)
-"""Of every policy but `fixed`: sensible, and wrong by stops in most of the light here."""
 
 
 def run(course: Course, contender: Contender) -> list[dict[str, Any]]:
@@ -115,13 +111,13 @@ def enter(contender: Contender, course: Course) -> DelayedLoop:
     return DelayedLoop(contender.make_loop(course.response, LIMITS, START), course.delay_frames)
 
 
+# Stops apart. 300 us blur by less than 0.2 pixels at any of our speeds, so shorter times need no more gain.
 GRID = tuple(
     ExposureSetting(time_us, gain_db)
     for time_us in (75.0, 150.0, 300.0, 600.0, 1200.0, 2400.0, 4800.0, 7500.0)
     for gain_db in (0.0, 6.0, 12.0, 18.0, 24.0, 30.0)
     if time_us >= 300.0 or gain_db <= 6.0
 )
-"""Stops apart. 300 us blur by less than 0.2 pixels at any of our speeds, so shorter times need no more gain."""
 
 Pair = dict[str, float]
 

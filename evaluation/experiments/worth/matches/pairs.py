@@ -11,31 +11,26 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from evaluation.arrays import Flags, Floats, Floats32, Greys
 from evaluation.experiments.worth.matches.scenes import HEIGHT, WIDTH, Homography, MotionModel, found_motion
 from evaluation.odometry.stereo import prepared
 
 ORB_FEATURES, SIFT_FEATURES, CORNERS = 500, 300, 300
-
 LOWE_RATIO = 0.8  # As Lowe proposed for SIFT; common for ORB, too
 INLIER_PX = 2.0  # Matches within this distance of the true motion agree with it
 FEWEST_INLIERS = 20  # Fewer may agree by chance; a pair with fewer is lost
 LOST_PX = 5.0  # An error that counts as lost; what is lost counts as this
-
+# As common in visual-inertial odometry: a hundredth of the best corner's response, and corners spread out.
 _CORNER_QUALITY, _CORNER_DISTANCE_PX = 0.01, 7.0
-"""As common in visual-inertial odometry: a hundredth of the best corner's response, and corners spread out."""
-
 _WINDOW, _PYRAMID = (21, 21), 3  # OpenCV's defaults for Lucas and Kanade's tracker: follows 60 pixels
-
-Image = NDArray[np.uint8]
-Points = NDArray[np.float32]
-
+Image = Greys
+Points = Floats32
+# Frames as they are, and as the paper gives them to odometry: 3x3 median, then a gamma of 0.3.
 PREPARATIONS: dict[str, Callable[[Image], Image]] = {"raw": lambda image: image, "preprocessed": prepared}
-"""Frames as they are, and as the paper gives them to odometry: 3x3 median, then a gamma of 0.3."""
-
 _ORB = cv2.ORB.create(ORB_FEATURES)
 _SIFT = cv2.SIFT.create(SIFT_FEATURES)
+# Where displacements are compared: all over the picture.
 _PLACES = np.stack(np.meshgrid(np.linspace(0, WIDTH - 1, 13), np.linspace(0, HEIGHT - 1, 10)), axis=-1).reshape(-1, 2)
-"""Where displacements are compared: all over the picture."""
 
 
 class Seen:
@@ -45,13 +40,13 @@ class Seen:
         self.image = image
 
     @cached_property
-    def orb(self) -> tuple[Points, NDArray[np.uint8]]:
+    def orb(self) -> tuple[Points, Greys]:
         """Positions (n, 2) and descriptors of ORB features."""
         found, descriptors = _ORB.detectAndCompute(self.image, None)
         return _points(found), np.asarray(np.empty((0, 32)) if descriptors is None else descriptors, np.uint8)
 
     @cached_property
-    def sift(self) -> tuple[Points, NDArray[np.float32]]:
+    def sift(self) -> tuple[Points, Floats32]:
         """Positions (n, 2) and descriptors of SIFT features."""
         found, descriptors = _SIFT.detectAndCompute(self.image, None)
         return _points(found), np.asarray(np.empty((0, 128)) if descriptors is None else descriptors, np.float32)
@@ -172,11 +167,11 @@ def _matched(
     return here[clear], there[nearest[clear, 0]]
 
 
-def _agree(here: Points, there: Points, truth: Homography) -> NDArray[np.bool_]:
+def _agree(here: Points, there: Points, truth: Homography) -> Flags:
     return np.asarray(np.linalg.norm(_moved(here, truth) - there, axis=1) <= INLIER_PX)
 
 
-def _moved(points: NDArray[Any], by: Homography) -> NDArray[np.float64]:
+def _moved(points: NDArray[Any], by: Homography) -> Floats:
     if not len(points):
         return np.empty((0, 2))
     return np.asarray(cv2.perspectiveTransform(points[None].astype(np.float64), by)[0], np.float64)

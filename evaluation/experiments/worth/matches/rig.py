@@ -20,10 +20,8 @@ from imaging.frames import Frame, Side, StereoPair
 from imaging.pixels import Pixels
 
 LONGEST_S = LIMITS.max_time_us * 1e-6
-
+# Motion of the image's middle between rendered instants: within 1 pixel where panoramas move faster, at their ends.
 BLUR_STEP_PX = 0.75
-"""Motion of the image's middle between rendered instants: within 1 pixel where panoramas move faster, at their ends."""
-
 DARK = 2.0**-8  # What a lens cap with a pinhole lets through: the other eye is 8 stops darker
 DIRT_SIGMA_PX = 6.0  # Blur by dirt on the lens: no detail is left, only large shapes
 
@@ -35,7 +33,6 @@ _EYES: dict[str, Callable[[Radiance], Radiance]] = {
 }
 
 DEFAULT_SENSOR = SensorModel(width=WIDTH, height=HEIGHT)
-
 EYES = tuple(_EYES)  # States of the right camera; a dead one delivers frames without light
 
 

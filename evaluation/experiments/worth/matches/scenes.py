@@ -9,16 +9,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from evaluation.arrays import Floats, Floats32
 from evaluation.experiments.worth.pictures import picture
 from evaluation.scenes.scenarios import RATE_HZ
 
+# Of two matches each: with a fifth of the matches right, 99.97 % that one of them is of right matches only.
 HYPOTHESES = 200
-"""Of two matches each: with a fifth of the matches right, 99.97 % that one of them is of right matches only."""
-
 _REFINEMENTS = 2  # Least squares over the inliers, and over those of its result
-
-Homography = NDArray[np.float64]
-Points = NDArray[np.float64]
+Homography = Floats
+Points = Floats
 
 
 class MotionModel(Protocol):
@@ -71,7 +70,7 @@ class Rotation:
         turn = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
         return np.asarray(self._camera @ turn @ self._inverse)
 
-    def _rays(self, points: Points) -> NDArray[np.float64]:
+    def _rays(self, points: Points) -> Floats:
         rays = np.concatenate([points, np.ones((*points.shape[:-1], 1))], axis=-1) @ self._inverse.T
         return np.asarray(rays / np.linalg.norm(rays, axis=-1, keepdims=True))
 
@@ -93,7 +92,7 @@ def found_motion(model: MotionModel, here: Points, there: Points, within_px: flo
     return found
 
 
-def _apart(motions: Homography, here: Points, there: Points) -> NDArray[np.float64]:
+def _apart(motions: Homography, here: Points, there: Points) -> Floats:
     """How far matches are from what motions (m, 3, 3) say, (m, n); NaN for a useless motion."""
     homogeneous = np.concatenate([here, np.ones((len(here), 1))], axis=1)
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
@@ -113,7 +112,7 @@ def _similarity(turn: NDArray[np.complex128], shift: NDArray[np.complex128]) -> 
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
-def _triads(rays: NDArray[np.float64]) -> NDArray[np.float64]:
+def _triads(rays: Floats) -> Floats:
     """Orthonormal axes, in columns, of two rays each: (n, 2, 3) -> (n, 3, 3)."""
     middle = rays[:, 0] + rays[:, 1]
     across = np.cross(rays[:, 0], rays[:, 1])
@@ -123,22 +122,15 @@ def _triads(rays: NDArray[np.float64]) -> NDArray[np.float64]:
 
 WIDTH, HEIGHT = 360, 270  # Of the judged frames: panoramas of 1024x512 have no more detail to show
 DISPARITY_PX = 12  # Between the cameras; everything is at one distance
-
+# Width and height of what both cameras see together; the left one sees its left end.
 CANVAS = (WIDTH + DISPARITY_PX, HEIGHT)
-"""Width and height of what both cameras see together; the left one sees its left end."""
-
 CENTRE = ((WIDTH - 1) / 2, (HEIGHT - 1) / 2)  # The left camera's principal point (pixels)
-
+# Before panoramas: 90 degrees across, where a pixel of the view is about as large as one of the panorama.
 FOCAL_PX = 180.0
-"""Before panoramas: 90 degrees across, where a pixel of the view is about as large as one of the panorama."""
-
 STILL_SPAN = 1.8  # Larger stills are shrunk to this many views across or down: sharp, and no view shows nothing but sky
-
 _PANORAMAS = "hdri_1k_cc0/"
-
 _MARGIN_PX = 64  # By which panoramas continue beyond their seam
-
-Radiance = NDArray[np.float32]
+Radiance = Floats32
 
 
 class MovingView(Protocol):
@@ -235,7 +227,7 @@ class PanoramaView:
         turn = self._to_world(to_s).T @ self._to_world(from_s)
         return np.asarray(self._camera @ turn @ np.linalg.inv(self._camera), np.float64)
 
-    def _to_world(self, time_s: float) -> NDArray[np.float64]:
+    def _to_world(self, time_s: float) -> Floats:
         gone = self._rate * time_s
         yaw, pitch, roll = self._start + gone, 0.15 * math.sin(0.9 * gone), 0.05 * math.sin(1.3 * gone)
         turned = [cv2.Rodrigues(np.array(axis))[0] for axis in ((0.0, yaw, 0.0), (pitch, 0.0, 0.0), (0.0, 0.0, roll))]

@@ -23,8 +23,8 @@ from evaluation.experiments.worth.tables import FIXED_IN_HINDSIGHT, Verdicts, cl
 from imaging.exposure import ExposureSetting
 from imaging.frames import Frame
 
+# Of the judges, where the default loses most.
 SHOWN = ("matches-orb-raw", "matches-orb-preprocessed", "pose-error-orb-raw", "klt-error-raw", "klt-error-preprocessed")
-"""Of the judges, where the default loses most."""
 
 
 def matches_tables(
@@ -84,9 +84,8 @@ def _settings(results: Results, courses: Mapping[str, Course], policies: Sequenc
 
 WORST = 3  # Courses shown
 FRAMES = 5  # Shown of each, spread over what is scored
-
+# Added to matches, and to errors in pixels: a ratio of two tiny values says nothing.
 _LEAST = {"higher": 1.0, "lower": 0.01}
-"""Added to matches, and to errors in pixels: a ratio of two tiny values says nothing."""
 
 
 def worst_courses(results: Results, verdicts: Verdicts) -> list[tuple[Course, float]]:
