@@ -1,10 +1,15 @@
-"""Every constant of a policy altered, one at a time, and what that does to its courses."""
+"""Every constant of a policy altered, one at a time, and what that does to its courses.
+
+What is altered must not judge itself. So only decisions leave the altered process; an unaltered one takes the same
+frames again and judges all by one yardstick: the best exposure of each frame by the unaltered objective, split as the
+unaltered policy splits it.
+"""
 
 from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from contextlib import closing
 from dataclasses import asdict, dataclass, replace
@@ -16,15 +21,31 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from evaluation.arena.ablation_course import Course, Decisions, judge, start_of
-from evaluation.arena.altered_policy import Constant, Request, constants_in_c, constants_of, run_altered
+from autoexpose_daemon.control.balance import Balance
+from autoexpose_daemon.control.decision import Decision
+from autoexpose_daemon.control.loop import ControlLoop
+from evaluation.arena.altered_policy import (
+    Constant,
+    Course,
+    Decisions,
+    Request,
+    constants_in_c,
+    constants_of,
+    run_altered,
+)
 from evaluation.arena.count import ROOT, c_files, count_c, count_python, python_files
+from evaluation.arena.race import course_of, run_course
 from evaluation.arena.runs import MAIN_DELAY, TUNE_SCENES, Run, results
 from evaluation.arena.scores import Score
 from evaluation.long_runs import KeptResults, LongProgress
 from evaluation.pool import over_processes
 from evaluation.scenes.scenarios import SCENARIOS
+from evaluation.stage.delayed_loop import Entrant, MakeLoop
+from evaluation.stage.oracle import Oracle, best_start
 from imaging.errors import AutoexposeError, ConfigurationError
+from imaging.exposure import ExposureLimits, ExposureSetting
+from imaging.frames import StereoPair
+from imaging.response import ResponseFunction
 
 # Those in which single rules of an earlier default weighed most: jumps out of white, motion, light that beats.
 QUICK_SCENARIOS = ("step_up", "pan", "flicker")
@@ -210,6 +231,62 @@ def _judge(asked: _Asked) -> dict[str, dict[str, Any]]:
 
 
 # By title: a name in the rows of `results`, and how it is shown.
+
+
+def start_of(course: Course) -> tuple[float, float]:
+    """Exposure time (us) and gain (dB) that all start a course with."""
+    stage, _ = course_of(*course)
+    start = best_start(Oracle(stage, ("left", "right") if stage.has_lamp else ("left",)))
+    return start.exposure_time_us, start.gain_db
+
+
+def judge(
+    policy: str, course: Course, rolled_out: Mapping[str, Decisions], frames: int | None = None
+) -> dict[str, Score]:
+    """The scores of all that took a course, by name; those of the unaltered policy by the policy's."""
+    leaders: list[_Leader] = []
+
+    def lead(response: ResponseFunction, limits: ExposureLimits, start: ExposureSetting) -> ControlLoop:
+        leaders.append(_Leader(policy, response, limits, start))
+        return leaders[0]
+
+    def follow(taken: Decisions) -> MakeLoop:
+        return lambda *_: _Follower(leaders[0], taken)
+
+    entrants = [Entrant(policy, MAIN_DELAY, lead)]  # enters and steps before all others
+    entrants += [Entrant(name, MAIN_DELAY, follow(taken)) for name, taken in rolled_out.items()]
+    return {series.entrant.name: series.score() for series in run_course(*course, entrants, frames=frames)}
+
+
+class _Leader(ControlLoop):
+    """The unaltered policy: its split and its motion are the yardstick's."""
+
+    motion_px = 0.0
+
+    def step(self, pair: StereoPair, *given: Any, **named: Any) -> Decision:
+        decision = super().step(pair, *given, **named)
+        self.motion_px = decision.motion_px
+        return decision
+
+
+class _Follower(ControlLoop):
+    """Decides as was decided elsewhere."""
+
+    def __init__(self, leader: _Leader, taken: Decisions) -> None:
+        setup = leader.setup
+        super().__init__(setup.policy_id, setup.responses, setup.limits, setup.start)
+        self._leader, self._ahead = leader, iter(taken)
+
+    @property
+    def balance(self) -> Balance:
+        return self._leader.balance
+
+    def step(self, pair: StereoPair, *given: Any, **named: Any) -> Decision:
+        taken = next(self._ahead)
+        setting = ExposureSetting(**taken["setting"])
+        return Decision(**{**taken, "setting": setting, "motion_px": self._leader.motion_px})
+
+
 COLUMNS: dict[str, tuple[str, str]] = {
     "mean": ("objective_ratio_mean", "{:.3f}"),
     "worst 5 %": ("objective_ratio_p05", "{:.3f}"),

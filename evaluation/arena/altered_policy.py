@@ -25,6 +25,10 @@ from typing import Any
 
 from imaging.errors import AutoexposeError
 
+DELAY_FRAMES = 2  # As `runs.MAIN_DELAY`, which may not be imported here yet
+Course = tuple[str, str, int]  # Scenario, scene and seed
+Decisions = list[dict[str, Any]]  # One for each frame, as plain data
+
 
 @dataclass(frozen=True, slots=True)
 class Alteration:
@@ -84,12 +88,28 @@ def run_altered(request: Request) -> list[Any] | str:
     raise AutoexposeError(f"a process ended with {done.returncode}: {done.stderr.strip()[-300:] or 'it was killed'}")
 
 
+def roll_out(policy: str, course: Course, start: tuple[float, float], frames: int | None = None) -> Decisions:
+    """The decisions of a policy in closed loop; imports what it needs only when the alteration is in place."""
+    import cv2  # noqa: PLC0415
+
+    from evaluation.arena.race import course_of  # noqa: PLC0415
+    from evaluation.scenes.scenarios import SCENARIOS  # noqa: PLC0415
+    from evaluation.stage.delayed_loop import Entrant  # noqa: PLC0415
+    from imaging.exposure import ExposureSetting  # noqa: PLC0415
+
+    cv2.setNumThreads(1)
+    stage, _ = course_of(*course)
+    delayed = Entrant.of(policy, DELAY_FRAMES).enter(ExposureSetting(*start))
+    for frame in range(frames or SCENARIOS[course[0]].frames):
+        stage.go_to(frame)
+        delayed.step(stage.take)
+    return [asdict(decision) for decision in delayed.decisions]
+
+
 def _answer(request: dict[str, Any]) -> list[Any] | str:
     if request["alteration"]:
         sys.meta_path.insert(0, AlteredModule(Alteration(**request["alteration"])))
     try:
-        from evaluation.arena.ablation_course import roll_out  # noqa: PLC0415
-
         return [
             roll_out(request["policy"], tuple(course), tuple(start), request["frames"])
             for course, start in zip(request["courses"], request["starts"], strict=True)

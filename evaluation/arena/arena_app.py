@@ -24,7 +24,7 @@ from evaluation.arena.ablation import (
     print_ablation,
     write_ablation,
 )
-from evaluation.arena.ablation_course import Course
+from evaluation.arena.altered_policy import Course
 from evaluation.arena.arena_report import cells, mean_ratios, write_arena_report
 from evaluation.arena.count import count_policy, print_count
 from evaluation.arena.runs import Run, Task, document, full_plan, quick_plan, run_plan

@@ -14,9 +14,8 @@ import cv2
 import numpy as np
 
 from evaluation.arrays import Greys, Ints
-from evaluation.odometry.lap import odometry_stage
 from evaluation.odometry.stereo import StereoCamera, Tracked, images
-from evaluation.odometry.tracking import EVERY
+from evaluation.odometry.tracking import EVERY, odometry_stage
 from evaluation.scenes.scenarios import RATE_HZ
 from imaging.exposure import ExposureSetting
 

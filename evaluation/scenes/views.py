@@ -147,7 +147,7 @@ def _wide(picture: Floats32) -> Floats32:
 
 
 Feature = Literal["plain", "window", "lamps"]  # What there is beside walls and cartons
-# East to west, north to south, floor to ceiling: the furnished room at the scale of `evaluation.odometry.lap`.
+# East to west, north to south, floor to ceiling: the furnished room at the scale of `evaluation.odometry.tracking`.
 LENGTH_M, WIDTH_M, HEIGHT_M = 3.0, 2.4, 1.32
 TEXELS_PER_M = 680.0  # About one texel per pixel at 1.2 m
 LEVEL_TEXELS_PER_M = 340.0  # Of floor and ceiling, which are seen at a slant
@@ -166,7 +166,7 @@ _FRAME = 0.002  # Share of the window's light that its frame shows
 def natural_room(pictures: Sequence[Still], seed: int, feature: Feature, bearing_rad: float) -> list[Surface]:
     """The surfaces of a room in even light; the seed decides pieces, contrasts and the places of cartons.
 
-    Cartons leave the middle free: at least 0.15 m to either camera on the path of `evaluation.odometry.lap`, where the
+    Cartons leave the middle free: at least 0.15 m to either camera on the path of `odometry.tracking.lap`, where the
     odometry begins to look.
 
     `pictures`: radiance, float32, (rows, columns); at least one. `feature`: also there: a window with daylight that

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from evaluation.pool import over_processes
-from evaluation.sweeps.score import Stated, scored
-from evaluation.sweeps.simulated import PROCESSINGS, simulated
+from evaluation.sweeps import PROCESSINGS, Stated, scored, simulated
 
 pytestmark = pytest.mark.timeout(900)
 

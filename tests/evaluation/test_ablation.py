@@ -20,12 +20,22 @@ from evaluation.arena.ablation import (
     ablate,
     ablation_courses,
     ablation_document,
+    judge,
     policy_constants,
     print_ablation,
+    start_of,
     write_ablation,
 )
-from evaluation.arena.ablation_course import Course, Decisions, judge, roll_out, start_of
-from evaluation.arena.altered_policy import AlteredModule, Request, constants_in_c, constants_of, run_altered
+from evaluation.arena.altered_policy import (
+    AlteredModule,
+    Course,
+    Decisions,
+    Request,
+    constants_in_c,
+    constants_of,
+    roll_out,
+    run_altered,
+)
 from evaluation.arena.scores import Score
 from evaluation.scenes.scenarios import SCENARIOS, WARM_UP_FRAMES
 from imaging.errors import AutoexposeError, ConfigurationError

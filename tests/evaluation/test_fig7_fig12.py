@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY, POLICY_IDS
 from evaluation.experiments.cache import ResultCache, run_jobs
-from evaluation.experiments.drives import drives, fig7, fig12, fig12_claims
+from evaluation.experiments.drives import drives, fig7, fig12
 from evaluation.experiments.drives.drives import FEWEST_ROOMS, over_rooms
-from evaluation.experiments.drives.fig12_claims import LOW, SCENES, UNEVEN, PolicyRuns
+from evaluation.experiments.drives.fig12 import LOW, SCENES, UNEVEN, PolicyRuns
 from evaluation.experiments.experiment import Experiment, Figure, Results, Section, Verdict
 from evaluation.experiments.statistics import Interval, above, alike, below, not_above, together
 from evaluation.odometry.stereo import Tracked
@@ -167,7 +167,7 @@ def test_claims_are_judged_by_their_rules() -> None:
         for room in range(FEWEST_ROOMS)
     ]  # fmt: skip
     runs = PolicyRuns(results)
-    judged = fig12_claims.claims(runs)
+    judged = fig12.claims(runs)
     counted = [claim for claim in judged if claim.counted]
     assert [claim.verdict.value for claim in counted] == [
         "reproduced",  # more gradient information than both
@@ -183,8 +183,8 @@ def test_claims_are_judged_by_their_rules() -> None:
     assert printed[0].verdict is printed[1].verdict is Verdict.NOT_REPRODUCED
     assert f"failed {FEWEST_ROOMS} of {FEWEST_ROOMS} runs" in printed[1].ours
     assert printed[5].verdict is Verdict.NOT_REPRODUCED  # Mehta's level is the higher one here
-    assert fig12_claims._ours(runs, LOW, "begin2022-code").verdict is Verdict.REPRODUCED
+    assert fig12._ours(runs, LOW, "begin2022-code").verdict is Verdict.REPRODUCED
     for _, of_room in results:
         of_room[0]["failed"] = True
-    failing = fig12_claims._ours(runs, LOW, "begin2022-code")
+    failing = fig12._ours(runs, LOW, "begin2022-code")
     assert failing.verdict is Verdict.NOT_REPRODUCED and failing.condition == "more runs fail"

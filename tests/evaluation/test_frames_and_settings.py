@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.loop import ControlLoop
 from evaluation.arena.race import run_course
-from evaluation.odometry.lap import odometry_stage
 from evaluation.odometry.stereo import Tracked, prepared
-from evaluation.odometry.tracking import TrackedRun, track_entrants
+from evaluation.odometry.tracking import TrackedRun, odometry_stage, track_entrants
 from evaluation.scenes.scenarios import Course
 from evaluation.stage.delayed_loop import Entrant
 from evaluation.stage.rendering import Stage

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from evaluation.odometry.lap import PERIOD_S, lap
+from evaluation.odometry.tracking import PERIOD_S, lap
 from evaluation.scenes.stills import Still
 from evaluation.scenes.views import (
     BRIGHTEST,

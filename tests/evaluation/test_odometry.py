@@ -10,10 +10,9 @@ import pytest
 from numpy.typing import NDArray
 
 from evaluation.odometry.features import place
-from evaluation.odometry.lap import lap, odometry_stage
 from evaluation.odometry.orb import OrbOdometry, project, refined_pose, rough_pose, transform, triangulate
 from evaluation.odometry.stereo import StereoCamera, images, relative_errors_mm
-from evaluation.odometry.tracking import FAILED_PAIRS, lost_for_good
+from evaluation.odometry.tracking import FAILED_PAIRS, lap, lost_for_good, odometry_stage
 from evaluation.stage.rendering import Stage
 from fake_camera.world.simulation import RoomView
 from imaging.exposure import ExposureSetting

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from evaluation.experiments.drives import fig13_orb_slam3
-from evaluation.odometry.lap import odometry_stage
 from evaluation.odometry.orb_slam3 import BRANCHES, LEVELS, TAUGHT_ROOM, OrbSlam3, write_vocabulary
 from evaluation.odometry.stereo import StereoCamera, images, relative_errors_mm
+from evaluation.odometry.tracking import odometry_stage
 from fake_camera.world.simulation import RoomView
 from imaging.exposure import ExposureSetting
 

@@ -33,9 +33,9 @@ from evaluation.experiments.worth.matches.judge import (
     measure_contender,
 )
 from evaluation.experiments.worth.matches.scenes import StillView
-from evaluation.experiments.worth.matches.tables import SHOWN
-from evaluation.experiments.worth.odometry_drives import LUX, PERIODS_S, Drive, drives
+from evaluation.experiments.worth.odometry_judge import LUX, PERIODS_S, Drive, drives
 from evaluation.experiments.worth.tables import BOUNDS, MARGINS, Verdicts, claims_tables
+from evaluation.experiments.worth.worth import SHOWN
 from evaluation.stage.camera import LIMITS
 from imaging.exposure import ExposureSetting
 from tests.evaluation.sections import check_no_prose

@@ -14,14 +14,20 @@ from evaluation.committed import ROOMS
 from evaluation.experiments.worth import odometry_judge as closed_loop
 from evaluation.experiments.worth.contenders import CONTENDERS, HAND_TUNED
 from evaluation.experiments.worth.matches.pairs import PREPARATIONS
-from evaluation.experiments.worth.odometry_drives import CHOICE, LUX, PERIODS_S, SCORED, SEEN, Drive, drives
 from evaluation.experiments.worth.odometry_judge import (
+    CHOICE,
     CLOSEST,
     GROUP,
     JUDGES,
+    LUX,
+    PERIODS_S,
+    SCORED,
     SCREENED_EVERY,
+    SEEN,
     WORST_MM,
+    Drive,
     Follower,
+    drives,
     hindsight,
     jobs_of,
     measure_contender,

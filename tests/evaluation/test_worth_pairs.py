@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from evaluation.experiments.worth import pictures
+from evaluation.experiments.worth.matches.courses import Eyes, Film, Rig
 from evaluation.experiments.worth.matches.pairs import (
     LOST_PX,
     Seen,
@@ -22,7 +22,6 @@ from evaluation.experiments.worth.matches.pairs import (
     repeatability,
     seen,
 )
-from evaluation.experiments.worth.matches.rig import Eyes, Film, Rig
 from evaluation.experiments.worth.matches.scenes import (
     CANVAS,
     HEIGHT,
@@ -33,6 +32,7 @@ from evaluation.experiments.worth.matches.scenes import (
     StillView,
     found_motion,
 )
+from evaluation.scenes import stills as pictures
 from evaluation.scenes.stills import leaves
 from fake_camera.world.sensor import SensorModel
 from imaging.exposure import ExposureSetting

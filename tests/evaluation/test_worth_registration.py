@@ -15,10 +15,20 @@ import pytest
 from evaluation.experiments.teach import replay as teach_replay
 from evaluation.experiments.teach.park import Daylight
 from evaluation.experiments.worth import registration_judge as bounds
-from evaluation.experiments.worth import registration_replays as replays
+from evaluation.experiments.worth import registration_judge as replays
 from evaluation.experiments.worth.contenders import APART, PUBLISHED
-from evaluation.experiments.worth.registration_judge import JUDGES, TEACHER, jobs_of, measure_bounds, measure_policies
-from evaluation.experiments.worth.registration_replays import CHOICE, SCORING, SETS, Look, Replay
+from evaluation.experiments.worth.registration_judge import (
+    CHOICE,
+    JUDGES,
+    SCORING,
+    SETS,
+    TEACHER,
+    Look,
+    Replay,
+    jobs_of,
+    measure_bounds,
+    measure_policies,
+)
 from evaluation.experiments.worth.tables import BOUNDS
 from fake_camera.world.render.renderer import Surface
 from fake_camera.world.scene.shapes import upright

@@ -19,12 +19,11 @@ from evaluation.arrays import Floats
 from evaluation.committed import FURNISHED_ROOMS
 from evaluation.experiments.experiment import Claim, Plain, Verdict
 from evaluation.experiments.statistics import FEWEST, Interval, mean_interval
-from evaluation.odometry.lap import Light, odometry_stage
 from evaluation.odometry.orb import in_house
 from evaluation.odometry.orb_slam3 import OrbSlam3, silent, write_taught_vocabulary
 from evaluation.odometry.proxies import Proxies
 from evaluation.odometry.stereo import StereoCamera, prepared
-from evaluation.odometry.tracking import outcome, track_entrants
+from evaluation.odometry.tracking import Light, odometry_stage, outcome, track_entrants
 from evaluation.stage.delayed_loop import Entrant
 from imaging.exposure import ExposureLimits, ExposureSetting
 from imaging.frames import StereoPair

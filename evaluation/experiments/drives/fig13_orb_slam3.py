@@ -9,7 +9,7 @@ import numpy as np
 
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from evaluation.experiments.drives.drives import ROOMS, measure_orb_slam3
-from evaluation.experiments.drives.fig12_claims import LAWS, LOW, UNEVEN
+from evaluation.experiments.drives.fig12 import LAWS, LOW, UNEVEN
 from evaluation.experiments.experiment import Experiment, Job, Results, Section, Table
 from evaluation.odometry.orb_slam3 import PACKAGE, installed
 from evaluation.scenes.scenarios import RATE_HZ

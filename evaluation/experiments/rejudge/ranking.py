@@ -12,7 +12,7 @@ from scipy.stats import rankdata
 from autoexpose_daemon.control.policies.ids import PLACES
 from evaluation.experiments.experiment import Claim, Experiment, Job, Results, Section, Table, Verdict
 from evaluation.experiments.rejudge.rehearsal import measure_lap, measure_scenario, measure_still
-from evaluation.odometry.lap import Light
+from evaluation.odometry.tracking import Light
 from evaluation.scenes.scenarios import RATE_HZ
 
 POLICIES = tuple(PLACES)  # All: so many are alike in the error of odometry that a few of them rank by luck

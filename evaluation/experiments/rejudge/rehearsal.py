@@ -13,8 +13,8 @@ import numpy as np
 from autoexpose_daemon.control.loop import ControlSetup
 from autoexpose_daemon.control.parameters import Bracketing, ControlParameters
 from evaluation.arena.race import course_of
-from evaluation.odometry.lap import Light, odometry_stage
 from evaluation.odometry.stereo import StereoCamera
+from evaluation.odometry.tracking import Light, odometry_stage
 from evaluation.rejudge.camera import Exposer, Made, Rectifier
 from evaluation.rejudge.camera import Light as LightSeen
 from evaluation.rejudge.contest import Figures, Judge, PolicyRun, Round, exposers, first_setting, play

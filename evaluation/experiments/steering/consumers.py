@@ -21,10 +21,9 @@ from autoexpose_daemon.control.picture.tracked_cells import COLUMNS, ROWS, Track
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from evaluation.arrays import Floats, Floats32, Greys
 from evaluation.experiments.experiment import Plain
-from evaluation.odometry.lap import Light, odometry_stage
 from evaluation.odometry.orb import in_house
 from evaluation.odometry.stereo import images, prepared
-from evaluation.odometry.tracking import EVERY, outcome, track_entrants
+from evaluation.odometry.tracking import EVERY, Light, odometry_stage, outcome, track_entrants
 from evaluation.scenes.scenarios import Course, steady
 from evaluation.scenes.views import Scene, build_views
 from evaluation.stage.camera import Image

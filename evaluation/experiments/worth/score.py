@@ -18,7 +18,7 @@ from evaluation.experiments.worth import odometry_judge
 from evaluation.experiments.worth.contenders import CONTENDERS
 from evaluation.experiments.worth.matches import judge as matches_judge
 from evaluation.experiments.worth.matches.courses import courses
-from evaluation.experiments.worth.odometry_drives import drives
+from evaluation.experiments.worth.odometry_judge import drives
 from evaluation.experiments.worth.tables import claims_tables, means_tables
 from evaluation.experiments.worth.worth import verdicts_of
 

@@ -5,8 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from autoexpose_daemon.control.decision import Decision
-from evaluation.rejudge.drive import Timeline
-from evaluation.rejudge.glimpse import Glimpse, Watcher, delay_frames
+from evaluation.rejudge.drive import Glimpse, Timeline, Watcher, delay_frames
 from imaging.exposure import ExposureSetting
 from imaging.frames import Frame, StereoPair
 from imaging.response import ResponseFunction

@@ -9,11 +9,10 @@ import numpy as np
 
 from evaluation.experiments.experiment import Job
 from evaluation.experiments.worth.contenders import CONTENDERS, Contender, medians
-from evaluation.experiments.worth.matches.courses import EVERY, Course
+from evaluation.experiments.worth.matches.courses import EVERY, Course, Film, Rig
 from evaluation.experiments.worth.matches.courses import courses as courses_of
 from evaluation.experiments.worth.matches.courses import quick as some_of
 from evaluation.experiments.worth.matches.pairs import PREPARATIONS, Seen, judged, seen
-from evaluation.experiments.worth.matches.rig import Film, Rig
 from evaluation.experiments.worth.tables import FIXED_IN_HINDSIGHT, ORACLE_PER_FRAME
 from evaluation.stage.camera import LIMITS
 from evaluation.stage.delayed_loop import DelayedLoop

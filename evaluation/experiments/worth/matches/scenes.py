@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evaluation.arrays import Floats, Floats32
-from evaluation.experiments.worth.pictures import picture
 from evaluation.scenes.scenarios import RATE_HZ
+from evaluation.scenes.stills import picture
 
 # Of two matches each: with a fifth of the matches right, 99.97 % that one of them is of right matches only.
 HYPOTHESES = 200

@@ -1,7 +1,8 @@
-"""Sweeps of a simulated camera, sound and spoilt, whose response is known, and what cameras do to images."""
+"""Simulated sweeps of a camera, sound and spoilt, and whether calibration states their error honestly."""
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
@@ -9,6 +10,8 @@ from typing import Literal
 import cv2
 import numpy as np
 
+from calibration.response.file import SIGMAS, Origin, ResponseSolution
+from calibration.result import Verdict, calibrate
 from calibration.sources.sweep import Shot, Sweep, SweepPlan
 from evaluation.arrays import Floats
 from fake_camera.world.lighting import Change, Flicker, LightScript
@@ -297,3 +300,63 @@ def _light(kind: Kind, duration_s: float, rng: np.random.Generator) -> LightScri
         return LightScript((Change(0.0, 1.0), Change(1e-3, last, duration_s)))
     depth = float(rng.uniform(0.02, 0.6))
     return LightScript((Change(0.0, 1.0),), None, Flicker(100.0, depth) if kind == "flicker" else None)
+
+
+@dataclass(frozen=True, slots=True)
+class Stated:
+    """One sweep: the verdict, and the error stated and true."""
+
+    # seed, kind, processing, curve, scene, repeated, good: of the sweep, see `SimulatedSweep`.
+    seed: int
+    kind: str
+    processing: str
+    curve: str
+    scene: str
+    repeated: bool
+    good: bool
+    # verdict, reasons: of the calibration.
+    verdict: Verdict
+    reasons: tuple[str, ...]
+    # stated_stops, true_stops: see `errors_stops`; None where the sweep was refused, which states nothing.
+    stated_stops: float | None
+    true_stops: float | None
+    seconds: float  # processor time of the calibration
+
+    @property
+    def covered(self) -> bool:
+        """Whether the stated error is at least the true one, or nothing is stated."""
+        return self.stated_stops is None or self.true_stops is None or self.true_stops <= self.stated_stops
+
+
+def scored(seed: int, case: SimulatedSweep) -> Stated:
+    """Calibrate with a sweep and compare."""
+    start_s = time.process_time()
+    result = calibrate("simulated", Origin(), case.sweep, brighter=lambda: case.brighter)
+    seconds = time.process_time() - start_s
+    kept = None if result.file is None else result.solution
+    stated, true = (None, None) if kept is None else errors_stops(kept, case.true)
+    reasons = tuple(finding.reason for finding in result.findings)
+    return Stated(
+        seed,
+        case.kind,
+        case.processing,
+        case.curve,
+        case.scene,
+        case.repeated,
+        case.good,
+        result.verdict,
+        reasons,
+        stated,
+        true,
+        seconds,
+    )
+
+
+def errors_stops(solution: ResponseSolution, true: ResponseFunction) -> tuple[float, float]:
+    """The error as the report states it, and the true one (stops), both the largest over the accurate grey levels."""
+    assert solution.accurate is not None
+    low, high = solution.accurate
+    accurate = np.arange(low, high + 1)
+    difference = solution.response.log2_exposure - true.log2_exposure
+    true_stops = float(np.abs(difference[accurate] - difference[(low + high) // 2]).max())
+    return SIGMAS * float(solution.uncertainty_stops[accurate].max()), true_stops
