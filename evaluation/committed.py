@@ -1,8 +1,7 @@
 """What was fixed before any scene of a report was rendered: margins, how many scenes, and their seeds.
 
 A scene that a report has shown is a tuning scene from then on: the next report takes new seeds. These are of 27
-November 2026; until then reports had rooms 101 to 106 and 200 to 223, parks 101 to 108, and paintings 2000 to 2013.
-"""
+November 2026; until then reports had rooms 101 to 106 and 200 to 223, parks 101 to 108, and paintings 2000 to 2013."""
 
 from __future__ import annotations
 

@@ -2,8 +2,7 @@
 
 What is altered must not judge itself. So only decisions leave the altered process; an unaltered one takes the same
 frames again and judges all by one yardstick: the best exposure of each frame by the unaltered objective, split as the
-unaltered policy splits it.
-"""
+unaltered policy splits it."""
 
 from __future__ import annotations
 
@@ -88,8 +87,7 @@ def ablation_courses(scenarios: Sequence[str], quick: bool) -> list[Course]:
 def policy_constants(policy: str) -> tuple[list[Constant], list[Constant]]:
     """Those of all files of control that the policy's decision reaches (`count.RULE`), and those with a copy in C.
 
-    The copy has the same name and value. Altering the other would do nothing, or only half of it.
-    """
+    The copy has the same name and value. Altering the other would do nothing, or only half of it."""
     files = python_files(policy)
     in_c = {each for path in c_files(list(files.values())) for each in constants_in_c(path.read_text(encoding="utf-8"))}
     ours = {module: path for module, path in files.items() if module.startswith("autoexpose_daemon.")}
@@ -112,8 +110,7 @@ def ablate(
 
     What is finished is kept in `folder`, and found there by the next call unless any code changed.
 
-    Raises AutoexposeError if the unaltered policy fails, or does not decide the same twice.
-    """
+    Raises AutoexposeError if the unaltered policy fails, or does not decide the same twice."""
     kept = _Kept(folder)
     trials = [(constant, what) for constant in constants for what in constant.alterations]
     starts = dict(over_processes(start_of, courses, jobs))

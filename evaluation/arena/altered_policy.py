@@ -2,8 +2,7 @@
 
 The module's source is altered before it is compiled, and before any module of control is imported. So everything that
 follows from the constant is altered with it: copies by `from ... import`, arrays and defaults of arguments made of it.
-That is why this file imports no more than the standard library and errors until then.
-"""
+That is why this file imports no more than the standard library and errors until then."""
 
 from __future__ import annotations
 
@@ -148,8 +147,7 @@ class Constant:
 def constants_of(module: str, source: str) -> list[Constant]:
     """All constants of a module that are numbers or made of numbers alone.
 
-    The module may have a dictionary `NEUTRAL` from names of its constants to the value at which each has no effect.
-    """
+    The module may have a dictionary `NEUTRAL` from names of its constants to the value at which each has no effect."""
     tree = ast.parse(source)
     starts = [0]
     for line in source.encode().splitlines(keepends=True):

@@ -36,8 +36,7 @@ SPLITS_EVERY = 4  # The best of all times and gains takes six searches: it is as
 class Judgement:
     """The frames of one entrant by one objective, beside the oracle's: float64 arrays.
 
-    The oracle is interpolated between the frames that it was asked about.
-    """
+    The oracle is interpolated between the frames that it was asked about."""
 
     judged: list[tuple[float, ...]] = field(default_factory=list)
     best: dict[int, Best | None] = field(default_factory=dict)
@@ -139,8 +138,7 @@ def run_course(
     """Take all entrants through one course, each in its own closed loop.
 
     `scenario`, `scene`, `seed`: the course. `entrants`: who runs; no result depends on the other entrants. `frames`:
-    stop after this many frames; None for the whole scenario.
-    """
+    stop after this many frames; None for the whole scenario."""
     stage, first_scored = course_of(scenario, scene, seed)
     # One exposure serves both cameras; where they see different things, both are judged.
     sides: tuple[Side, ...] = ("left", "right") if stage.has_lamp else ("left",)
@@ -178,8 +176,7 @@ def race(
 
     The oracles are asked about one frame in `every`, about the last one, and where the light jumps: that of M_g for all
     entrants, and that of Fisher information, if given, for those that maximise it. Every fourth time that of M_g is
-    asked for the best of all splits, too.
-    """
+    asked for the best of all splits, too."""
     start = best_start(oracle)
     any_split: dict[int, Best | None] = {}
     race = [_enter(entrant, start, first_scored, informed, any_split) for entrant in entrants]

@@ -36,8 +36,7 @@ _LIBRARIES = ("numpy", "opencv-python-headless", "numba", "evo")
 class ResultCache:
     """One file for each job, named by a hash of its function, its arguments and all of our code that it can reach.
 
-    So a stopped run resumes where it was, and after a change of code only what that code affects is measured again.
-    """
+    So a stopped run resumes where it was, and after a change of code only what that code affects is measured again."""
 
     def __init__(self, folder: Path) -> None:
         self._kept = KeptResults(folder)

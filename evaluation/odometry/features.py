@@ -26,8 +26,7 @@ def place(
     neighbours give the fractions. Patches are normalised to the same mean and contrast, because exposure differs.
 
     `source`, `target`: uint8 images of the same shape. `points`, `guesses`: x and y in pixels, (n, 2). `reach`: how far
-    from the guess to look in x and y, pixels; 0 for not at all.
-    """
+    from the guess to look in x and y, pixels; 0 for not at all."""
     height, width = source.shape
     at, near = np.rint(points).astype(np.intp), np.rint(guesses).astype(np.intp)
     limit = np.array([width, height])

@@ -63,8 +63,7 @@ def refined_pose(
     """The pose with the smallest robust error (Gauss-Newton with Huber's weights), and the points that agree with it.
 
     `camera`: the stereo camera. `pose`: first guess. `points`: (n, 3), metres. `seen`: as `project` returns it; NaN
-    where the right camera does not see a point. `sigmas`: precision of each position, pixels.
-    """
+    where the right camera does not see a point. `sigmas`: precision of each position, pixels."""
     for _ in range(ROUNDS):
         local = transform(pose, points)
         error, length = _errors(camera, local, seen, sigmas)
@@ -145,8 +144,7 @@ class OrbOdometry:
     the next as much more can change.
 
     `features_px`, `inliers_px`: where in the latest left image features were found, and where those that tie it to the
-    last key pair: (n, 2).
-    """
+    last key pair: (n, 2)."""
 
     def __init__(self, camera: StereoCamera, seed: int = 0, interval_s: float = USUAL_INTERVAL_S) -> None:
         self._camera, self._seed = camera, seed
@@ -191,8 +189,7 @@ class OrbOdometry:
     def _tie(self, features: Features, expected: Floats) -> tuple[Floats, Floats] | None:
         """Pose of a pair from what it shares with earlier ones, and where it sees the points of the last key pair.
 
-        None when it shares too little or the pose is implausible.
-        """
+        None when it shares too little or the pose is implausible."""
         if self._before is None:
             return None
         earlier = self._keys if self._before is self._keys[-1] else [self._before, *self._keys]

@@ -111,8 +111,7 @@ def read_tum(path: Path) -> Trajectory:
 
     Comments, and a first line of names, are left out.
 
-    Raises ConfigurationError: naming the line at fault; of fewer than two poses it is a TooFewPosesError.
-    """
+    Raises ConfigurationError: naming the line at fault; of fewer than two poses it is a TooFewPosesError."""
     text = read_text(path, _LONGEST_BYTES)
     rows: list[list[float]] = []
     for number, line in enumerate(text.splitlines(), 1):
@@ -174,8 +173,7 @@ Image = Greys
 class Followed:
     """Where odometry says that the left camera was, and for how many of the pairs it could not say.
 
-    The trajectory has no pose if it was lost from the first pair to the last.
-    """
+    The trajectory has no pose if it was lost from the first pair to the last."""
 
     trajectory: Trajectory
     lost_share: float
@@ -224,8 +222,7 @@ class CommandFollower(Follower):
     ``camera.yaml`` with focal length, principal point (pixels) and baseline (m) of the rectified pictures.
 
     `command`: what to run; the folder and the name of the trajectory to write are added to it. `folder`: an empty one.
-    `camera`: the rectified stereo camera.
-    """
+    `camera`: the rectified stereo camera."""
 
     def __init__(self, command: str, folder: Path, camera: StereoCamera) -> None:
         self._command, self._folder = command, folder

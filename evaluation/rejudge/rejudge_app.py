@@ -38,8 +38,7 @@ def write_report(drive: Drive, outcomes: Sequence[Outcome], result: Mapping[str,
 
     `drive`, `outcomes`: what was judged. `result`: as `contest.document` returns it. `page`: the HTML file.
 
-    Raises AutoexposeError when it cannot be written, or packages are missing.
-    """
+    Raises AutoexposeError when it cannot be written, or packages are missing."""
     try:
         import jinja2  # noqa: PLC0415  an extra, which only reports need
     except ImportError as error:

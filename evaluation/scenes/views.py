@@ -99,8 +99,7 @@ def build_views(scene: str, seed: int, gaze: Gaze, at_window: bool) -> dict[Side
 
     `scene`: "room", a painter of `evaluation.scenes.stills`, or the path of a Radiance .hdr file. `seed`: decides the
     room or the painting, and where the camera looks first. `gaze`: where the camera looks over time. `at_window`:
-    whether angle 0 is a window, brighter than everything else when the light is dim.
-    """
+    whether angle 0 is a window, brighter than everything else when the light is dim."""
     rng = np.random.default_rng([seed, 77])
     turn = float(rng.uniform(-1.0, 1.0))
     if scene == "room":
@@ -170,8 +169,7 @@ def natural_room(pictures: Sequence[Still], seed: int, feature: Feature, bearing
     odometry begins to look.
 
     `pictures`: radiance, float32, (rows, columns); at least one. `feature`: also there: a window with daylight that
-    does not follow the room's light, or two lamps. `bearing_rad`: where that is, as seen from the middle.
-    """
+    does not follow the room's light, or two lamps. `bearing_rad`: where that is, as seen from the middle."""
     rng = np.random.default_rng([seed, 51])
     papers = [_paper(picture, HIGH_STOPS) for picture in pictures], [_paper(picture, LOW_STOPS) for picture in pictures]
     surfaces = [*_shell(rng, papers), *_cartons(rng, papers)]

@@ -42,8 +42,7 @@ class Information:
 
     `response`: response function of the camera. `noise`: noise of its sensor; None: the configuration's default.
 
-    `bins`: those of the response, by which gradients are to be collected.
-    """
+    `bins`: those of the response, by which gradients are to be collected."""
 
     def __init__(self, response: ResponseFunction, noise: SensorNoise | None = None) -> None:
         greys, self.bins = np.arange(GREY_LEVELS), GreyBins(response)
@@ -62,8 +61,7 @@ class Information:
         """Of an image whose gradients, by `bins`, are given; 0 for one without gradients.
 
         `seen`: its gradients. `pixels`: how many pixels of the sensor were averaged into one of the image. `gain`:
-        linear gain.
-        """
+        linear gain."""
         noise = variance_of(self._shot * gain + self._read * gain**2, pixels)
         weights = np.stack([self._readable, noise * self._readable, np.ones_like(noise)], axis=1)
         weight, expected, by_cell = (seen.count @ weights).T
@@ -78,8 +76,7 @@ def share_of_noise(shown: Floats, expected: Floats, weight: Floats, by_cell: Flo
     """The actual noise as a share of the noise expected, at most 1: the flattest cells have no more.
 
     A sensor better than the one configured would otherwise seem to see nothing in the dark. By cell: energy shown,
-    expected, and weight of readable pixels, and of all.
-    """
+    expected, and weight of readable pixels, and of all."""
     telling = (weight > LEAST_READABLE * by_cell) & (expected > LEAST_VARIANCE * weight)
     if not telling.any():
         return 1.0
@@ -89,8 +86,7 @@ def share_of_noise(shown: Floats, expected: Floats, weight: Floats, by_cell: Flo
 def variance_of(noise_dn2: Floats, pixels: float) -> Floats:
     """Variance of the image that control sees, each pixel of which is the rounded mean of `pixels` of the sensor's.
 
-    `noise_dn2` is the variance from photons and read noise in a frame before rounding; all in squared grey levels.
-    """
+    `noise_dn2` is the variance from photons and read noise in a frame before rounding; all in squared grey levels."""
     averaged = (noise_dn2 + QUANTISATION) / pixels
     return averaged + QUANTISATION if pixels > 1 else averaged
 
@@ -124,8 +120,7 @@ class Oracle:
     rounded to half octaves, which changes the best metric by less than 1 %.
 
     `stage`: where frames come from. `sides`: the cameras judged. `objective`: what is maximised. `exhaustive`: try all
-    levels, with the exact motion.
-    """
+    levels, with the exact motion."""
 
     def __init__(
         self,

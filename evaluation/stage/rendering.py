@@ -34,8 +34,7 @@ class Stage:
 
     `views`: what the cameras see. `course`: light over time. `seed`: of the noise. `start_times_s`: when exposures
     start; None for every 1/60 s from 0. `response`, `gamma`: name of the sensors' response function, and the cameras'
-    Gamma node, a power law on top of it. `lens_f_number`: of the cameras' lenses.
-    """
+    Gamma node, a power law on top of it. `lens_f_number`: of the cameras' lenses."""
 
     def __init__(
         self,

@@ -124,8 +124,7 @@ class Episode:
 
     `pictures`: one of which is seen. `rng`: decides everything. `frames`: how many there are.
 
-    `delay_frames`: from a decision to the frame that shows it. `limits`: what the camera can take.
-    """
+    `delay_frames`: from a decision to the frame that shows it. `limits`: what the camera can take."""
 
     def __init__(self, pictures: Sequence[Picture], rng: np.random.Generator, frames: int) -> None:
         self._rng = rng

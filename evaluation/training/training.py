@@ -110,8 +110,7 @@ def train(training: Training, seed: int, file: Path, advance: Callable[[int], No
     is beside it, with the ending `.part`. `advance`: called with the number of finished rounds, at first with those of
     before.
 
-    Raises AutoexposeError when a file cannot be written.
-    """
+    Raises AutoexposeError when a file cannot be written."""
     part = file.with_name(file.name + ".part")
     key = _key(training, seed)
     state, done = _resumed(part, key) or (training.begin(np.random.default_rng([seed, 0])), 0)

@@ -111,8 +111,7 @@ def _converged(runs: StepRuns, name: str) -> list[int]:
 def _speed_up(runs: StepRuns, variant: str) -> Interval | None:
     """Frames without feedback over frames with it, where both converged and took some frames; None for no such run.
 
-    Mean over scenes of the mean over their runs.
-    """
+    Mean over scenes of the mean over their runs."""
     ratios: dict[tuple[str, int], list[float]] = {}
     for arguments, found in runs:
         fast, slow = _frames(found, f"feedback{variant}"), _frames(found, f"no feedback{variant}")

@@ -26,8 +26,7 @@ from imaging.response import GREY_LEVELS, ResponseFunction, prediction_table
 class StillLife:
     """What the left camera sees of a scene.
 
-    `scene`, `seed`: as for `evaluation.scenes.views.build_views`. `lux`: illumination. `camera`: its response.
-    """
+    `scene`, `seed`: as for `evaluation.scenes.views.build_views`. `lux`: illumination. `camera`: its response."""
 
     def __init__(self, scene: str, seed: int, lux: float, camera: CameraResponse) -> None:
         self._stage = still_stage(scene, seed, steady(lux), camera)
@@ -74,8 +73,7 @@ def measure_changes(
 
     Returns for each change {"change", "seen": for each grey level at `level` the mean one after the change or None,
     "response_rms", "gamma_rms", "gamma"}: errors in grey levels of the prediction by the camera's response, and of the
-    gamma curve with the smallest error, chosen with knowledge of the outcome.
-    """
+    gamma curve with the smallest error, chosen with knowledge of the outcome."""
     response = CameraResponse(*camera)
     life = StillLife(scene, seed, lux, response)
     before = _mean_of(life, level, shots)
@@ -135,8 +133,7 @@ def pairs_of(level: float) -> list[ExposureSetting]:
 def measure_coupling(scene: str, seed: int, lux: float, levels: list[float], shots: int) -> Plain:
     """The metric of a still scene for each level, gain, view and delta, averaged over shots.
 
-    Returns a list of {"level", "gain_db", view: [M_g of each of `DELTAS`]}.
-    """
+    Returns a list of {"level", "gain_db", view: [M_g of each of `DELTAS`]}."""
     life = StillLife(scene, seed, lux, CameraResponse())
     metrics = [GradientMetric(delta) for delta in DELTAS]
     rows: list[Plain] = []
@@ -182,8 +179,7 @@ def measure_rest(scene: str, seed: int, lux: float, camera: list[Any], levels: l
     `scene`, `seed`, `lux`: what the camera sees. `camera`: curve and gamma of its response. `levels`: exposure levels
     (stops), ascending.
 
-    Returns {"levels", "metrics", law: steps}, lists of equal length.
-    """
+    Returns {"levels", "metrics", law: steps}, lists of equal length."""
     response = CameraResponse(*camera)
     life = StillLife(scene, seed, lux, response)
     metric, preparation = GradientMetric(), ImagePreparation()
@@ -207,8 +203,7 @@ def step_of(law: str, response: ResponseFunction, image: Greys, setting: Exposur
 def rest_level(levels: Floats, steps: Floats, near: float) -> float:
     """The level where a law comes to rest: it wants to go up below it and down above it.
 
-    Of several such levels, the one nearest to `near`; NaN for none.
-    """
+    Of several such levels, the one nearest to `near`; NaN for none."""
     turns = np.flatnonzero((steps[:-1] > 0) & (steps[1:] <= 0))
     if not turns.size:
         return float("nan")
@@ -219,8 +214,7 @@ def rest_level(levels: Floats, steps: Floats, near: float) -> float:
 def summary(measured: Mapping[str, Any]) -> dict[str, dict[str, float]]:
     """For each law in a result of `measure`: where it rests, its bias (stops), and the share of the best metric there.
 
-    Under "true" is the best level, from which biases count.
-    """
+    Under "true" is the best level, from which biases count."""
     levels, metrics = np.array(measured["levels"]), np.array(measured["metrics"])
     best = plateau_centre(levels, metrics)
     found = {"true": {"level": best}}

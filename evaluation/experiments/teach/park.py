@@ -27,8 +27,7 @@ class Daylight:
     """Sun and sky. All radiances are in lux times reflectance per lux that falls on open level ground.
 
     An even sky that gives all of the light has radiance 1 everywhere, so a sky that gives the share 1 - direct has
-    about that radiance, with more at the horizon and around the sun.
-    """
+    about that radiance, with more at the horizon and around the sun."""
 
     # sun_azimuth_deg, sun_elevation_deg: where the sun stands; azimuth 0 is east, counted to the north.
     sun_azimuth_deg: float

@@ -45,8 +45,7 @@ GRID_PX = 18  # Spacing of the image points at which the true shift is looked up
 class Truth:
     """The shift that would win the vote if everything upright were matched correctly, from the park's geometry.
 
-    The ground is left out: its displacement depends on its distance, and says nothing about the heading.
-    """
+    The ground is left out: its displacement depends on its distance, and says nothing about the heading."""
 
     def __init__(self, surfaces: Sequence[Surface]) -> None:
         self._corners = np.array([surface.corner for surface in surfaces])
@@ -114,8 +113,7 @@ class Robot:
     Images are not blurred: the robot is slow, it moves less than a pixel in 7.5 ms.
 
     `camera`: the robot's. `first`: radiance of the first frame, from which the operator sets the exposure that all
-    start with and `fixed` keeps. `entrants`: who takes part. `rate_hz`: of its frames.
-    """
+    start with and `fixed` keeps. `entrants`: who takes part. `rate_hz`: of its frames."""
 
     def __init__(
         self, camera: SimulatedCamera, first: Radiance, entrants: Sequence[Entrant] = ENTRANTS, rate_hz: float = RATE_HZ
@@ -150,8 +148,7 @@ def taught_maps(
 ) -> dict[Part, dict[str, list[Features]]]:
     """Features of each of `maps` maps from the `first`, by part of the image and entrant.
 
-    The robot rests at each before its image is taken.
-    """
+    The robot rests at each before its image is taken."""
     detector = OrbPyramid()
     taught: dict[Part, dict[str, list[Features]]] = {
         "top half": {one.name: [] for one in entrants},
@@ -212,8 +209,7 @@ def measure(seed: int, tilt_deg: float, light: str, maps: int) -> Plain:
 
     Returns `map` and true `shift` (pixels) of each registration; by way and policy, the `shifts` found (None for none)
     and their `votes`; `looks` of each image by policy: exposure level, mean of the top half and of the whole (0 to 1),
-    share of saturated pixels. `views`: one image by policy from the middle of the drive, a small JPEG in base 64.
-    """
+    share of saturated pixels. `views`: one image by policy from the middle of the drive, a small JPEG in base 64."""
     path = TaughtPath(seed, tilt_deg)
     surfaces = park(seed, TEACHING)
     truth = Truth(surfaces)
@@ -264,8 +260,7 @@ def measure_sweep(seed: int, tilt_deg: float, light: str, maps: int) -> Plain:
     The map is taught with the top half at 0.5. Arguments as those of `replay.measure`.
 
     Returns for each map: `errors` (pixels, None where no shift was found) and `votes` at each of the `offsets`, and the
-    offset at which the `whole` image has a mean of 0.5.
-    """
+    offset at which the `whole` image has a mean of 0.5."""
     path, detector, camera = TaughtPath(seed, tilt_deg), OrbPyramid(), SimulatedCamera(2 * seed, 2 * seed)
     surfaces = park(seed, TEACHING)
     truth, before = Truth(surfaces), Renderer(surfaces, CAMERA)

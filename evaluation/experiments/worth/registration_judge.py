@@ -149,8 +149,7 @@ def bounds(course: Replay, foreign: Sequence[Features]) -> dict[str, Outcome]:
     matters. `oracle-per-frame` has for each image the exposure with most votes, and has taught each of its maps with
     that which gives its images most votes.
 
-    `course`: the replay. `foreign`: features of each foreign map.
-    """
+    `course`: the replay. `foreign`: features of each foreign map."""
     looks, renderers = course.looks(), course.renderers()
     choice, *scoring = (_Sight(course, looks, renderers, foreign, repeat) for repeat in (CHOICE, *SCORING))
     taught, seen = choice.levels()

@@ -3,8 +3,7 @@
     python -m evaluation.experiments.worth.score NAME NAME ... [--judge odometry|matches] [--part N] [--jobs N]
 
 Names are ids of policies (a new one needs its line in `control/policies/ids.py`) or other `CONTENDERS`. Finished jobs
-are kept with those of `autoexpose experiments`, and shared with `worth-tuning`.
-"""
+are kept with those of `autoexpose experiments`, and shared with `worth-tuning`."""
 
 from __future__ import annotations
 

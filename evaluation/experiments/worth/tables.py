@@ -46,8 +46,7 @@ class Verdicts:
     `rows`: {judge, course, policy, value, ...}; of judges whose values are errors of runs also {failed}. `better`:
     which values of each judge are better.
 
-    Raises ValueError when no course of a judge is one of all its policies, or a value is not a number.
-    """
+    Raises ValueError when no course of a judge is one of all its policies, or a value is not a number."""
 
     def __init__(self, rows: Iterable[Mapping[str, Any]], better: Better) -> None:
         self.better = better

@@ -54,8 +54,7 @@ class Film:
 
     An exposure of a moving camera is the mean over the instants that it spans, as in `evaluation.stage.rendering`.
 
-    `view`: what is seen, per lux. `speed_px`: of the image, in its pixels per 1/60 s. `lux`: light in each frame.
-    """
+    `view`: what is seen, per lux. `speed_px`: of the image, in its pixels per 1/60 s. `lux`: light in each frame."""
 
     def __init__(self, view: MovingView, speed_px: float, lux: Callable[[int], float]) -> None:
         self._view, self._lux = view, lux
@@ -106,8 +105,7 @@ class Eyes:
 class Rig:
     """Exposes the frames of a film; the noise of a frame is the same whatever its exposure.
 
-    `film`: what is seen. `eyes`: with what. `seed`: of the noise.
-    """
+    `film`: what is seen. `eyes`: with what. `seed`: of the noise."""
 
     def __init__(self, film: Film, eyes: Eyes, seed: int) -> None:
         self._film, self._eyes, self._seed = film, eyes, seed

@@ -52,8 +52,7 @@ class Similarity:
 class Rotation:
     """Of a turning camera.
 
-    `camera`: its matrix K, (3, 3).
-    """
+    `camera`: its matrix K, (3, 3)."""
 
     def __init__(self, camera: Homography) -> None:
         self._camera, self._inverse = camera, np.linalg.inv(camera)
@@ -153,8 +152,7 @@ class StillView:
     If it pans, along a flat ellipse instead, from one side of the still to the other and back.
 
     `still`: radiance per lux, (rows, columns); one of its pixels is about one of the view. `speed_px`: of the image, in
-    pixels of the view per 1/60 s. `seed`: decides where the circle lies. `pan`: whether it pans.
-    """
+    pixels of the view per 1/60 s. `seed`: decides where the circle lies. `pan`: whether it pans."""
 
     def __init__(self, still: Radiance, speed_px: float, seed: int, *, pan: bool = False) -> None:
         self.model: MotionModel = Similarity()
@@ -198,8 +196,7 @@ class PanoramaView:
     """A panorama all around a camera that turns, nods and rolls.
 
     `panorama`: radiance per lux, equirectangular, (rows, columns). `speed_px`: of the middle of the image, in pixels of
-    the view per 1/60 s. `seed`: decides where the camera looks first.
-    """
+    the view per 1/60 s. `seed`: decides where the camera looks first."""
 
     def __init__(self, panorama: Radiance, speed_px: float, seed: int) -> None:
         self._wide = cv2.copyMakeBorder(panorama, 0, 0, _MARGIN_PX, _MARGIN_PX, cv2.BORDER_WRAP)
