@@ -335,19 +335,9 @@ def scored(seed: int, case: SimulatedSweep) -> Stated:
     kept = None if result.file is None else result.solution
     stated, true = (None, None) if kept is None else errors_stops(kept, case.true)
     reasons = tuple(finding.reason for finding in result.findings)
+    of_case = {name: getattr(case, name) for name in ("kind", "processing", "curve", "scene", "repeated", "good")}
     return Stated(
-        seed,
-        case.kind,
-        case.processing,
-        case.curve,
-        case.scene,
-        case.repeated,
-        case.good,
-        result.verdict,
-        reasons,
-        stated,
-        true,
-        seconds,
+        seed, **of_case, verdict=result.verdict, reasons=reasons, stated_stops=stated, true_stops=true, seconds=seconds
     )
 
 

@@ -53,22 +53,14 @@ def _plot_scenario(scenario: str, runs: Sequence[Run], file: Path) -> None:
             continue
         time_s = (np.arange(len(run.trace.levels)) - run.trace.first_scored) / RATE_HZ
         if index == 0:
-            upper.plot(
-                time_s,
-                run.trace.oracle_levels,
-                color="black",
-                linewidth=2.5,
-                alpha=0.4,
-                label=f"oracle of {run.policy}",
-            )
+            style = {"color": "black", "linewidth": 2.5, "alpha": 0.4}
+            upper.plot(time_s, run.trace.oracle_levels, label=f"oracle of {run.policy}", **style)
         upper.plot(time_s, run.trace.levels, label=run.policy, linewidth=1.2)
         lower.plot(time_s, run.trace.ratios, linewidth=1.2)
-    upper.set_title(f"{scenario}: {runs[0].scene}, seed {runs[0].seed}, delay {MAIN_DELAY} frames")
-    upper.set_ylabel("exposure level E (stops)")
+    title = f"{scenario}: {runs[0].scene}, seed {runs[0].seed}, delay {MAIN_DELAY} frames"
+    upper.set(title=title, ylabel="exposure level E (stops)")
     upper.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8)
-    lower.set_ylabel("objective / oracle's")
-    lower.set_ylim(0, 1.05)
-    lower.set_xlabel("time since the first scored frame (s)")
+    lower.set(xlabel="time since the first scored frame (s)", ylabel="objective / oracle's", ylim=(0, 1.05))
     for axes in (upper, lower):
         axes.grid(alpha=0.3)
         axes.axvline(0.0, color="grey", linewidth=0.8)
@@ -86,36 +78,24 @@ class Target:
     stretch: float
 
 
-@dataclass(frozen=True, slots=True)
-class Outcome:
-    """A target, and what was reached."""
-
-    target: Target
-    reached: float
+def mean_of(figure: Callable[[Run], float]) -> Callable[[Sequence[Run]], float]:
+    """The mean of a figure of runs."""
+    return lambda runs: float(np.mean([figure(run) for run in runs]))
 
 
 def settled_within(per_delay: int, more: int) -> Callable[[Sequence[Run]], float]:
     """Share of the runs that settle within `per_delay` D + `more` frames."""
 
-    def figure(runs: Sequence[Run]) -> float:
-        frames = [(run.score.settle_frames, per_delay * run.delay_frames + more) for run in runs]
-        return float(np.mean([settle is not None and settle <= bound for settle, bound in frames]))
+    def settled(run: Run) -> bool:
+        settle = run.score.settle_frames
+        return settle is not None and settle <= per_delay * run.delay_frames + more
 
-    return figure
-
-
-def _ratio(runs: Sequence[Run]) -> float:
-    return float(np.mean([run.score.objective_ratio_mean for run in runs]))
+    return mean_of(settled)
 
 
-def _worst(runs: Sequence[Run]) -> float:
-    return float(np.mean([run.score.objective_ratio_p05 for run in runs]))
-
-
-def _calm(runs: Sequence[Run]) -> float:
-    return float(np.mean([run.score.steady_std_stops <= 0.1 for run in runs]))
-
-
+_ratio = mean_of(lambda run: run.score.objective_ratio_mean)
+_worst = mean_of(lambda run: run.score.objective_ratio_p05)
+_calm = mean_of(lambda run: run.score.steady_std_stops <= 0.1)
 TARGETS = (
     Target("step_up", "settled within 3D+2 frames, share of runs", settled_within(3, 2), 0.85, 0.95),
     Target("step_up", "settled within 3D frames, share of runs", settled_within(3, 0), None, 0.95),
@@ -132,10 +112,10 @@ TARGETS = (
 )
 
 
-def outcomes(runs: Sequence[Run]) -> list[Outcome]:
+def outcomes(runs: Sequence[Run]) -> list[tuple[Target, float]]:
     """What `runs` reached of each target whose scenario was run; all are held out, of one policy and one delay."""
     grouped = [(target, [run for run in runs if run.scenario == target.scenario]) for target in TARGETS]
-    return [Outcome(target, target.figure(group)) for target, group in grouped if group]
+    return [(target, target.figure(group)) for target, group in grouped if group]
 
 
 _PAINTED = " and ".join(f"`{scene}`" for scene in sorted({*HELD_OUT_SEEDS} - {*TUNE_SCENES}))
@@ -183,6 +163,22 @@ writes the table. Constants of which the C extension has a copy cannot be altere
 """
 
 
+SECTIONS = (
+    ("Objective ratio, worst 5 % of frames", "objective_ratio_p05", "{:.3f}"),
+    ("Metric ratio, mean", "metric_ratio_mean", "{:.3f}"),
+    ("Metric ratio, worst 5 % of frames", "metric_ratio_p05", "{:.3f}"),
+    ("Metric ratio to the best time and gain, mean", "any_split_ratio_mean", "{:.3f}"),
+    ("Pair ratio, mean", "pair_ratio_mean", "{:.3f}"),
+    ("Lost pairs, share", "lost_pair_share", "{:.3f}"),
+    ("Frames to settle, median", "settle_frames", "{:.0f}"),
+    ("Stuck, share of runs", "stuck_share", "{:.2f}"),
+    ("Overshoot (stops)", "overshoot_stops", "{:.2f}"),
+    ("Spread of E at the end (stops)", "steady_std_stops", "{:.2f}"),
+    ("Bad frames, share", "bad_frame_share", "{:.2f}"),
+    ("Gain, mean (dB)", "gain_db_mean", "{:.1f}"),
+)
+
+
 def mean_ratios(rows: Sequence[dict[str, Any]]) -> list[tuple[str, float]]:
     """Policies with their `objective_ratio_mean` averaged over scenarios, best first."""
     policies = sorted({row["policy"] for row in rows})
@@ -206,30 +202,14 @@ def write_arena_report(runs: Sequence[Run], default_policy: str, folder: Path) -
         return [f"## {title}", _table(policies, scenarios, cells(rows, policies, scenarios, key), form)]
 
     parts = [
-        "# The arena",
-        HOW_TO_READ,
-        _counts(runs),
-        "## Objective ratio, mean",
+        "# The arena", HOW_TO_READ, _counts(runs), "## Objective ratio, mean",
         _table(policies, [*scenarios, "mean"], np.column_stack([ratios, [mean for _, mean in ranking]]), "{:.3f}"),
         "![Objective ratio by policy and scenario](table.png)",
-        *section("Objective ratio, worst 5 % of frames", "objective_ratio_p05", "{:.3f}"),
-        *section("Metric ratio, mean", "metric_ratio_mean", "{:.3f}"),
-        *section("Metric ratio, worst 5 % of frames", "metric_ratio_p05", "{:.3f}"),
-        *section("Metric ratio to the best time and gain, mean", "any_split_ratio_mean", "{:.3f}"),
-        *section("Pair ratio, mean", "pair_ratio_mean", "{:.3f}"),
-        *section("Lost pairs, share", "lost_pair_share", "{:.3f}"),
-        *section("Frames to settle, median", "settle_frames", "{:.0f}"),
-        *section("Stuck, share of runs", "stuck_share", "{:.2f}"),
-        *section("Overshoot (stops)", "overshoot_stops", "{:.2f}"),
-        *section("Spread of E at the end (stops)", "steady_std_stops", "{:.2f}"),
-        *section("Bad frames, share", "bad_frame_share", "{:.2f}"),
-        *section("Gain, mean (dB)", "gain_db_mean", "{:.1f}"),
+        *(text for title, key, form in SECTIONS for text in section(title, key, form)),
         *_targets([run for run in held_out if run.policy == default_policy], default_policy),
-        *_delays(held_out, policies),
-        *_splits(runs, policies),
-        "## One course of every scenario",
+        *_delays(held_out, policies), *_splits(runs, policies), "## One course of every scenario",
         *(f"![{scenario} over time]({file})" for scenario, file in pictures.items()),
-    ]
+    ]  # fmt: skip
     path = folder / "arena.md"
     path.write_text("\n\n".join(part.strip() for part in parts) + "\n", encoding="utf-8")
     return path
@@ -266,12 +246,11 @@ def _targets(runs: Sequence[Run], policy: str) -> list[str]:
         return []
     lines = ["| scenario | figure | D | reached | must | stretch |", "|---|---|---:|---:|---:|---:|"]
     for delay in (MAIN_DELAY, *OTHER_DELAYS):
-        for outcome in outcomes([run for run in runs if run.delay_frames == delay]):
-            target = outcome.target
-            verdict = "" if target.must is None or outcome.reached >= target.must else " **missed**"
+        for target, reached in outcomes([run for run in runs if run.delay_frames == delay]):
+            verdict = "" if target.must is None or reached >= target.must else " **missed**"
             must = "-" if target.must is None else f"{target.must:g}"
             lines.append(
-                f"| {target.scenario} | {target.what} | {delay} | {outcome.reached:.3f}{verdict} "
+                f"| {target.scenario} | {target.what} | {delay} | {reached:.3f}{verdict} "
                 f"| {must} | {target.stretch:g} |"
             )
     return [f"## Targets of `{policy}`", "\n".join(lines)]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Generator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from functools import partial
 from typing import Any, Literal
 
@@ -109,31 +109,18 @@ def run_plan(tasks: Sequence[Task], policies: Sequence[str], jobs: int) -> Gener
 
 
 def _run_of(task: Task, series: Series) -> Run:
-    trace = None
-    if task.keep_traces:
-        levels, best, ratios = (
-            array.astype(np.float32) for array in (series.levels, series.oracle_levels, series.ratios)
-        )
-        trace = Trace(levels, best, ratios, series.first_scored)
+    levels, best, ratios = (each.astype(np.float32) for each in (series.levels, series.oracle_levels, series.ratios))
+    trace = Trace(levels, best, ratios, series.first_scored) if task.keep_traces else None
     entrant = series.entrant
     return Run(
         entrant.name, task.scenario, task.scene, task.seed, entrant.delay_frames, task.split, series.score(), trace
     )
 
 
-MEANS = (
-    "overshoot_stops",
-    "steady_std_stops",
-    "metric_ratio_mean",
-    "metric_ratio_p05",
-    "bad_frame_share",
-    "gain_db_mean",
-    "objective_ratio_mean",
-    "objective_ratio_p05",
-    "any_split_ratio_mean",
-    "pair_ratio_mean",
-    "lost_pair_share",
-)
+MEANS = tuple(each.name for each in fields(Score) if each.name != "settle_frames")
+
+
+_OF_RUN = ("policy", "scenario", "scene", "seed", "delay_frames", "split")
 
 
 def document(runs: Sequence[Run], default_policy: str) -> dict[str, Any]:
@@ -141,18 +128,7 @@ def document(runs: Sequence[Run], default_policy: str) -> dict[str, Any]:
     ordered = sorted(runs, key=lambda run: (run.policy, run.scenario, run.scene, run.seed, run.delay_frames))
     return {
         "default_policy": default_policy,
-        "runs": [
-            {
-                "policy": run.policy,
-                "scenario": run.scenario,
-                "scene": run.scene,
-                "seed": run.seed,
-                "delay_frames": run.delay_frames,
-                "split": run.split,
-                **asdict(run.score),
-            }
-            for run in ordered
-        ],
+        "runs": [{name: getattr(run, name) for name in _OF_RUN} | asdict(run.score) for run in ordered],
         "results": results([run for run in ordered if run.split == "heldout" and run.delay_frames == MAIN_DELAY]),
     }
 

@@ -21,15 +21,8 @@ from evaluation.long_runs import KeptResults
 from evaluation.pool import over_processes
 
 _OURS = (
-    "autoexpose_daemon",
-    "calibration",
-    "documents",
-    "drivers",
-    "evaluation",
-    "fake_camera",
-    "imaging",
-    "navigation",
-)
+    "autoexpose_daemon", "calibration", "documents", "drivers", "evaluation", "fake_camera", "imaging", "navigation"
+)  # fmt: skip
 _LIBRARIES = ("numpy", "opencv-python-headless", "numba", "evo")
 
 

@@ -32,6 +32,11 @@ class Verdict(StrEnum):
     NOT_REPRODUCED = "not reproduced"
     UNDECIDED = "undecided"
 
+    @classmethod
+    def of(cls, holds: bool) -> Verdict:
+        """On a claim that holds or does not."""
+        return cls.REPRODUCED if holds else cls.NOT_REPRODUCED
+
 
 @dataclass(frozen=True, slots=True)
 class Claim:
@@ -43,6 +48,11 @@ class Claim:
     verdict: Verdict  # by a rule that the code fixes before it sees the numbers
     condition: str = ""  # under which conditions it holds, or by which number it does not
     counted: bool = True  # whether it counts in the tally: a claim of the papers, and only once
+
+    @classmethod
+    def of_this_project(cls, claim: str, ours: str, *, holds: bool) -> Claim:
+        """One of ours, which counts in no tally."""
+        return cls("this project", claim, ours, Verdict.of(holds), counted=False)
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
+from itertools import groupby
 from typing import Any, Literal
 
 import numpy as np
@@ -96,12 +97,7 @@ def outcome(one: TrackedRun) -> dict[str, Any]:
 
 def lost_for_good(lost: Sequence[bool]) -> bool:
     """Whether enough pairs in a row were lost for the run to have failed."""
-    in_a_row = 0
-    for one in lost:
-        in_a_row = in_a_row + 1 if one else 0
-        if in_a_row == FAILED_PAIRS:
-            return True
-    return False
+    return any(gone and len(list(together)) >= FAILED_PAIRS for gone, together in groupby(lost))
 
 
 def _from_above(pose: Floats) -> list[float]:

@@ -192,8 +192,7 @@ def _play(everyone: Round, jobs: int, console: Console) -> list[Outcome]:
 
 def _print(figures: Sequence[Figures], best: str, console: Console) -> None:
     table = Table(box=None, padding=(0, 1, 0, 0), pad_edge=False)
-    heads = (
-        "policy",
+    figures_shown = [
         "RPE\nmm",
         "lost",
         "matches",
@@ -204,8 +203,8 @@ def _print(figures: Sequence[Figures], best: str, console: Console) -> None:
         "gain\ndB",
         "far",
         "blur",
-    )
-    for place, head in enumerate(heads):
+    ]
+    for place, head in enumerate(["policy", *figures_shown]):
         table.add_column(head, justify="right" if place else "left", no_wrap=True)
     for one in sorted(figures, key=_rank):
         table.add_row(

@@ -180,7 +180,7 @@ def test_ranking_is_by_the_mean_over_scenarios() -> None:
 
 def test_targets_depend_on_the_delay() -> None:
     def share(settle: int | None, delay: int) -> float:
-        return outcomes([made_up("a", "step_up", settle, 0.9, delay=delay)])[0].reached
+        return outcomes([made_up("a", "step_up", settle, 0.9, delay=delay)])[0][1]
 
     assert [share(8, 2), share(9, 2), share(11, 3), share(None, 2)] == [1.0, 0.0, 1.0, 0.0]
 

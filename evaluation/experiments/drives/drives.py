@@ -9,6 +9,7 @@ from contextlib import closing
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -39,7 +40,7 @@ def measure_fixed(room: int, seed: int, repeat: int, frames: int) -> Plain:
     entrants = [Entrant(f"{time_us:g} us", 2, partial(_fixed_loop, time_us, gain_db)) for time_us, gain_db in SETTINGS]
     looks: list[list[list[float]]] = [[] for _ in SETTINGS]
     stage = odometry_stage("even", room, seed, repeat)
-    runs = track_entrants(stage, entrants, in_house, frames, _proxies_looker(looks))
+    runs = track_entrants(stage, entrants, in_house, frames, _looker(looks, Proxies().measure, LOOK_EVERY))
     return [
         {**outcome(one), "proxies": np.median(seen, axis=0).tolist()} for one, seen in zip(runs, looks, strict=True)
     ]
@@ -51,13 +52,15 @@ def _fixed_loop(
     return ControlLoop("fixed", response, limits, ExposureSetting(time_us, gain_db))
 
 
-def _proxies_looker(looks: list[list[list[float]]]) -> Callable[[int, StereoPair], None]:
-    proxies = Proxies()
-    shown = [0] * len(looks)
+def _looker(
+    seen: list[list[Any]], measure: Callable[[StereoPair], Any], every: int = 1
+) -> Callable[[int, StereoPair], None]:
+    """Adds what is measured of every so many pairs of an entrant to `seen`."""
+    shown = [0] * len(seen)
 
     def look(number: int, pair: StereoPair) -> None:
-        if shown[number] % LOOK_EVERY == 0:
-            looks[number].append(proxies.measure(pair))
+        if shown[number] % every == 0:
+            seen[number].append(measure(pair))
         shown[number] += 1
 
     return look
@@ -74,18 +77,13 @@ def measure_policies(
     """For each policy, what `outcome` returns, and `metric_after_gamma`: median M_g of what odometry gets."""
     stage = odometry_stage(light, room, seed, repeat, lens_f_number)
     seen: list[list[float]] = [[] for _ in policies]
-    runs = track_entrants(stage, [entrant(policy) for policy in policies], in_house, frames, _metric_looker(seen))
-    return [{**outcome(one), "metric_after_gamma": float(np.median(of))} for one, of in zip(runs, seen, strict=True)]
-
-
-def _metric_looker(seen: list[list[float]]) -> Callable[[int, StereoPair], None]:
-    """Adds the metric of each left image to `seen`."""
     preparation, metric = ImagePreparation(), GradientMetric()
 
-    def look(number: int, pair: StereoPair) -> None:
-        seen[number].append(metric.measure(preparation.prepare(prepared(pair.reference.grey8()))))
+    def measure(pair: StereoPair) -> float:
+        return metric.measure(preparation.prepare(prepared(pair.reference.grey8())))
 
-    return look
+    runs = track_entrants(stage, [entrant(policy) for policy in policies], in_house, frames, _looker(seen, measure))
+    return [{**outcome(one), "metric_after_gamma": float(np.median(of))} for one, of in zip(runs, seen, strict=True)]
 
 
 def entrant(policy: str) -> Entrant:

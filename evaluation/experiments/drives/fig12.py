@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -109,7 +110,11 @@ def claims(runs: PolicyRuns) -> list[Claim]:
     """Ours, then the paper's, each first for the law as coded."""
     laws = [law for law in LAWS if law in runs.policies]
     found = [_ours(runs, scene, law) for scene in (UNEVEN, LOW) for law in laws]
-    rules: list[Callable[[PolicyRuns, str], Claim]] = [_metric_is_higher, _error_is_lower_uneven, _error_is_lower_low]
+    rules: list[Callable[[PolicyRuns, str], Claim]] = [
+        _metric_is_higher,
+        partial(_error_is_lower, UNEVEN),
+        partial(_error_is_lower, LOW),
+    ]
     if "fixed" in runs.policies:
         rules += [_fixed_like, _fixed_worse]
     if RIVALS[0] in runs.policies:
@@ -160,15 +165,7 @@ def _metric_is_higher(runs: PolicyRuns, law: str) -> Claim:
     )
 
 
-def _error_is_lower_uneven(runs: PolicyRuns, law: str) -> Claim:
-    return _error_is_lower(runs, law, UNEVEN)
-
-
-def _error_is_lower_low(runs: PolicyRuns, law: str) -> Claim:
-    return _error_is_lower(runs, law, LOW)
-
-
-def _error_is_lower(runs: PolicyRuns, law: str, scene: Scene) -> Claim:
+def _error_is_lower(scene: Scene, runs: PolicyRuns, law: str) -> Claim:
     """Than each rival's."""
     apart = {rival: runs.difference(scene, law, rival, error) for rival in _rivals(runs)}
     judged = together({f"to `{rival}`": below(one, ALIKE_MM) for rival, one in apart.items()})

@@ -20,7 +20,7 @@ from autoexpose_daemon.control.picture.steering import Steering
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from evaluation.arena.race import Series, race
 from evaluation.arrays import Floats, Ints
-from evaluation.experiments.experiment import Claim, Experiment, Figure, Job, Plain, Results, Section, Table, Verdict
+from evaluation.experiments.experiment import Claim, Experiment, Figure, Job, Plain, Results, Section, Table
 from evaluation.scenes.scenarios import RATE_HZ, WARM_UP_FRAMES, Course, steady
 from evaluation.scenes.views import Gaze, build_views
 from evaluation.stage.delayed_loop import Entrant
@@ -255,24 +255,16 @@ def _claims(results: Results) -> Iterator[Claim]:
     yield _halving(by_delay, 1, "scenario and delay")
     cases = by_case.values()
     worst = min(float(np.mean([means[3] - means[1] for means in case.means])) for case in cases)
-    yield Claim(
-        "this project",
-        "to be told wrong costs at most 0.005 of the worth",
-        f"{worst:+.3f} in the worst scenario and delay",
-        Verdict.REPRODUCED if worst >= -0.005 else Verdict.NOT_REPRODUCED,
-        counted=False,
-    )
+    claim, ours = "to be told wrong costs at most 0.005 of the worth", f"{worst:+.3f} in the worst scenario and delay"
+    yield Claim.of_this_project(claim, ours, holds=worst >= -0.005)
 
 
 def _halving(bad: dict[str, Ints], lap: int, each: str) -> Claim:
     """The claim that a lap which is told has at most half of the bad frames of another, of `LAPS`, in each of `bad`."""
-    halved = all(frames[2] <= 0.5 * frames[lap] for frames in bad.values())
-    return Claim(
-        "this project",
+    return Claim.of_this_project(
         f"what was remembered halves the bad frames of the {LAPS[lap]} lap in every {each}",
         "; ".join(f"{name}: {frames[2]} of {frames[lap]}" for name, frames in bad.items()),
-        Verdict.REPRODUCED if halved else Verdict.NOT_REPRODUCED,
-        counted=False,
+        holds=all(frames[2] <= 0.5 * frames[lap] for frames in bad.values()),
     )
 
 

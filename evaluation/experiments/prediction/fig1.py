@@ -102,7 +102,7 @@ def _weak_threshold(measured: Sequence[Rows]) -> Claim:
 def _strong_threshold(measured: Sequence[Rows]) -> Claim:
     worst = {view: _worst(measured, view, 0.30, max(GAINS_DB)) for view in _VIEW_NAMES}
     bounded = _worst(measured, "raw", 0.30, 24)
-    verdict = Verdict.REPRODUCED if worst["control"].high < DECOUPLED else Verdict.NOT_REPRODUCED
+    verdict = Verdict.of(worst["control"].high < DECOUPLED)
     return Claim(
         "B&H 1.1, Fig. 1",
         "delta 0.30 decouples M_g from noise: the curve does not depend on gain",
@@ -119,7 +119,7 @@ def _same_optimum(shifts: Sequence[float]) -> Claim:
         "B&H 1.1",
         "The best exposure level is the same for delta 0.06 and 0.30",
         f"they differ by {shift.text('.2f', 'stops')}",
-        Verdict.REPRODUCED if shift.high < SAME_OPTIMUM_STOPS else Verdict.NOT_REPRODUCED,
+        Verdict.of(shift.high < SAME_OPTIMUM_STOPS),
         "at the least gain of each level",
     )
 

@@ -159,7 +159,7 @@ def _gamma_is_as_fast(papers: StepRuns) -> Claim:
         "B&H 3.2",
         "Shim's law by gamma curves converges about as fast",
         f"1 to 150 lux: {_spread(gamma)}; it converges in {len(gamma)} of {len(papers)} scenes",
-        Verdict.REPRODUCED if as_fast else Verdict.NOT_REPRODUCED,
+        Verdict.of(as_fast),
         "faster, in fact" if as_fast and np.median(gamma) < np.median(fast) / 1.5 else "",
     )
 
@@ -181,7 +181,7 @@ def _gamma_ends_elsewhere(papers: StepRuns) -> Claim:
         claim,
         f"gamma ends {apart.text('.1f', 'stops')} lower; from the best level it is "
         f"{mean_interval(gamma - best).text('+.1f')}, the response {mean_interval(response - best).text('+.1f')}",
-        Verdict.REPRODUCED if apart.low > SAME_LEVEL_STOPS else Verdict.NOT_REPRODUCED,
+        Verdict.of(apart.low > SAME_LEVEL_STOPS),
     )
 
 

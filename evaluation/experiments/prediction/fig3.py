@@ -70,7 +70,7 @@ def section(results: Results, folder: Path) -> Section:
                 "B&H 2.1, Fig. 3",
                 "With the response known, every grey level has its counterpart under any change of exposure",
                 f"rms error, grey levels: {_by_camera(exact)}",
-                Verdict.REPRODUCED if all(e.high < EXACT_GREY for e in exact.values()) else Verdict.NOT_REPRODUCED,
+                Verdict.of(all(e.high < EXACT_GREY for e in exact.values())),
                 "for pixels that are not clipped",
             ),
             Claim(
@@ -78,7 +78,7 @@ def section(results: Results, folder: Path) -> Section:
                 "Gamma curves have no direct link to changes of exposure, and another shape",
                 f"the best of them err by, rms grey levels: {_by_camera(gamma)}; one stop more is best met by gamma "
                 + ", ".join(f"{value:.2f} ({camera})" for camera, value in brighter.items()),
-                Verdict.REPRODUCED if all(e.low > FAR_GREY for e in gamma.values()) else Verdict.NOT_REPRODUCED,
+                Verdict.of(all(e.low > FAR_GREY for e in gamma.values())),
             ),
         ],
         [

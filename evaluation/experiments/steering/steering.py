@@ -21,7 +21,6 @@ from evaluation.experiments.experiment import (
     Results,
     Section,
     Table,
-    Verdict,
     jobs_and_results,
 )
 from evaluation.experiments.steering.consumers import (
@@ -159,28 +158,24 @@ def _drives(drives: list[tuple[Any, Any]]) -> Table:
 
 def _claims(halves: list[Any]) -> Iterator[Claim]:
     gain = [ratio(result, *each) for result in halves for each in ((SUN, "before", "left"), (SHADE, "before", "right"))]
-    yield _claim(
+    yield Claim.of_this_project(
         "the half that a consumer cares for is worth more when it steers, on average by a fifth, and never less",
         f"{np.mean(gain):.2f} times as much, {min(gain):.2f} at least",
         holds=min(gain) >= 0.98 and float(np.mean(gain)) >= 1.2,
     )
     harm = [ratio(result, name, when, "whole") for result in halves for name in (LIAR, OLD) for when in result[name]]
     limit = 1.0 - STEERING_SHARE - 0.05
-    yield _claim(
+    yield Claim.of_this_project(
         f"a consumer that lies, or is silent since the light changed, leaves {limit:g} of the whole picture's worth",
         f"{min(harm):.2f} in the worst course, {np.mean(harm):.2f} on average",
         holds=min(harm) >= limit,
     )
     honest = [ratio(result, ALL, when, "whole") for result in halves for when in result[ALL]]
-    yield _claim(
+    yield Claim.of_this_project(
         "a consumer that tracks everywhere writes nothing off: 0.95 of the whole picture's worth remain",
         f"{min(honest):.2f} in the worst course, {np.mean(honest):.2f} on average",
         holds=min(honest) >= 0.95,
     )
-
-
-def _claim(claim: str, ours: str, *, holds: bool) -> Claim:
-    return Claim("this project", claim, ours, Verdict.REPRODUCED if holds else Verdict.NOT_REPRODUCED, counted=False)
 
 
 _SETTING = f"""\
