@@ -128,9 +128,8 @@ class _Camera:
 def simulated(
     seed: int, kind: Kind | None = None, processing: Processing = "raw", radiance: Values | None = None
 ) -> SimulatedSweep:
-    """The sweep of a seed: of the kind that is its turn unless one is given, of a scene of its own likewise.
-
-    A given radiance has the shape (HEIGHT, WIDTH), and is 1 at the brightest."""
+    """The sweep of a seed: of the kind that is its turn unless one is given, of a scene of its own likewise. A given
+    radiance has the shape (HEIGHT, WIDTH), and is 1 at the brightest."""
     rng, of_processing = np.random.default_rng([seed, 19]), np.random.default_rng([seed, 46])
     kind = kind or KINDS[seed % len(KINDS)]
     curve = tuple(CURVES)[int(rng.integers(len(CURVES)))]

@@ -85,9 +85,8 @@ def ablation_courses(scenarios: Sequence[str], quick: bool) -> list[Course]:
 
 
 def policy_constants(policy: str) -> tuple[list[Constant], list[Constant]]:
-    """Those of all files of control that the policy's decision reaches (`count.RULE`), and those with a copy in C.
-
-    The copy has the same name and value. Altering the other would do nothing, or only half of it."""
+    """Those of all files of control that the policy's decision reaches (`count.RULE`), and those with a copy in C. The
+    copy has the same name and value. Altering the other would do nothing, or only half of it."""
     files = python_files(policy)
     in_c = {each for path in c_files(list(files.values())) for each in constants_in_c(path.read_text(encoding="utf-8"))}
     ours = {module: path for module, path in files.items() if module.startswith("autoexpose_daemon.")}
@@ -106,11 +105,9 @@ def ablate(
     console: Console,
     frames: int | None = None,
 ) -> Ablation:
-    """Take a policy through all courses with each constant altered, in `jobs` processes.
-
-    What is finished is kept in `folder`, and found there by the next call unless any code changed.
-
-    Raises AutoexposeError if the unaltered policy fails, or does not decide the same twice."""
+    """Take a policy through all courses with each constant altered, in `jobs` processes. What is finished is kept in
+    `folder`, and found there by the next call unless any code changed. Raises AutoexposeError if the unaltered policy
+    fails, or does not decide the same twice."""
     kept = _Kept(folder)
     trials = [(constant, what) for constant in constants for what in constant.alterations]
     starts = dict(over_processes(start_of, courses, jobs))

@@ -145,9 +145,8 @@ class Constant:
 
 
 def constants_of(module: str, source: str) -> list[Constant]:
-    """All constants of a module that are numbers or made of numbers alone.
-
-    The module may have a dictionary `NEUTRAL` from names of its constants to the value at which each has no effect."""
+    """All constants of a module that are numbers or made of numbers alone. The module may have a dictionary `NEUTRAL`
+    from names of its constants to the value at which each has no effect."""
     tree = ast.parse(source)
     starts = [0]
     for line in source.encode().splitlines(keepends=True):

@@ -34,9 +34,8 @@ SPLITS_EVERY = 4  # The best of all times and gains takes six searches: it is as
 
 @dataclass(slots=True, eq=False)
 class Judgement:
-    """The frames of one entrant by one objective, beside the oracle's: float64 arrays.
-
-    The oracle is interpolated between the frames that it was asked about."""
+    """The frames of one entrant by one objective, beside the oracle's: float64 arrays. The oracle is interpolated
+    between the frames that it was asked about."""
 
     judged: list[tuple[float, ...]] = field(default_factory=list)
     best: dict[int, Best | None] = field(default_factory=dict)
@@ -135,10 +134,9 @@ class Series:
 def run_course(
     scenario: str, scene: str, seed: int, entrants: Sequence[Entrant], *, frames: int | None = None
 ) -> list[Series]:
-    """Take all entrants through one course, each in its own closed loop.
-
-    `scenario`, `scene`, `seed`: the course. `entrants`: who runs; no result depends on the other entrants. `frames`:
-    stop after this many frames; None for the whole scenario."""
+    """Take all entrants through one course, each in its own closed loop. `scenario`, `scene`, `seed`: the course.
+    `entrants`: who runs; no result depends on the other entrants. `frames`: stop after this many frames; None for the
+    whole scenario."""
     stage, first_scored = course_of(scenario, scene, seed)
     # One exposure serves both cameras; where they see different things, both are judged.
     sides: tuple[Side, ...] = ("left", "right") if stage.has_lamp else ("left",)
@@ -172,9 +170,8 @@ def race(
     first_scored: int,
     every: int,
 ) -> list[Series]:
-    """Take all entrants through the first `frames` frames of a stage, starting from the best exposure of the first.
-
-    The oracles are asked about one frame in `every`, about the last one, and where the light jumps: that of M_g for all
+    """Take all entrants through the first `frames` frames of a stage, starting from the best exposure of the first. The
+    oracles are asked about one frame in `every`, about the last one, and where the light jumps: that of M_g for all
     entrants, and that of Fisher information, if given, for those that maximise it. Every fourth time that of M_g is
     asked for the best of all splits, too."""
     start = best_start(oracle)

@@ -134,9 +134,8 @@ def document(runs: Sequence[Run], default_policy: str) -> dict[str, Any]:
 
 
 def results(runs: Sequence[Run]) -> list[dict[str, Any]]:
-    """One row per policy and scenario: the median of the frames to settle, the share of stuck runs, and means.
-
-    In the median, a stuck run counts as settling later than all others. The median is None when it is itself stuck."""
+    """One row per policy and scenario: the median of the frames to settle, the share of stuck runs, and means. In the
+    median, a stuck run counts as settling later than all others. The median is None when it is itself stuck."""
     rows = []
     for policy, scenario in sorted({(run.policy, run.scenario) for run in runs}):
         group = [run for run in runs if (run.policy, run.scenario) == (policy, scenario)]

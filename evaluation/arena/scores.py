@@ -35,9 +35,8 @@ Variances = Floats  # By setting and radiance, (settings, bins); infinite where 
 
 
 class SuccessiveFrames:
-    """Judges pairs of successive frames of a stage, as far as the left camera is concerned.
-
-    `stage`: at the second frame of each pair; a light that changes between the two is taken to fall on everything."""
+    """Judges pairs of successive frames of a stage, as far as the left camera is concerned. `stage`: at the second
+    frame of each pair; a light that changes between the two is taken to fall on everything."""
 
     def __init__(self, stage: Stage) -> None:
         self._stage = stage
@@ -83,9 +82,8 @@ def information(energy: Floats, first: Variances, second: Variances) -> Floats:
 
 
 def energy_by_radiance(radiance: Radiance) -> Floats:
-    """Mean over each cell's pixels of the energy of gradients in log2 radiance, (cells, bins).
-
-    It is listed under the brightest of the five pixels that a gradient is from: if that is white, it is lost."""
+    """Mean over each cell's pixels of the energy of gradients in log2 radiance, (cells, bins). It is listed under the
+    brightest of the five pixels that a gradient is from: if that is white, it is lost."""
     rows, columns = radiance.shape[0] // 2, radiance.shape[1] // 2
     small = radiance[: 2 * rows, : 2 * columns].reshape(rows, 2, columns, 2).mean(axis=(1, 3))
     logs = np.log2(np.maximum(small, 2.0 ** LOG2_RADIANCES[0]))
@@ -149,11 +147,10 @@ def score(
     gains_db: Floats,
     first_scored: int,
 ) -> Score:
-    """The scores of a run; all arrays have shape (frames,), and frames before `first_scored` do not count.
-
-    `ratios` and `oracle_levels` are by what the policy maximises, `metric_ratios` and `any_split_ratios` by M_g,
-    `pair_ratios` by the information of pairs. Frames whose ratio is NaN (no exposure shows anything) neither count as
-    settled nor enter the ratios."""
+    """The scores of a run; all arrays have shape (frames,), and frames before `first_scored` do not count. `ratios` and
+    `oracle_levels` are by what the policy maximises, `metric_ratios` and `any_split_ratios` by M_g, `pair_ratios` by
+    the information of pairs. Frames whose ratio is NaN (no exposure shows anything) neither count as settled nor enter
+    the ratios."""
     scored = slice(first_scored, None)
     settle = frames_to_settle(ratios[scored])
     by_objective, by_metric, by_any_split, pairs = (

@@ -27,9 +27,8 @@ _LIBRARIES = ("numpy", "opencv-python-headless", "numba", "evo")
 
 
 class ResultCache:
-    """One file for each job, named by a hash of its function, its arguments and all of our code that it can reach.
-
-    So a stopped run resumes where it was, and after a change of code only what that code affects is measured again."""
+    """One file for each job, named by a hash of its function, its arguments and all of our code that it can reach. So a
+    stopped run resumes where it was, and after a change of code only what that code affects is measured again."""
 
     def __init__(self, folder: Path) -> None:
         self._kept = KeptResults(folder)
@@ -57,10 +56,8 @@ _IDS = "autoexpose_daemon.control.policies.ids"  # Lists them: another policy in
 
 @cache
 def _digest(module: str, policies: tuple[str, ...] = tuple(PLACES)) -> str:
-    """Of the sources that a module reaches, and of the versions of the libraries that produce numbers.
-
-    It reaches what it imports, the C that this calls and, where it reaches the table of policies, those with these ids.
-    """
+    """Of the sources that a module reaches, and of the versions of the libraries that produce numbers. It reaches what
+    it imports, the C that this calls and, where it reaches the table of policies, those with these ids."""
     reached: dict[str, Path] = {}
     ahead = [module]
     while ahead:

@@ -46,11 +46,9 @@ def mean_interval(values: ArrayLike, seed: int = 0) -> Interval:
 def clustered(
     clusters: ArrayLike, statistic: Callable[[Floats], Floats], seed: int = 0, percent: float = 95.0
 ) -> Interval:
-    """A statistic with its percentile bootstrap interval, which draws whole clusters.
-
-    `clusters`: shape (clusters, ...): clusters are independent, what is in one need not be. `statistic`: from (draws,
-    clusters, ...) to (draws,); draws for which it is NaN do not count. `seed`: of the draws. `percent`: of the
-    interval."""
+    """A statistic with its percentile bootstrap interval, which draws whole clusters. `clusters`: shape (clusters,
+    ...): clusters are independent, what is in one need not be. `statistic`: from (draws, clusters, ...) to (draws,);
+    draws for which it is NaN do not count. `seed`: of the draws. `percent`: of the interval."""
     sample = np.asarray(clusters, np.float64)
     tail = (100.0 - percent) / 2
     low, high = np.nanpercentile(statistic(sample[_draws(len(sample), seed)]), [tail, 100.0 - tail])
@@ -60,10 +58,9 @@ def clustered(
 def over_places(
     values: ArrayLike, places: Sequence[str], weights: ArrayLike | None = None, percent: float = 95.0
 ) -> Interval:
-    """Sum of values over the sum of weights, their mean without, with its interval over places.
-
-    Values of one place are alike, and drawn together. With fewer than `FEWEST` places draws say too little about the
-    spread between them: then it is Student's interval."""
+    """Sum of values over the sum of weights, their mean without, with its interval over places. Values of one place are
+    alike, and drawn together. With fewer than `FEWEST` places draws say too little about the spread between them: then
+    it is Student's interval."""
     names, of = np.unique(np.asarray(places), return_inverse=True)
     sums = np.bincount(of, np.asarray(values, np.float64))
     totals = np.bincount(of, None if weights is None else np.asarray(weights, np.float64))
@@ -175,7 +172,6 @@ def not_above(apart: Interval, margin: float) -> Verdict:
 
 def together(parts: Mapping[str, Verdict]) -> tuple[Verdict, str]:
     """The verdict on a claim of several parts, and the condition: which of them hold, and which are undecided.
-
     Conditionally when some hold; if none does, not reproduced as soon as one part is not."""
     held, undecided = (
         [name for name, verdict in parts.items() if verdict is which]

@@ -20,13 +20,11 @@ FLAT = 1e-3  # A smaller one is not divided by
 def place(
     source: Greys, target: Greys, points: Floats, guesses: Floats, reach: tuple[int, int]
 ) -> tuple[Floats, Flags]:
-    """Where points of `source` are in `target`, and for which of them the answer is reliable.
-
-    Patches are compared at integer shifts by the sum of squared differences; parabolas through the smallest one and its
-    neighbours give the fractions. Patches are normalised to the same mean and contrast, because exposure differs.
-
-    `source`, `target`: uint8 images of the same shape. `points`, `guesses`: x and y in pixels, (n, 2). `reach`: how far
-    from the guess to look in x and y, pixels; 0 for not at all."""
+    """Where points of `source` are in `target`, and for which of them the answer is reliable. Patches are compared at
+    integer shifts by the sum of squared differences; parabolas through the smallest one and its neighbours give the
+    fractions. Patches are normalised to the same mean and contrast, because exposure differs. `source`, `target`: uint8
+    images of the same shape. `points`, `guesses`: x and y in pixels, (n, 2). `reach`: how far from the guess to look in
+    x and y, pixels; 0 for not at all."""
     height, width = source.shape
     at, near = np.rint(points).astype(np.intp), np.rint(guesses).astype(np.intp)
     limit = np.array([width, height])

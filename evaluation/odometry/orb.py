@@ -61,7 +61,6 @@ def refined_pose(
     camera: StereoCamera, pose: Floats, points: Floats, seen: Floats, sigmas: Floats
 ) -> tuple[Floats, Flags]:
     """The pose with the smallest robust error (Gauss-Newton with Huber's weights), and the points that agree with it.
-
     `camera`: the stereo camera. `pose`: first guess. `points`: (n, 3), metres. `seen`: as `project` returns it; NaN
     where the right camera does not see a point. `sigmas`: precision of each position, pixels."""
     for _ in range(ROUNDS):
@@ -187,9 +186,8 @@ class OrbOdometry:
         return _Key(features.image, seen[:, :2], points, features.descriptors[deep])
 
     def _tie(self, features: Features, expected: Floats) -> tuple[Floats, Floats] | None:
-        """Pose of a pair from what it shares with earlier ones, and where it sees the points of the last key pair.
-
-        None when it shares too little or the pose is implausible."""
+        """Pose of a pair from what it shares with earlier ones, and where it sees the points of the last key pair. None
+        when it shares too little or the pose is implausible."""
         if self._before is None:
             return None
         earlier = self._keys if self._before is self._keys[-1] else [self._before, *self._keys]

@@ -60,10 +60,9 @@ def installed() -> bool:
 
 
 class OrbSlam3:
-    """One run of ORB-SLAM3. It maps in its own threads, so results depend on the load of the machine.
-
-    `camera`: the stereo camera. `vocabulary`: a file by `write_vocabulary`, or ORB-SLAM3's own. `folder`: where its
-    settings are written. `interval_s`: between pairs."""
+    """One run of ORB-SLAM3. It maps in its own threads, so results depend on the load of the machine. `camera`: the
+    stereo camera. `vocabulary`: a file by `write_vocabulary`, or ORB-SLAM3's own. `folder`: where its settings are
+    written. `interval_s`: between pairs."""
 
     def __init__(
         self, camera: StereoCamera, vocabulary: Path, folder: Path, interval_s: float = EVERY / RATE_HZ
@@ -103,10 +102,9 @@ ROUNDS = 6  # Of moving each centre to the majority of its nearest descriptors
 
 
 def write_vocabulary(descriptors: Greys, file: Path, seed: int = 0) -> int:
-    """Cluster ORB descriptors (n, 32) into a tree and write it in DBoW2's text format; returns the number of nodes.
-
-    The first line gives branches, levels, L1 score and TF-IDF weights. Each node then has a line, parents first: the
-    number of its parent (0: the root, which has no line), whether it is a word, 32 bytes, its weight. Words weigh 1."""
+    """Cluster ORB descriptors (n, 32) into a tree and write it in DBoW2's text format; returns the number of nodes. The
+    first line gives branches, levels, L1 score and TF-IDF weights. Each node then has a line, parents first: the number
+    of its parent (0: the root, which has no line), whether it is a word, 32 bytes, its weight. Words weigh 1."""
     rng = np.random.default_rng(seed)
     lines: list[str] = []
     open_nodes = [(0, 1, np.unpackbits(descriptors, axis=1))]

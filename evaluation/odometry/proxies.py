@@ -30,10 +30,9 @@ class StereoMatches:
 
 
 class StereoMatcher:
-    """ORB features of the left image, each matched to its nearest two in the right one (B&H section 3.1).
-
-    Good is a match whose epipolar error is below 1 pixel and whose Lowe ratio is below 0.7. The images must be
-    rectified: rows are epipolar lines, and the error is the difference of rows."""
+    """ORB features of the left image, each matched to its nearest two in the right one (B&H section 3.1). Good is a
+    match whose epipolar error is below 1 pixel and whose Lowe ratio is below 0.7. The images must be rectified: rows
+    are epipolar lines, and the error is the difference of rows."""
 
     def __init__(self, features: int = 500) -> None:
         self._orb = cv2.ORB.create(features)
@@ -70,9 +69,8 @@ PROXIES: dict[str, float | None] = {
 
 
 class Proxies:
-    """Measures pairs as odometry gets them, median and gamma of 0.3 first, as the paper did.
-
-    Five measures use the left image at control's size; the last one uses it as control sees it."""
+    """Measures pairs as odometry gets them, median and gamma of 0.3 first, as the paper did. Five measures use the left
+    image at control's size; the last one uses it as control sees it."""
 
     def __init__(self) -> None:
         self._preparation = ImagePreparation()

@@ -46,9 +46,8 @@ class StereoOdometry(Protocol):
     """Follows a stereo camera from pair to pair."""
 
     def track(self, left: Greys, right: Greys) -> Tracked:
-        """The pose at the next pair of images, uint8 (height, width), as `prepared` makes them.
-
-        Always answers: a pair that cannot be tracked gets a guess and is marked as lost."""
+        """The pose at the next pair of images, uint8 (height, width), as `prepared` makes them. Always answers: a pair
+        that cannot be tracked gets a guess and is marked as lost."""
 
 
 def images(pair: StereoPair) -> tuple[Greys, Greys]:
@@ -71,12 +70,10 @@ def relative_errors_mm(
     length_m: float = SUB_TRAJECTORY_M,
     tolerance: float = TOLERANCE,
 ) -> list[float]:
-    """Translation RPE (mm) over each sub-trajectory of a length, one beginning at every pose.
-
-    Lengths are measured along the true path: the estimated one is longer because of its noise.
-
-    `truth`, `estimate`: poses (4, 4) in metres at the same instants, each in its own frame of reference. `length_m`,
-    `tolerance`: of a sub-trajectory, and by which share it may be off."""
+    """Translation RPE (mm) over each sub-trajectory of a length, one beginning at every pose. Lengths are measured
+    along the true path: the estimated one is longer because of its noise. `truth`, `estimate`: poses (4, 4) in metres
+    at the same instants, each in its own frame of reference. `length_m`, `tolerance`: of a sub-trajectory, and by which
+    share it may be off."""
     from evo.core.metrics import RPE, PoseRelation, Unit  # noqa: PLC0415  takes half a second to load
     from evo.core.trajectory import PosePath3D  # noqa: PLC0415
 

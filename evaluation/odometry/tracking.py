@@ -54,7 +54,6 @@ def track_entrants(
     look: Callable[[int, StereoPair], None] = lambda _entrant, _pair: None,
 ) -> list[TrackedRun]:
     """Take all entrants through the first frames of a course, each starting from the best exposure of the first.
-
     `stage`: the course. `entrants`: who takes part. `odometry`: makes the odometry of one entrant. `frames`: how many,
     at 60 a second. `look`: called with the index of the entrant and each pair that odometry gets."""
     start = best_start(Oracle(stage))
@@ -73,11 +72,9 @@ def track_entrants(
 
 
 def outcome(one: TrackedRun) -> dict[str, Any]:
-    """The figures of one run, in plain JSON.
-
-    rpe_mm: mean over sub-trajectories, guesses for lost pairs included; lost_share, failed; metric: median M_g;
-    truth, path: the true and the estimated path from above, in the frame of the first camera, mm; times_us, gains_db,
-    metrics: at each pair that odometry got."""
+    """The figures of one run, in plain JSON. rpe_mm: mean over sub-trajectories, guesses for lost pairs included;
+    lost_share, failed; metric: median M_g; truth, path: the true and the estimated path from above, in the frame of the
+    first camera, mm; times_us, gains_db, metrics: at each pair that odometry got."""
     first = np.linalg.inv(one.truth[0])
     settings = one.delayed.settings[::EVERY]
     metrics = one.delayed.metrics
@@ -130,10 +127,8 @@ PERIOD_S, YAW_SWING = 15.0, 0.9  # At most 86 mm and 89 degrees a second; the pa
 
 
 def odometry_stage(light: Light, room: int, seed: int, repeat: int, lens_f_number: float = DEFAULT_F_NUMBER) -> Stage:
-    """One course.
-
-    `light`: its light. `room`: seed of the room. `seed`: of the heading of the lap through it. `repeat`: number of the
-    repeat of the same lap; decides the noise. `lens_f_number`: of the cameras' lenses."""
+    """One course. `light`: its light. `room`: seed of the room. `seed`: of the heading of the lap through it. `repeat`:
+    number of the repeat of the same lap; decides the noise. `lens_f_number`: of the cameras' lenses."""
     path = lap(seed)
     # At its turning point the camera looks into the middle of the bright part.
     surfaces = _lit(room, LUX[light], path.heading_rad + math.pi / 6 + YAW_SWING)
@@ -180,9 +175,8 @@ def _lit(room: int, lux: tuple[float, float], bright_rad: float) -> list[Surface
 
 
 def illumination(surface: Surface, lux: tuple[float, float], bright_rad: float) -> Floats32:
-    """Light on every texel of a surface, shape (rows, columns), by its bearing from the middle of the room.
-
-    `lux[1]` around the bearing `bright_rad`, `lux[0]` away from it."""
+    """Light on every texel of a surface, shape (rows, columns), by its bearing from the middle of the room. `lux[1]`
+    around the bearing `bright_rad`, `lux[0]` away from it."""
     rows, columns = surface.pattern.shape
     u, v = (np.arange(columns) + 0.5) / columns, (np.arange(rows) + 0.5) / rows
     x, y = (

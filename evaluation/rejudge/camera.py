@@ -46,10 +46,8 @@ class Light:
 
 
 class Exposer:
-    """One camera: its response and its sensor's noise.
-
-    `response`: of the camera. `noise`: of its sensor. `seed`: of the noise that is added: the same in frames of the
-    same number, whatever their setting."""
+    """One camera: its response and its sensor's noise. `response`: of the camera. `noise`: of its sensor. `seed`: of
+    the noise that is added: the same in frames of the same number, whatever their setting."""
 
     def __init__(self, response: ResponseFunction, noise: SensorNoise, seed: int) -> None:
         self._response, self._noise, self._seed = response, noise, seed
@@ -62,10 +60,9 @@ class Exposer:
         return Light(_look_up(share * scale, frame.pixels), _look_up(variance * scale**2, frame.pixels))
 
     def fused(self, frames: Sequence[Frame]) -> Light:
-        """What several frames of the same thing say together.
-
-        A frame counts by how well it tells a usual light, whatever its samples say: so noise gives no bias. Samples of
-        few codes count less, and those near saturation not at all."""
+        """What several frames of the same thing say together. A frame counts by how well it tells a usual light,
+        whatever its samples say: so noise gives no bias. Samples of few codes count less, and those near saturation not
+        at all."""
         usual = USUAL * exp2(-float(np.median([frame.setting.level for frame in frames])))
         weights, amounts, variances = (np.zeros(frames[0].pixels.shape, np.float32) for _ in range(3))
         for frame in frames:
@@ -86,9 +83,8 @@ class Exposer:
         return Light(amounts, variances)
 
     def expose(self, light: Light, setting: ExposureSetting, bit_depth: int, number: int) -> Pixels:
-        """The samples of a frame taken of this light, uint8, or uint16 for more bits.
-
-        Noise is added up to what the setting has; what `light` has beyond that cannot be removed."""
+        """The samples of a frame taken of this light, uint8, or uint16 for more bits. Noise is added up to what the
+        setting has; what `light` has beyond that cannot be removed."""
         code, slope, variance = _tables(self._response, self._noise, setting.gain_db, bit_depth)
         scale = exp2(setting.level)
         share = np.clip(light.amount * np.float32(scale / BRIGHTEST), 0.0, 1.0)
@@ -170,9 +166,7 @@ class Made:
 
 
 class RecordedCameras:
-    """Makes the pairs of one instant after the other.
-
-    `timeline`: the whole drive. `exposers`: of the cameras."""
+    """Makes the pairs of one instant after the other. `timeline`: the whole drive. `exposers`: of the cameras."""
 
     def __init__(self, timeline: Timeline, exposers: Mapping[Side, Exposer]) -> None:
         self.timeline = timeline
@@ -232,10 +226,8 @@ Image = Greys
 
 
 class Rectifier:
-    """Both cameras of a pair.
-
-    `geometries`: of the left and the right camera. `shape`: (height, width) of what `Frame.grey8` gives: half the size
-    of a colour mosaic."""
+    """Both cameras of a pair. `geometries`: of the left and the right camera. `shape`: (height, width) of what
+    `Frame.grey8` gives: half the size of a colour mosaic."""
 
     def __init__(self, geometries: Mapping[Side, CameraGeometry], shape: tuple[int, int]) -> None:
         left, right = geometries["left"], geometries["right"]

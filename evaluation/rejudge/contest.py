@@ -82,10 +82,9 @@ class Judge:
 
 
 class PolicyRun:
-    """One policy on its way through a drive.
-
-    `setup`: what its loop is built from, with a start. `delay_frames`: a decision shows this many pairs later. `judge`:
-    judges some of its pairs. `told_motion`: whether it is told how fast the image moves; else it finds out by flow."""
+    """One policy on its way through a drive. `setup`: what its loop is built from, with a start. `delay_frames`: a
+    decision shows this many pairs later. `judge`: judges some of its pairs. `told_motion`: whether it is told how fast
+    the image moves; else it finds out by flow."""
 
     def __init__(self, setup: ControlSetup, delay_frames: int, judge: Judge, *, told_motion: bool = True) -> None:
         parameters = replace(setup.parameters, focal_length_px=FOCAL_LENGTH_PX)
@@ -101,10 +100,9 @@ class PolicyRun:
         self._shown = -1
 
     def step(self, number: int, cameras: Cameras, motion_px: float, *, due: bool) -> Made:
-        """Take the pair of an instant, decide on it, and have it judged if it shows something new.
-
-        `number`: of the instant. `cameras`: at that instant. `motion_px`: speed of the image, pixels per 1/60 s. `due`:
-        whether to judge a pair that shows nothing new in motion, since several shots were fused."""
+        """Take the pair of an instant, decide on it, and have it judged if it shows something new. `number`: of the
+        instant. `cameras`: at that instant. `motion_px`: speed of the image, pixels per 1/60 s. `due`: whether to judge
+        a pair that shows nothing new in motion, since several shots were fused."""
         made = cameras.take(self.settings[len(self.decisions)])
         rate_rad_s = motion_px * REFERENCE_RATE_HZ / FOCAL_LENGTH_PX if self._told else None
         self.decisions.append(self.loop.step(made.pair, rate_rad_s))
@@ -211,9 +209,8 @@ def exposers(drive: Drive) -> dict[Side, Exposer]:
 
 
 def follow_best_shots(drive: Drive, odometry: str, folder: Path) -> Trajectory | None:
-    """Where odometry says the camera was, on the best shot of each cycle by M_g, as it was recorded.
-
-    None where nothing can follow, for lack of a geometry; raises AutoexposeError where odometry is lost altogether."""
+    """Where odometry says the camera was, on the best shot of each cycle by M_g, as it was recorded. None where nothing
+    can follow, for lack of a geometry; raises AutoexposeError where odometry is lost altogether."""
     judge = _judge(drive, odometry, folder, "best shots")
     if judge.follower is None:
         return None
@@ -234,9 +231,8 @@ def follow_best_shots(drive: Drive, odometry: str, folder: Path) -> Trajectory |
 
 
 def recommended(figures: Sequence[Figures]) -> str:
-    """The policy of the least error of odometry; among those alike, or where there is none, of the most matches.
-
-    Where nothing was matched, that of the largest metric."""
+    """The policy of the least error of odometry; among those alike, or where there is none, of the most matches. Where
+    nothing was matched, that of the largest metric."""
     least_lost = min((one.lost_share for one in figures if one.lost_share is not None), default=0.0)
     kept = [one for one in figures if (one.lost_share or 0.0) <= least_lost + LOST_MORE]
     followed = [one for one in kept if one.rpe_mm is not None]

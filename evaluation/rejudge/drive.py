@@ -64,9 +64,8 @@ class Glimpse:
 
 
 class Watcher:
-    """Notes glimpses of the pairs of a drive, in order.
-
-    `responses`: of the cameras. `cycle`: pairs in a cycle of the bracket."""
+    """Notes glimpses of the pairs of a drive, in order. `responses`: of the cameras. `cycle`: pairs in a cycle of the
+    bracket."""
 
     def __init__(self, responses: Mapping[Side, ResponseFunction], cycle: int) -> None:
         greys = np.arange(GREY_LEVELS, dtype=np.float64)
@@ -175,7 +174,6 @@ class Timeline:
 
     def around(self, number: int) -> Sequence[int]:
         """A cycle's worth of shots nearest to an instant, for fusion, and the darkest of all that may stand for it.
-
         Those that show nothing are there only if no others are."""
         near = self.near(number)
         by_use = sorted(near, key=lambda shot: (self.glimpses[shot].share_above(1.0) > EMPTY, abs(shot - number)))
@@ -183,9 +181,8 @@ class Timeline:
         return sorted({*by_use[: self.cycle], darkest})
 
     def nearest(self, number: int, level: float) -> int:
-        """The shot from which an exposure level is best made at an instant in motion.
-
-        It is near in level and time, and does not saturate what the wanted exposure would not."""
+        """The shot from which an exposure level is best made at an instant in motion. It is near in level and time, and
+        does not saturate what the wanted exposure would not."""
         near = self.near(number)
         darker = [shot for shot in near if self.glimpses[shot].level <= level]
         wanted_clipped = 1.0
@@ -311,12 +308,9 @@ def watched(
     source: Callable[[], Iterator[StereoPair]],
     geometries: Mapping[Side, CameraGeometry],
 ) -> Drive:
-    """A drive that is read for the first time.
-
-    `name`, `setup`, `source`, `geometries`: as in `Drive`. `seen`: what `source` reads, what was decided on each pair,
-    and when it was taken (s).
-
-    Raises AutoexposeError for a drive that is too short, or of a pixel format that cannot be exposed again."""
+    """A drive that is read for the first time. `name`, `setup`, `source`, `geometries`: as in `Drive`. `seen`: what
+    `source` reads, what was decided on each pair, and when it was taken (s). Raises AutoexposeError for a drive that is
+    too short, or of a pixel format that cannot be exposed again."""
     bracket = setup.parameters.bracket
     assert bracket is not None, "a drive in brackets"
     cycle = bracket.exposures + bracket.keep

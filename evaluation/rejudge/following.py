@@ -107,11 +107,9 @@ def _apart_m(first: Floats, second: Floats) -> float:
 
 
 def read_tum(path: Path) -> Trajectory:
-    """A file of ``time x y z qx qy qz qw`` in each line, with blanks or commas between them.
-
-    Comments, and a first line of names, are left out.
-
-    Raises ConfigurationError: naming the line at fault; of fewer than two poses it is a TooFewPosesError."""
+    """A file of ``time x y z qx qy qz qw`` in each line, with blanks or commas between them. Comments, and a first line
+    of names, are left out. Raises ConfigurationError: naming the line at fault; of fewer than two poses it is a
+    TooFewPosesError."""
     text = read_text(path, _LONGEST_BYTES)
     rows: list[list[float]] = []
     for number, line in enumerate(text.splitlines(), 1):
@@ -171,9 +169,8 @@ Image = Greys
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Followed:
-    """Where odometry says that the left camera was, and for how many of the pairs it could not say.
-
-    The trajectory has no pose if it was lost from the first pair to the last."""
+    """Where odometry says that the left camera was, and for how many of the pairs it could not say. The trajectory has
+    no pose if it was lost from the first pair to the last."""
 
     trajectory: Trajectory
     lost_share: float
@@ -216,13 +213,10 @@ class OdometryFollower(Follower):
 
 
 class CommandFollower(Follower):
-    """A program of the user: it gets a folder of pictures and writes a trajectory.
-
-    The folder has ``left/000001.png``, ``right/000001.png`` and so on, ``times.txt`` with the time of each (s), and
-    ``camera.yaml`` with focal length, principal point (pixels) and baseline (m) of the rectified pictures.
-
-    `command`: what to run; the folder and the name of the trajectory to write are added to it. `folder`: an empty one.
-    `camera`: the rectified stereo camera."""
+    """A program of the user: it gets a folder of pictures and writes a trajectory. The folder has ``left/000001.png``,
+    ``right/000001.png`` and so on, ``times.txt`` with the time of each (s), and ``camera.yaml`` with focal length,
+    principal point (pixels) and baseline (m) of the rectified pictures. `command`: what to run; the folder and the name
+    of the trajectory to write are added to it. `folder`: an empty one. `camera`: the rectified stereo camera."""
 
     def __init__(self, command: str, folder: Path, camera: StereoCamera) -> None:
         self._command, self._folder = command, folder

@@ -50,9 +50,7 @@ class Entry:
 
 
 def read_folder(folder: Path) -> Drive:
-    """Read a folder for the first time.
-
-    Raises AutoexposeError: naming the file and the line at fault."""
+    """Read a folder for the first time. Raises AutoexposeError: naming the file and the line at fault."""
     instants = _instants(folder)
     sides = tuple(instants[0])
     responses: dict[Side, ResponseFunction] = {side: _response(folder, side) for side in sides}
@@ -210,9 +208,8 @@ def _response(folder: Path, side: Side) -> ResponseFunction:
 
 
 def read_recording(path: Path) -> Drive:
-    """Read a recording for the first time.
-
-    Raises AutoexposeError: in one sentence, when it cannot be read, or was not recorded in brackets."""
+    """Read a recording for the first time. Raises AutoexposeError: in one sentence, when it cannot be read, or was not
+    recorded in brackets."""
     setup = _setup(path)
     bracket = setup.parameters.bracket
     if bracket is None:

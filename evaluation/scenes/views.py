@@ -64,11 +64,9 @@ class Scene(Protocol):
 
 
 class StillView:
-    """One camera's view of a still; a `Scene`.
-
-    `interior`: radiance per lux of light, float32, (rows, columns). `outdoors`: radiance that does not follow the
-    light, same shape, or None. `gaze`: where the camera looks; 0 is the middle of the still. `side`: "left" or "right".
-    """
+    """One camera's view of a still; a `Scene`. `interior`: radiance per lux of light, float32, (rows, columns).
+    `outdoors`: radiance that does not follow the light, same shape, or None. `gaze`: where the camera looks; 0 is the
+    middle of the still. `side`: "left" or "right"."""
 
     def __init__(self, interior: Floats32, outdoors: Floats32 | None, gaze: Gaze, side: Side) -> None:
         self._interior, self._outdoors, self._gaze = interior, outdoors, gaze
@@ -95,11 +93,9 @@ class StillView:
 
 
 def build_views(scene: str, seed: int, gaze: Gaze, at_window: bool) -> dict[Side, Scene]:
-    """Both cameras' views.
-
-    `scene`: "room", a painter of `evaluation.scenes.stills`, or the path of a Radiance .hdr file. `seed`: decides the
-    room or the painting, and where the camera looks first. `gaze`: where the camera looks over time. `at_window`:
-    whether angle 0 is a window, brighter than everything else when the light is dim."""
+    """Both cameras' views. `scene`: "room", a painter of `evaluation.scenes.stills`, or the path of a Radiance .hdr
+    file. `seed`: decides the room or the painting, and where the camera looks first. `gaze`: where the camera looks
+    over time. `at_window`: whether angle 0 is a window, brighter than everything else when the light is dim."""
     rng = np.random.default_rng([seed, 77])
     turn = float(rng.uniform(-1.0, 1.0))
     if scene == "room":
@@ -163,13 +159,10 @@ _FRAME = 0.002  # Share of the window's light that its frame shows
 
 
 def natural_room(pictures: Sequence[Still], seed: int, feature: Feature, bearing_rad: float) -> list[Surface]:
-    """The surfaces of a room in even light; the seed decides pieces, contrasts and the places of cartons.
-
-    Cartons leave the middle free: at least 0.15 m to either camera on the path of `odometry.tracking.lap`, where the
-    odometry begins to look.
-
-    `pictures`: radiance, float32, (rows, columns); at least one. `feature`: also there: a window with daylight that
-    does not follow the room's light, or two lamps. `bearing_rad`: where that is, as seen from the middle."""
+    """The surfaces of a room in even light; the seed decides pieces, contrasts and the places of cartons. Cartons leave
+    the middle free: at least 0.15 m to either camera on the path of `odometry.tracking.lap`, where the odometry begins
+    to look. `pictures`: radiance, float32, (rows, columns); at least one. `feature`: also there: a window with daylight
+    that does not follow the room's light, or two lamps. `bearing_rad`: where that is, as seen from the middle."""
     rng = np.random.default_rng([seed, 51])
     papers = [_paper(picture, HIGH_STOPS) for picture in pictures], [_paper(picture, LOW_STOPS) for picture in pictures]
     surfaces = [*_shell(rng, papers), *_cartons(rng, papers)]

@@ -24,10 +24,9 @@ Radiance = Floats32
 
 
 class SimulatedCamera:
-    """A camera whose noise in a frame is the same whatever the exposure.
-
-    `seed`: of what is fixed in the sensor. `noise_seed`: of the noise in its frames. `response`, `gamma`: name of the
-    sensor's response function, and the camera's Gamma node, a power law on top of it. `lens_f_number`: of its lens."""
+    """A camera whose noise in a frame is the same whatever the exposure. `seed`: of what is fixed in the sensor.
+    `noise_seed`: of the noise in its frames. `response`, `gamma`: name of the sensor's response function, and the
+    camera's Gamma node, a power law on top of it. `lens_f_number`: of its lens."""
 
     def __init__(
         self,

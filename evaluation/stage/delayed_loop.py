@@ -15,12 +15,9 @@ from imaging.response import ResponseFunction
 
 
 class DelayedLoop:
-    """Takes each frame with the setting decided `delay_frames` earlier, and decides on it.
-
-    `loop`: decides. The first `delay_frames` frames are taken with its start. `delay_frames`: a decision on frame k
-    applies from frame k + delay_frames, which is at least 1.
-
-    `decisions`: one for each frame so far, with M_g."""
+    """Takes each frame with the setting decided `delay_frames` earlier, and decides on it. `loop`: decides. The first
+    `delay_frames` frames are taken with its start. `delay_frames`: a decision on frame k applies from frame k +
+    delay_frames, which is at least 1. `decisions`: one for each frame so far, with M_g."""
 
     def __init__(self, loop: ControlLoop, delay_frames: int) -> None:
         self.loop = loop

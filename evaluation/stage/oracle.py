@@ -58,10 +58,8 @@ class Information:
         self._readable, self._shot, self._read = mean @ readable, *(mean @ each for each in factors)
 
     def measure(self, seen: Contrast, pixels: float, gain: float) -> float:
-        """Of an image whose gradients, by `bins`, are given; 0 for one without gradients.
-
-        `seen`: its gradients. `pixels`: how many pixels of the sensor were averaged into one of the image. `gain`:
-        linear gain."""
+        """Of an image whose gradients, by `bins`, are given; 0 for one without gradients. `seen`: its gradients.
+        `pixels`: how many pixels of the sensor were averaged into one of the image. `gain`: linear gain."""
         noise = variance_of(self._shot * gain + self._read * gain**2, pixels)
         weights = np.stack([self._readable, noise * self._readable, np.ones_like(noise)], axis=1)
         weight, expected, by_cell = (seen.count @ weights).T
@@ -73,10 +71,9 @@ class Information:
 
 
 def share_of_noise(shown: Floats, expected: Floats, weight: Floats, by_cell: Floats) -> float:
-    """The actual noise as a share of the noise expected, at most 1: the flattest cells have no more.
-
-    A sensor better than the one configured would otherwise seem to see nothing in the dark. By cell: energy shown,
-    expected, and weight of readable pixels, and of all."""
+    """The actual noise as a share of the noise expected, at most 1: the flattest cells have no more. A sensor better
+    than the one configured would otherwise seem to see nothing in the dark. By cell: energy shown, expected, and weight
+    of readable pixels, and of all."""
     telling = (weight > LEAST_READABLE * by_cell) & (expected > LEAST_VARIANCE * weight)
     if not telling.any():
         return 1.0
@@ -85,7 +82,6 @@ def share_of_noise(shown: Floats, expected: Floats, weight: Floats, by_cell: Flo
 
 def variance_of(noise_dn2: Floats, pixels: float) -> Floats:
     """Variance of the image that control sees, each pixel of which is the rounded mean of `pixels` of the sensor's.
-
     `noise_dn2` is the variance from photons and read noise in a frame before rounding; all in squared grey levels."""
     averaged = (noise_dn2 + QUANTISATION) / pixels
     return averaged + QUANTISATION if pixels > 1 else averaged

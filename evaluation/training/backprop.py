@@ -17,7 +17,6 @@ TINY = np.float32(1e-8)
 
 class TrainedNet:
     """``x -> W x + b`` layer by layer, with ReLU after each but the last; float32 throughout, or float64 for tests.
-
     `arrays`: where weights and moments live, named with `prefix`: the state of a training. `prefix`: of its names in
     `arrays`."""
 
@@ -62,9 +61,8 @@ class TrainedNet:
         return np.asarray(self._seen[-1] @ matrix.T + offsets)
 
     def backward(self, slopes: Batch) -> tuple[list[Batch], Batch]:
-        """Gradients of the weights, in the order of `names`, and of the inputs.
-
-        `slopes`: of what is to fall, by the outputs of the latest `forward`, shape (rows, outputs)."""
+        """Gradients of the weights, in the order of `names`, and of the inputs. `slopes`: of what is to fall, by the
+        outputs of the latest `forward`, shape (rows, outputs)."""
         gradients: list[Batch] = []
         for (matrix, _), seen in zip(reversed(self.layers), reversed(self._seen), strict=True):
             gradients = [slopes.T @ seen, slopes.sum(axis=0), *gradients]

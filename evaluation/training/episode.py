@@ -118,12 +118,8 @@ LOWEST, HIGHEST = 2.0, 24.0  # Levels (stops) between which an answer is looked 
 
 
 class Episode:
-    """A view of a picture under changing light, by a camera with random response, noise, limits and delay.
-
-    Motion blur is not simulated.
-
-    `pictures`: one of which is seen. `rng`: decides everything. `frames`: how many there are.
-
+    """A view of a picture under changing light, by a camera with random response, noise, limits and delay. Motion blur
+    is not simulated. `pictures`: one of which is seen. `rng`: decides everything. `frames`: how many there are.
     `delay_frames`: from a decision to the frame that shows it. `limits`: what the camera can take."""
 
     def __init__(self, pictures: Sequence[Picture], rng: np.random.Generator, frames: int) -> None:

@@ -104,13 +104,9 @@ class Training(Protocol):
 
 
 def train(training: Training, seed: int, file: Path, advance: Callable[[int], None]) -> bytes:
-    """Train, write the weights, and return them.
-
-    `training`: how. `seed`: of all random numbers. `file`: where the weights go. What was done before an interruption
-    is beside it, with the ending `.part`. `advance`: called with the number of finished rounds, at first with those of
-    before.
-
-    Raises AutoexposeError when a file cannot be written."""
+    """Train, write the weights, and return them. `training`: how. `seed`: of all random numbers. `file`: where the
+    weights go. What was done before an interruption is beside it, with the ending `.part`. `advance`: called with the
+    number of finished rounds, at first with those of before. Raises AutoexposeError when a file cannot be written."""
     part = file.with_name(file.name + ".part")
     key = _key(training, seed)
     state, done = _resumed(part, key) or (training.begin(np.random.default_rng([seed, 0])), 0)

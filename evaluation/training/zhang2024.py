@@ -37,9 +37,7 @@ class Transitions:
 
 
 class ActorCritic:
-    """Learns actions -1..1 that earn most.
-
-    `state`: holds all nets, as `begin` made them."""
+    """Learns actions -1..1 that earn most. `state`: holds all nets, as `begin` made them."""
 
     def __init__(self, state: Arrays) -> None:
         self.actor = TrainedNet(state, "actor")

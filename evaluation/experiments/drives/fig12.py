@@ -50,9 +50,8 @@ SCENES = (UNEVEN, *LOW_SCENES)
 
 
 class PolicyRuns:
-    """Results of jobs: each policy of a scene has driven through the same rooms.
-
-    `policies`: in the order of their first runs. `room`: the first one."""
+    """Results of jobs: each policy of a scene has driven through the same rooms. `policies`: in the order of their
+    first runs. `room`: the first one."""
 
     def __init__(self, results: Results) -> None:
         self._runs: dict[tuple[Any, Any], dict[str, list[Run]]] = {}
@@ -375,10 +374,8 @@ def _draw_exposures(runs: PolicyRuns, file: Path) -> None:
         for axes, values in ((upper, np.array(run["times_us"]) / 1e3), (lower, run["gains_db"])):
             style = "-" if place < len(COLOURS) else "--"
             axes.plot(time_s, values, style, color=COLOURS[place % len(COLOURS)], linewidth=1.2, label=policy)
-    upper.set_yscale("log")
-    upper.set_ylabel("exposure time (ms)")
-    lower.set_ylabel("gain (dB)")
-    lower.set_xlabel("time (s)")
+    upper.set(yscale="log", ylabel="exposure time (ms)")
+    lower.set(ylabel="gain (dB)", xlabel="time (s)")
     canvas.legend(*upper.get_legend_handles_labels(), loc="outside lower center", ncols=4, fontsize=9)
     save(canvas, file)
 

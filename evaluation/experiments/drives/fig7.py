@@ -196,8 +196,7 @@ def _proxy_table(correlations: Mapping[str, Interval]) -> Table:
 def _draw_errors(errors: Floats, file: Path) -> None:
     figure, axes = panels(1, 1, 3.6)
     boxes(axes, list(errors.T), [f"{time_us / 1e3:.2g} ms\n{gain_db:g} dB" for time_us, gain_db in SETTINGS])
-    axes.set_ylabel("RPE over 20 mm (mm)")
-    axes.set_ylim(bottom=0)
+    axes.set(ylabel="RPE over 20 mm (mm)", ylim=(0, None))
     save(figure, file)
 
 
@@ -209,8 +208,7 @@ def _draw_paths(results: Results, file: Path) -> None:
     for one, name, colour in ((best, "best", COLOURS[0]), (worst, "worst", COLOURS[1])):
         axes.plot(*np.array(one["path"]).T, color=colour, label=f"{name}: {one['name']}, RPE {one['rpe_mm']:.2f} mm")
     axes.set_aspect("equal")
-    axes.set_xlabel("to the right of the first camera (mm)")
-    axes.set_ylabel("ahead of it (mm)")
+    axes.set(xlabel="to the right of the first camera (mm)", ylabel="ahead of it (mm)")
     figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=3, fontsize=9)
     save(figure, file)
 

@@ -83,9 +83,8 @@ class Taught:
 
 
 class Wanderer:
-    """A robot that drives as it is told, with errors, and does not know where it is.
-
-    `place`, `heading_rad`: where it is in truth. `driven_m`: what its odometry says it has driven."""
+    """A robot that drives as it is told, with errors, and does not know where it is. `place`, `heading_rad`: where it
+    is in truth. `driven_m`: what its odometry says it has driven."""
 
     def __init__(self, place: Floats, heading_rad: float, seed: int) -> None:
         random = np.random.default_rng([seed, 91])
@@ -127,7 +126,6 @@ def taught(path: TaughtPath, seed: int, policy: str, length_m: float) -> Taught:
 
 class Repeater:
     """A robot that repeats a taught path in another light; laps follow each other from where the last one ended.
-
     `lesson`: what it repeats. `light`: one of `LIGHTS`. `policy`: of the exposure. `aside_m`, `turned_rad`: where it
     starts beside the path, positive to the left."""
 

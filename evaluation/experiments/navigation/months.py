@@ -64,9 +64,8 @@ class Look:
 
 
 class Surveyor:
-    """Drives a path of a park; its finders keep their thresholds from drive to drive.
-
-    `seed`: of the park. `finders`: names of `FINDERS`."""
+    """Drives a path of a park; its finders keep their thresholds from drive to drive. `seed`: of the park. `finders`:
+    names of `FINDERS`."""
 
     def __init__(self, seed: int, finders: Sequence[str]) -> None:
         self._seed, self._path = seed, TaughtPath(seed, 0.0)
@@ -99,10 +98,8 @@ class Surveyor:
 
 
 class Kept:
-    """A local map that one strategy keeps up.
-
-    `taught`: its first features. `strategy`: how it changes at each passing. `rule`: how views are registered with it.
-    """
+    """A local map that one strategy keeps up. `taught`: its first features. `strategy`: how it changes at each passing.
+    `rule`: how views are registered with it."""
 
     def __init__(self, taught: Features, strategy: Strategy, rule: VoteRule) -> None:
         self.map = LocalMap.taught(taught)
@@ -118,9 +115,8 @@ class Kept:
 
 
 class Remembered:
-    """A local map of strategy `summary` and what was seen of each of its features when.
-
-    A feature that has left is forgotten."""
+    """A local map of strategy `summary` and what was seen of each of its features when. A feature that has left is
+    forgotten."""
 
     def __init__(self, taught: Features, rule: VoteRule) -> None:
         self._kept, self._rule = Kept(taught, "summary", rule), rule
@@ -192,9 +188,8 @@ Shifts = dict[str, dict[str, list[list[float | None]]]]
 
 
 class Maps:
-    """All local maps of a path, kept up in several ways and registered by each rule.
-
-    `shifts`: those of the drives that are scored."""
+    """All local maps of a path, kept up in several ways and registered by each rule. `shifts`: those of the drives that
+    are scored."""
 
     def __init__(self, taught: Sequence[Look], ways: Mapping[str, tuple[str, Strategy]]) -> None:
         self._ways = ways
@@ -214,9 +209,8 @@ class Maps:
 
 
 def measure_hours(seed: int, programme: str, drives: int) -> Plain:
-    """Some drives of one of `HOURS` in a park, from its first to its last.
-
-    Returns `truth`, shifts (pixels, NaN for none) by drive and place, and `shifts`, as `Shifts`."""
+    """Some drives of one of `HOURS` in a park, from its first to its last. Returns `truth`, shifts (pixels, NaN for
+    none) by drive and place, and `shifts`, as `Shifts`."""
     surveyor = Surveyor(seed, list(FINDERS))
     maps = Maps(surveyor.taught, STRATEGIES | THRESHOLDS)
     truth: list[list[float]] = []
@@ -230,9 +224,8 @@ def measure_hours(seed: int, programme: str, drives: int) -> Plain:
 
 
 def measure_months(seed: int) -> Plain:
-    """The drives of two months in a park: as `measure_hours`, of those after the first `LEARNT` only.
-
-    Besides the strategies, which go on learning, there are the models, which foretell from what was learnt."""
+    """The drives of two months in a park: as `measure_hours`, of those after the first `LEARNT` only. Besides the
+    strategies, which go on learning, there are the models, which foretell from what was learnt."""
     surveyor = Surveyor(seed, [PAPERS_FINDER])
     maps = Maps(surveyor.taught, STRATEGIES)
     remembered = {

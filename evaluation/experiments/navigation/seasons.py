@@ -141,9 +141,7 @@ GROUND_AHEAD_M = 3.0  # The ground, one surface, is lit as it is so far ahead
 
 
 class Scene:
-    """What the robot's camera sees in a park.
-
-    `seed`: of the park. `daylight`: or `Night`."""
+    """What the robot's camera sees in a park. `seed`: of the park. `daylight`: or `Night`."""
 
     def __init__(self, seed: int, daylight: Daylight) -> None:
         self.surfaces = park(seed, daylight)

@@ -110,7 +110,6 @@ def _converged(runs: StepRuns, name: str) -> list[int]:
 
 def _speed_up(runs: StepRuns, variant: str) -> Interval | None:
     """Frames without feedback over frames with it, where both converged and took some frames; None for no such run.
-
     Mean over scenes of the mean over their runs."""
     ratios: dict[tuple[str, int], list[float]] = {}
     for arguments, found in runs:
@@ -242,11 +241,8 @@ def _draw(results: Results, file: Path) -> None:
             points.append(float(np.median(frames)) if len(frames) * 2 >= len(runs) else math.nan)
         right.plot(rises, points, color=colour, linestyle=style, marker="o", markersize=4)
     left.axhline(shown["best_level"], color="grey", linewidth=1.0)
-    left.set_xlabel("frames since the light was switched on")
-    left.set_ylabel("exposure level E (stops)")
-    right.set_xlabel("height of the step of light (stops)")
-    right.set_ylabel("frames to converge")
-    right.set_ylim(bottom=0)
+    left.set(xlabel="frames since the light was switched on", ylabel="exposure level E (stops)")
+    right.set(xlabel="height of the step of light (stops)", ylabel="frames to converge", ylim=(0, None))
     figure.legend(*left.get_legend_handles_labels(), loc="outside lower center", ncols=len(_LINES), fontsize=9)
     save(figure, file)
 

@@ -204,9 +204,7 @@ def _draw(measured: Mapping[CameraResponse, Mapping[str, Any]], title: str, file
     upper.legend(fontsize=8)
     upper.set_title(title, fontsize=10)
     lower.axhline(0.0, color="black", linewidth=0.8)
-    lower.set_ylim(-4.0, 4.0)
-    lower.set_ylabel("step wanted (stops)")
-    lower.set_xlabel("exposure level E (stops)")
+    lower.set(ylim=(-4.0, 4.0), ylabel="step wanted (stops)", xlabel="exposure level E (stops)")
     save(figure, file)
 
 

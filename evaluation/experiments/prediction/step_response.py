@@ -43,10 +43,8 @@ class WithoutFeedback(ExposurePolicy):
 
 
 class LeavesWhiteAndBlack(ExposurePolicy):
-    """A law with the rule that is in the paper's published code but not in its text.
-
-    After an image whose mean grey is above 245 or below 10, exposure goes 2 stops down or up, whatever the prediction.
-    """
+    """A law with the rule that is in the paper's published code but not in its text. After an image whose mean grey is
+    above 245 or below 10, exposure goes 2 stops down or up, whatever the prediction."""
 
     def __init__(self, law: ExposurePolicy) -> None:
         self.law, self.balance = law, law.balance
@@ -96,10 +94,8 @@ CONTESTANTS = {
 
 
 def measure(scene: str, seed: int, camera: list[Any], before_lux: float, rise_stops: float) -> Plain:
-    """Run every contestant through the same step of light on a still scene.
-
-    Returns {"best_level": after the step, "start_level": of the first frame, name: {"levels": of all frames, "share":
-    of the best metric at the end}}."""
+    """Run every contestant through the same step of light on a still scene. Returns {"best_level": after the step,
+    "start_level": of the first frame, name: {"levels": of all frames, "share": of the best metric at the end}}."""
     response = CameraResponse(*camera)
     step_s = (WARM_UP_FRAMES - 0.5) / RATE_HZ
     light = LightScript((Change(0.0, before_lux), Change(step_s, before_lux * 2.0**rise_stops)))
@@ -128,9 +124,8 @@ def _run(
 
 
 def frames_to_converge(levels: ArrayLike, share: float) -> int | None:
-    """Frames from the first after the step to the first that stays near where the law ends; None for never.
-
-    `levels`: of all frames of a run (stops). `share`: of the best metric, reached at the end."""
+    """Frames from the first after the step to the first that stays near where the law ends; None for never. `levels`:
+    of all frames of a run (stops). `share`: of the best metric, reached at the end."""
     after = np.asarray(levels, np.float64)[WARM_UP_FRAMES:]
     away = np.flatnonzero(np.abs(after - np.median(after[-END_FRAMES:])) > BAND_STOPS)
     frames = int(away[-1]) + 1 if away.size else 0

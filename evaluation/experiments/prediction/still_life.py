@@ -24,9 +24,8 @@ from imaging.response import GREY_LEVELS, ResponseFunction, prediction_table
 
 
 class StillLife:
-    """What the left camera sees of a scene.
-
-    `scene`, `seed`: as for `evaluation.scenes.views.build_views`. `lux`: illumination. `camera`: its response."""
+    """What the left camera sees of a scene. `scene`, `seed`: as for `evaluation.scenes.views.build_views`. `lux`:
+    illumination. `camera`: its response."""
 
     def __init__(self, scene: str, seed: int, lux: float, camera: CameraResponse) -> None:
         self._stage = still_stage(scene, seed, steady(lux), camera)
@@ -67,13 +66,11 @@ def gamma_curve(gamma: float) -> Floats:
 def measure_changes(
     *, scene: str, seed: int, lux: float, camera: list[Any], level: float, changes: list[float], shots: int
 ) -> Plain:
-    """Photograph a still scene at a level and after changes of it (stops), and compare with what curves predict.
-
-    Noise is averaged out over shots. Errors are over the pixels that are neither black nor white at `level`.
-
-    Returns for each change {"change", "seen": for each grey level at `level` the mean one after the change or None,
-    "response_rms", "gamma_rms", "gamma"}: errors in grey levels of the prediction by the camera's response, and of the
-    gamma curve with the smallest error, chosen with knowledge of the outcome."""
+    """Photograph a still scene at a level and after changes of it (stops), and compare with what curves predict. Noise
+    is averaged out over shots. Errors are over the pixels that are neither black nor white at `level`. Returns for each
+    change {"change", "seen": for each grey level at `level` the mean one after the change or None, "response_rms",
+    "gamma_rms", "gamma"}: errors in grey levels of the prediction by the camera's response, and of the gamma curve with
+    the smallest error, chosen with knowledge of the outcome."""
     response = CameraResponse(*camera)
     life = StillLife(scene, seed, lux, response)
     before = _mean_of(life, level, shots)
@@ -131,9 +128,8 @@ def pairs_of(level: float) -> list[ExposureSetting]:
 
 
 def measure_coupling(scene: str, seed: int, lux: float, levels: list[float], shots: int) -> Plain:
-    """The metric of a still scene for each level, gain, view and delta, averaged over shots.
-
-    Returns a list of {"level", "gain_db", view: [M_g of each of `DELTAS`]}."""
+    """The metric of a still scene for each level, gain, view and delta, averaged over shots. Returns a list of
+    {"level", "gain_db", view: [M_g of each of `DELTAS`]}."""
     life = StillLife(scene, seed, lux, CameraResponse())
     metrics = [GradientMetric(delta) for delta in DELTAS]
     rows: list[Plain] = []
@@ -174,12 +170,9 @@ _UNBOUNDED = ExposureLimits(1e-6, 1e15, 0.0, 0.0)  # So that a step is what the 
 
 
 def measure_rest(scene: str, seed: int, lux: float, camera: list[Any], levels: list[float]) -> Plain:
-    """The metric of a still scene at each level, and the step (stops) that each law wants to take from there.
-
-    `scene`, `seed`, `lux`: what the camera sees. `camera`: curve and gamma of its response. `levels`: exposure levels
-    (stops), ascending.
-
-    Returns {"levels", "metrics", law: steps}, lists of equal length."""
+    """The metric of a still scene at each level, and the step (stops) that each law wants to take from there. `scene`,
+    `seed`, `lux`: what the camera sees. `camera`: curve and gamma of its response. `levels`: exposure levels (stops),
+    ascending. Returns {"levels", "metrics", law: steps}, lists of equal length."""
     response = CameraResponse(*camera)
     life = StillLife(scene, seed, lux, response)
     metric, preparation = GradientMetric(), ImagePreparation()
@@ -201,9 +194,8 @@ def step_of(law: str, response: ResponseFunction, image: Greys, setting: Exposur
 
 
 def rest_level(levels: Floats, steps: Floats, near: float) -> float:
-    """The level where a law comes to rest: it wants to go up below it and down above it.
-
-    Of several such levels, the one nearest to `near`; NaN for none."""
+    """The level where a law comes to rest: it wants to go up below it and down above it. Of several such levels, the
+    one nearest to `near`; NaN for none."""
     turns = np.flatnonzero((steps[:-1] > 0) & (steps[1:] <= 0))
     if not turns.size:
         return float("nan")
@@ -213,7 +205,6 @@ def rest_level(levels: Floats, steps: Floats, near: float) -> float:
 
 def summary(measured: Mapping[str, Any]) -> dict[str, dict[str, float]]:
     """For each law in a result of `measure`: where it rests, its bias (stops), and the share of the best metric there.
-
     Under "true" is the best level, from which biases count."""
     levels, metrics = np.array(measured["levels"]), np.array(measured["metrics"])
     best = plateau_centre(levels, metrics)

@@ -172,7 +172,6 @@ def measure_still(*, scene: str, seed: int, frames: int) -> list[dict[str, float
 
 def _compared(stage: Stage, exposer: Exposer, lights: list[LightSeen], level: float) -> dict[str, float]:
     """Mean error of emulated frames, rms of what does not average out, their noise and that of true ones; grey levels.
-
     `lights` were seen at different times, so that their own noise averages out, too."""
     setting = time_first(level)
     true = np.array([_at(stage, number, setting) for number in range(100, 100 + REPEATS)], np.float64)

@@ -24,10 +24,9 @@ HAZE_HEIGHT_DEG = 10.0  # Above the horizon, haze falls to 1/e over this angle
 
 @dataclass(frozen=True, slots=True)
 class Daylight:
-    """Sun and sky. All radiances are in lux times reflectance per lux that falls on open level ground.
-
-    An even sky that gives all of the light has radiance 1 everywhere, so a sky that gives the share 1 - direct has
-    about that radiance, with more at the horizon and around the sun."""
+    """Sun and sky. All radiances are in lux times reflectance per lux that falls on open level ground. An even sky that
+    gives all of the light has radiance 1 everywhere, so a sky that gives the share 1 - direct has about that radiance,
+    with more at the horizon and around the sun."""
 
     # sun_azimuth_deg, sun_elevation_deg: where the sun stands; azimuth 0 is east, counted to the north.
     sun_azimuth_deg: float
@@ -101,11 +100,9 @@ class _Thing:
 
 
 def park(seed: int, daylight: Daylight) -> list[Surface]:
-    """The surfaces of a park, with the light baked in: radiance per lux on level ground.
-
-    The seed decides what stays; the daylight decides sun, sky and shadows. On any day after that of teaching, half of
-    the leaves have moved, on the trees and on the ground; and a share of them has grown, which is the same every day.
-    """
+    """The surfaces of a park, with the light baked in: radiance per lux on level ground. The seed decides what stays;
+    the daylight decides sun, sky and shadows. On any day after that of teaching, half of the leaves have moved, on the
+    trees and on the ground; and a share of them has grown, which is the same every day."""
     rng = np.random.default_rng([seed, 42])
     wind = np.random.default_rng([seed, 48, daylight.day]) if daylight.day else None
     changes = [(np.random.default_rng([seed, 49]), daylight.grown)] if daylight.grown else []

@@ -43,9 +43,8 @@ GRID_PX = 18  # Spacing of the image points at which the true shift is looked up
 
 
 class Truth:
-    """The shift that would win the vote if everything upright were matched correctly, from the park's geometry.
-
-    The ground is left out: its displacement depends on its distance, and says nothing about the heading."""
+    """The shift that would win the vote if everything upright were matched correctly, from the park's geometry. The
+    ground is left out: its displacement depends on its distance, and says nothing about the heading."""
 
     def __init__(self, surfaces: Sequence[Surface]) -> None:
         self._corners = np.array([surface.corner for surface in surfaces])
@@ -108,12 +107,10 @@ WAYS: dict[str, tuple[str | None, Part]] = {
 
 
 class Robot:
-    """Carries all entrants: each exposes the same view with its own setting.
-
-    Images are not blurred: the robot is slow, it moves less than a pixel in 7.5 ms.
-
-    `camera`: the robot's. `first`: radiance of the first frame, from which the operator sets the exposure that all
-    start with and `fixed` keeps. `entrants`: who takes part. `rate_hz`: of its frames."""
+    """Carries all entrants: each exposes the same view with its own setting. Images are not blurred: the robot is slow,
+    it moves less than a pixel in 7.5 ms. `camera`: the robot's. `first`: radiance of the first frame, from which the
+    operator sets the exposure that all start with and `fixed` keeps. `entrants`: who takes part. `rate_hz`: of its
+    frames."""
 
     def __init__(
         self, camera: SimulatedCamera, first: Radiance, entrants: Sequence[Entrant] = ENTRANTS, rate_hz: float = RATE_HZ
@@ -146,9 +143,8 @@ def taught_maps(
     entrants: Sequence[Entrant] = ENTRANTS,
     first: int = 0,
 ) -> dict[Part, dict[str, list[Features]]]:
-    """Features of each of `maps` maps from the `first`, by part of the image and entrant.
-
-    The robot rests at each before its image is taken."""
+    """Features of each of `maps` maps from the `first`, by part of the image and entrant. The robot rests at each
+    before its image is taken."""
     detector = OrbPyramid()
     taught: dict[Part, dict[str, list[Features]]] = {
         "top half": {one.name: [] for one in entrants},
@@ -202,11 +198,8 @@ def replayed(
 
 
 def measure(seed: int, tilt_deg: float, light: str, maps: int) -> Plain:
-    """Teach a path and replay it in another light.
-
-    `seed`: of park, path and noise. `tilt_deg`: how far the camera looks up. `light`: of the replay, one of `REPLAYS`.
-    `maps`: how many of the 80 maps, starting with the first.
-
+    """Teach a path and replay it in another light. `seed`: of park, path and noise. `tilt_deg`: how far the camera
+    looks up. `light`: of the replay, one of `REPLAYS`. `maps`: how many of the 80 maps, starting with the first.
     Returns `map` and true `shift` (pixels) of each registration; by way and policy, the `shifts` found (None for none)
     and their `votes`; `looks` of each image by policy: exposure level, mean of the top half and of the whole (0 to 1),
     share of saturated pixels. `views`: one image by policy from the middle of the drive, a small JPEG in base 64."""
@@ -255,12 +248,9 @@ AHEAD = 0.2  # Where a view is replayed: this share of the way from its map to t
 
 
 def measure_sweep(seed: int, tilt_deg: float, light: str, maps: int) -> Plain:
-    """Register one view near each map at all offsets.
-
-    The map is taught with the top half at 0.5. Arguments as those of `replay.measure`.
-
-    Returns for each map: `errors` (pixels, None where no shift was found) and `votes` at each of the `offsets`, and the
-    offset at which the `whole` image has a mean of 0.5."""
+    """Register one view near each map at all offsets. The map is taught with the top half at 0.5. Arguments as those of
+    `replay.measure`. Returns for each map: `errors` (pixels, None where no shift was found) and `votes` at each of the
+    `offsets`, and the offset at which the `whole` image has a mean of 0.5."""
     path, detector, camera = TaughtPath(seed, tilt_deg), OrbPyramid(), SimulatedCamera(2 * seed, 2 * seed)
     surfaces = park(seed, TEACHING)
     truth, before = Truth(surfaces), Renderer(surfaces, CAMERA)

@@ -150,9 +150,8 @@ WORST_MM = 1e3 * SUB_TRAJECTORY_M
 
 
 class Follower:
-    """In-house odometry on one run, for each preparation of its frames.
-
-    `stage`: the drive's; its own noise does not matter. `drive`, `repeat`: decide the noise of the frames."""
+    """In-house odometry on one run, for each preparation of its frames. `stage`: the drive's; its own noise does not
+    matter. `drive`, `repeat`: decide the noise of the frames."""
 
     def __init__(self, stage: Stage, drive: Drive, repeat: int) -> None:
         seed = drive.noise_seed(repeat)
@@ -207,9 +206,8 @@ def measure_hindsight(*, drives: list[dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 def run(drive: Drive, contender: Contender) -> list[dict[str, Any]]:
-    """Rows of a contender, which starts from the best exposure of the first frame.
-
-    It decides on frames with one noise; its settings are scored with others."""
+    """Rows of a contender, which starts from the best exposure of the first frame. It decides on frames with one noise;
+    its settings are scored with others."""
     stage = drive.stage()
     start = best_start(Oracle(stage))
     loop = DelayedLoop(contender.make_loop(ResponseFunction.linear(), LIMITS, start), DELAY_FRAMES)

@@ -143,13 +143,10 @@ class Outcome:
 
 
 def bounds(course: Replay, foreign: Sequence[Features]) -> dict[str, Outcome]:
-    """Both bounds, chosen with one noise and scored with others.
-
-    `fixed-in-hindsight` keeps one exposure while it teaches and while it replays; on foreign maps only the latter
-    matters. `oracle-per-frame` has for each image the exposure with most votes, and has taught each of its maps with
-    that which gives its images most votes.
-
-    `course`: the replay. `foreign`: features of each foreign map."""
+    """Both bounds, chosen with one noise and scored with others. `fixed-in-hindsight` keeps one exposure while it
+    teaches and while it replays; on foreign maps only the latter matters. `oracle-per-frame` has for each image the
+    exposure with most votes, and has taught each of its maps with that which gives its images most votes. `course`: the
+    replay. `foreign`: features of each foreign map."""
     looks, renderers = course.looks(), course.renderers()
     choice, *scoring = (_Sight(course, looks, renderers, foreign, repeat) for repeat in (CHOICE, *SCORING))
     taught, seen = choice.levels()

@@ -41,12 +41,9 @@ Better = Mapping[str, Literal["higher", "lower"]]
 
 
 class Verdicts:
-    """The values of all judges, by course and policy.
-
-    `rows`: {judge, course, policy, value, ...}; of judges whose values are errors of runs also {failed}. `better`:
-    which values of each judge are better.
-
-    Raises ValueError when no course of a judge is one of all its policies, or a value is not a number."""
+    """The values of all judges, by course and policy. `rows`: {judge, course, policy, value, ...}; of judges whose
+    values are errors of runs also {failed}. `better`: which values of each judge are better. Raises ValueError when no
+    course of a judge is one of all its policies, or a value is not a number."""
 
     def __init__(self, rows: Iterable[Mapping[str, Any]], better: Better) -> None:
         self.better = better

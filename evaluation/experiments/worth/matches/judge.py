@@ -41,10 +41,8 @@ CHECKED_EVERY = 4  # Every fourth scored pair is tried with all settings of the 
 
 
 class Scorer:
-    """Judges the pairs of one camera as its frames come in.
-
-    `pairs`: for each pair scored so far, the value of each judge that judged it. `settings`: of each frame that was
-    looked at."""
+    """Judges the pairs of one camera as its frames come in. `pairs`: for each pair scored so far, the value of each
+    judge that judged it. `settings`: of each frame that was looked at."""
 
     def __init__(self, course: Course, film: Film) -> None:
         self.pairs: list[dict[str, float]] = []
@@ -121,9 +119,8 @@ Pair = dict[str, float]
 
 
 def measure_bounds(*, course: dict[str, Any]) -> list[dict[str, Any]]:
-    """Rows of `fixed-in-hindsight`, over all pairs of a course, and of `oracle-per-frame`, over the pairs checked.
-
-    Each judge has its own; both are chosen by the judge's value with one noise, and scored with three others."""
+    """Rows of `fixed-in-hindsight`, over all pairs of a course, and of `oracle-per-frame`, over the pairs checked. Each
+    judge has its own; both are chosen by the judge's value with one noise, and scored with three others."""
     given = Course(**course)
     film = given.film()
     firsts = given.scored[:-1][::CHECKED_EVERY]

@@ -50,9 +50,7 @@ class Similarity:
 
 
 class Rotation:
-    """Of a turning camera.
-
-    `camera`: its matrix K, (3, 3)."""
+    """Of a turning camera. `camera`: its matrix K, (3, 3)."""
 
     def __init__(self, camera: Homography) -> None:
         self._camera, self._inverse = camera, np.linalg.inv(camera)
@@ -147,12 +145,10 @@ class MovingView(Protocol):
 
 
 class StillView:
-    """A still on a plane; the camera moves along a circle parallel to it, rolls a little, and comes and goes.
-
-    If it pans, along a flat ellipse instead, from one side of the still to the other and back.
-
-    `still`: radiance per lux, (rows, columns); one of its pixels is about one of the view. `speed_px`: of the image, in
-    pixels of the view per 1/60 s. `seed`: decides where the circle lies. `pan`: whether it pans."""
+    """A still on a plane; the camera moves along a circle parallel to it, rolls a little, and comes and goes. If it
+    pans, along a flat ellipse instead, from one side of the still to the other and back. `still`: radiance per lux,
+    (rows, columns); one of its pixels is about one of the view. `speed_px`: of the image, in pixels of the view per
+    1/60 s. `seed`: decides where the circle lies. `pan`: whether it pans."""
 
     def __init__(self, still: Radiance, speed_px: float, seed: int, *, pan: bool = False) -> None:
         self.model: MotionModel = Similarity()
@@ -193,10 +189,9 @@ class StillView:
 
 
 class PanoramaView:
-    """A panorama all around a camera that turns, nods and rolls.
-
-    `panorama`: radiance per lux, equirectangular, (rows, columns). `speed_px`: of the middle of the image, in pixels of
-    the view per 1/60 s. `seed`: decides where the camera looks first."""
+    """A panorama all around a camera that turns, nods and rolls. `panorama`: radiance per lux, equirectangular, (rows,
+    columns). `speed_px`: of the middle of the image, in pixels of the view per 1/60 s. `seed`: decides where the camera
+    looks first."""
 
     def __init__(self, panorama: Radiance, speed_px: float, seed: int) -> None:
         self._wide = cv2.copyMakeBorder(panorama, 0, 0, _MARGIN_PX, _MARGIN_PX, cv2.BORDER_WRAP)
