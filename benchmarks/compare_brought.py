@@ -17,10 +17,9 @@ from numpy.typing import NDArray
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from evaluation.experiments.navigation.laps import LIGHTS, Taught, taught
 from evaluation.experiments.navigation.seasons import Scene
-from evaluation.experiments.teach.path import TaughtPath
+from evaluation.experiments.teach.park import TaughtPath
 from evaluation.experiments.teach.replay import Robot
-from evaluation.stage.camera import SimulatedCamera
-from evaluation.stage.delayed_loop import Entrant
+from evaluation.stage.camera import Entrant, SimulatedCamera
 from navigation.views.detectors import FINDERS, AdaptiveFinder
 from navigation.views.registration import register
 

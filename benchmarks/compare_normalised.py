@@ -31,7 +31,7 @@ from evaluation.experiments.worth.matches.scenes import Similarity
 from evaluation.scenes.scenarios import RATE_HZ, SCENARIOS, Course, steady
 from evaluation.scenes.stills import PAINTERS
 from evaluation.scenes.views import CAMERA, Gaze, build_views
-from evaluation.stage.delayed_loop import Entrant
+from evaluation.stage.camera import Entrant
 from evaluation.stage.oracle import Oracle, best_start
 from evaluation.stage.rendering import Stage
 from imaging.exposure import ExposureSetting

@@ -12,7 +12,7 @@ from PIL import Image
 from autoexpose_daemon.recording.belief_plot import Moment, draw
 from evaluation.arena.race import course_of
 from evaluation.scenes.scenarios import RATE_HZ
-from evaluation.stage.delayed_loop import Entrant
+from evaluation.stage.camera import Entrant
 from imaging.exposure import ExposureSetting
 
 COURSE = "pan", "room", 1

@@ -58,16 +58,10 @@ class LongProgress(Progress):
 
     def __init__(self, console: Console, past_s: float, clock: Callable[[], float] = time.monotonic) -> None:
         super().__init__(
-            TextColumn("{task.description}"),
-            BarColumn(),
-            TextColumn("{task.percentage:3.0f} %"),
-            TimeElapsedColumn(),
-            TextColumn("left"),
-            TimeRemainingColumn(elapsed_when_finished=False),
-            console=console,
-            speed_estimate_period=past_s,
-            get_time=clock,
-        )
+            TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:3.0f} %"), TimeElapsedColumn(),
+            TextColumn("left"), TimeRemainingColumn(elapsed_when_finished=False), console=console,
+            speed_estimate_period=past_s, get_time=clock,
+        )  # fmt: skip
         self._next_line_s = clock() + LINE_S
 
     def update(self, task_id: TaskID, **changes: Any) -> None:

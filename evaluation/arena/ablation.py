@@ -39,7 +39,7 @@ from evaluation.arena.scores import Score
 from evaluation.long_runs import KeptResults, LongProgress
 from evaluation.pool import over_processes
 from evaluation.scenes.scenarios import SCENARIOS
-from evaluation.stage.delayed_loop import Entrant, MakeLoop
+from evaluation.stage.camera import Entrant, MakeLoop
 from evaluation.stage.oracle import Oracle, best_start
 from imaging.errors import AutoexposeError, ConfigurationError
 from imaging.exposure import ExposureLimits, ExposureSetting

@@ -93,7 +93,7 @@ def roll_out(policy: str, course: Course, start: tuple[float, float], frames: in
 
     from evaluation.arena.race import course_of  # noqa: PLC0415
     from evaluation.scenes.scenarios import SCENARIOS  # noqa: PLC0415
-    from evaluation.stage.delayed_loop import Entrant  # noqa: PLC0415
+    from evaluation.stage.camera import Entrant  # noqa: PLC0415
     from imaging.exposure import ExposureSetting  # noqa: PLC0415
 
     cv2.setNumThreads(1)

@@ -17,7 +17,7 @@ from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.policies.ids import PLACES
 from autoexpose_daemon.control.snapshot import Plain
 from evaluation.arena.race import course_of
-from evaluation.stage.delayed_loop import Entrant
+from evaluation.stage.camera import Entrant
 from evaluation.stage.oracle import Oracle, best_start
 from imaging.errors import ConfigurationError
 from imaging.frames import SIDES

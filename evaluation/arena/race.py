@@ -22,7 +22,7 @@ from evaluation.arena.scores import Score, SuccessiveFrames, score
 from evaluation.arrays import Floats
 from evaluation.scenes.scenarios import SCENARIOS
 from evaluation.scenes.views import build_views
-from evaluation.stage.delayed_loop import DelayedLoop, Entrant
+from evaluation.stage.camera import DelayedLoop, Entrant
 from evaluation.stage.oracle import Best, Oracle, best_start
 from evaluation.stage.rendering import Stage
 from fake_camera.world.simulation import Side
@@ -119,16 +119,11 @@ class Series:
     def score(self) -> Score:
         """The scores of this run."""
         return score(
-            levels=self.levels,
-            oracle_levels=self.oracle_levels,
-            ratios=self.ratios,
-            metric_ratios=self.by_metric.ratios,
-            any_split_ratios=self.by_any_split.ratios,
-            pair_ratios=np.array(self.pair_shares),
-            clipped_shares=self.clipped_shares,
-            gains_db=self.gains_db,
+            levels=self.levels, oracle_levels=self.oracle_levels, ratios=self.ratios,
+            metric_ratios=self.by_metric.ratios, any_split_ratios=self.by_any_split.ratios,
+            pair_ratios=np.array(self.pair_shares), clipped_shares=self.clipped_shares, gains_db=self.gains_db,
             first_scored=self.first_scored,
-        )
+        )  # fmt: skip
 
 
 def run_course(
@@ -142,14 +137,9 @@ def run_course(
     sides: tuple[Side, ...] = ("left", "right") if stage.has_lamp else ("left",)
     kind = SCENARIOS[scenario]
     return race(
-        stage,
-        entrants,
-        Oracle(stage, sides),
-        Oracle(stage, sides, "information"),
-        frames=frames or kind.frames,
-        first_scored=first_scored,
-        every=kind.oracle_every,
-    )
+        stage, entrants, Oracle(stage, sides), Oracle(stage, sides, "information"), frames=frames or kind.frames,
+        first_scored=first_scored, every=kind.oracle_every,
+    )  # fmt: skip
 
 
 def course_of(scenario: str, scene: str, seed: int, response: str = "linear") -> tuple[Stage, int]:

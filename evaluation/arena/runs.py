@@ -16,7 +16,7 @@ from evaluation.arrays import Floats32
 from evaluation.committed import HELD_OUT_SEED
 from evaluation.pool import over_processes
 from evaluation.scenes.scenarios import SCENARIOS
-from evaluation.stage.delayed_loop import Entrant
+from evaluation.stage.camera import Entrant
 
 Split = Literal["tune", "heldout"]
 QUICK_SEED = 2000  # Of quick arenas, which anyone may look at. Seeds 0 to 99 are for tuning; reports had 2000 to 2013.

@@ -157,19 +157,13 @@ def score(
         each[scored][~np.isnan(each[scored])] for each in (ratios, metric_ratios, any_split_ratios, pair_ratios)
     )
     return Score(
-        settle_frames=settle,
-        overshoot_stops=overshoot(levels[scored], oracle_levels[scored], settle),
-        steady_std_stops=float(levels[-STEADY_FRAMES:].std()),
-        metric_ratio_mean=_mean(by_metric),
-        metric_ratio_p05=_worst(by_metric),
-        bad_frame_share=float(np.mean(clipped_shares[scored] > BAD_SHARE)),
-        gain_db_mean=float(gains_db[scored].mean()),
-        objective_ratio_mean=_mean(by_objective),
-        objective_ratio_p05=_worst(by_objective),
-        any_split_ratio_mean=_mean(by_any_split),
-        pair_ratio_mean=_mean(pairs),
-        lost_pair_share=float(np.mean(pairs < LOST)) if pairs.size else 1.0,
-    )
+        settle_frames=settle, overshoot_stops=overshoot(levels[scored], oracle_levels[scored], settle),
+        steady_std_stops=float(levels[-STEADY_FRAMES:].std()), metric_ratio_mean=_mean(by_metric),
+        metric_ratio_p05=_worst(by_metric), bad_frame_share=float(np.mean(clipped_shares[scored] > BAD_SHARE)),
+        gain_db_mean=float(gains_db[scored].mean()), objective_ratio_mean=_mean(by_objective),
+        objective_ratio_p05=_worst(by_objective), any_split_ratio_mean=_mean(by_any_split),
+        pair_ratio_mean=_mean(pairs), lost_pair_share=float(np.mean(pairs < LOST)) if pairs.size else 1.0,
+    )  # fmt: skip
 
 
 def _mean(ratios: Floats) -> float:

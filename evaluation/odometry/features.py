@@ -176,3 +176,43 @@ def match(queries: Greys, candidates: Greys, allowed: Flags) -> tuple[Ints, Ints
             pairs[best.trainIdx] = best.distance, best.queryIdx
     there = np.array(list(pairs), np.intp)
     return np.array([query for _, query in pairs.values()], np.intp), there
+
+
+LARGEST_EPIPOLAR_ERROR_PX = 1.0
+LARGEST_LOWE_RATIO = 0.7  # What makes a match good (Begin & Hunter 2022, section 3.1)
+
+
+@dataclass(frozen=True, slots=True)
+class StereoMatches:
+    """Good matches of a stereo pair."""
+
+    count: int  # how many there are
+    # Median over them of the distance to the best match over that to the second best, 0 to 0.7; small is distinct. None
+    # when there is no good match.
+    median_lowe_ratio: float | None
+
+
+class StereoMatcher:
+    """ORB features of the left image, each matched to its nearest two in the right one (B&H section 3.1). Good is a
+    match whose epipolar error is below 1 pixel and whose Lowe ratio is below 0.7. The images must be rectified: rows
+    are epipolar lines, and the error is the difference of rows."""
+
+    def __init__(self, features: int = 500) -> None:
+        self._orb = cv2.ORB.create(features)
+        self._matcher = cv2.BFMatcher(cv2.NORM_HAMMING)
+
+    def match(
+        self, left: Greys, right: Greys, left_weights: Greys | None = None, right_weights: Greys | None = None
+    ) -> StereoMatches:
+        """Match two uint8 images of shape (height, width); features are looked for where weights are not 0."""
+        left_points, left_descriptors = self._orb.detectAndCompute(left, left_weights)
+        right_points, right_descriptors = self._orb.detectAndCompute(right, right_weights)
+        if not left_points or len(right_points) < 2:
+            return StereoMatches(0, None)
+        ratios = [
+            best.distance / second.distance
+            for best, second in self._matcher.knnMatch(left_descriptors, right_descriptors, k=2)
+            if best.distance < LARGEST_LOWE_RATIO * second.distance
+            and abs(left_points[best.queryIdx].pt[1] - right_points[best.trainIdx].pt[1]) < LARGEST_EPIPOLAR_ERROR_PX
+        ]
+        return StereoMatches(len(ratios), float(np.median(ratios)) if ratios else None)

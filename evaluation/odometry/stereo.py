@@ -78,12 +78,8 @@ def relative_errors_mm(
     from evo.core.trajectory import PosePath3D  # noqa: PLC0415
 
     errors = RPE(
-        PoseRelation.translation_part,
-        length_m,
-        Unit.meters,
-        rel_delta_tol=tolerance,
-        all_pairs=True,
+        PoseRelation.translation_part, length_m, Unit.meters, rel_delta_tol=tolerance, all_pairs=True,
         pairs_from_reference=True,
-    )
+    )  # fmt: skip
     errors.process_data((PosePath3D(poses_se3=list(truth)), PosePath3D(poses_se3=list(estimate))))
     return [1e3 * float(error) for error in errors.error]

@@ -15,7 +15,7 @@ from evaluation.arrays import Floats, Floats32
 from evaluation.odometry.stereo import StereoOdometry, images, relative_errors_mm
 from evaluation.scenes.scenarios import Course, no_turn, steady
 from evaluation.scenes.views import CAMERA
-from evaluation.stage.delayed_loop import DelayedLoop, Entrant
+from evaluation.stage.camera import DelayedLoop, Entrant
 from evaluation.stage.oracle import Oracle, best_start
 from evaluation.stage.rendering import Stage
 from fake_camera.world.render.renderer import Renderer, Surface
@@ -144,14 +144,10 @@ def lap(seed: int, period_s: float = PERIOD_S) -> CameraPath:
     heading_rad = float(np.random.default_rng([seed, 41]).uniform(-math.pi, math.pi))
     standard = CameraPath()
     return replace(
-        standard,
-        period_s=period_s,
-        semi_axis_x_m=ROOM_SCALE * standard.semi_axis_x_m,
-        semi_axis_y_m=ROOM_SCALE * standard.semi_axis_y_m,
-        height_m=ROOM_SCALE * standard.height_m,
-        heading_rad=heading_rad,
-        yaw_swing_rad=YAW_SWING,
-    )
+        standard, period_s=period_s, semi_axis_x_m=ROOM_SCALE * standard.semi_axis_x_m,
+        semi_axis_y_m=ROOM_SCALE * standard.semi_axis_y_m, height_m=ROOM_SCALE * standard.height_m,
+        heading_rad=heading_rad, yaw_swing_rad=YAW_SWING,
+    )  # fmt: skip
 
 
 @lru_cache(maxsize=1)

@@ -199,13 +199,9 @@ class RecordedCameras:
         nearest = min(levels, key=lambda level: abs(level - setting.level))
         blur_ratio = timeline.glimpses[shot].setting.exposure_time_us / setting.exposure_time_us
         return Made(
-            StereoPair(present.trigger, frames),
-            shot,
-            off_stops=setting.level - nearest,
-            blur_ratio=1.0 if still else max(blur_ratio, 1.0),
-            fused=still,
-            time_s=timeline.glimpses[shot].time_s,
-        )
+            StereoPair(present.trigger, frames), shot, off_stops=setting.level - nearest,
+            blur_ratio=1.0 if still else max(blur_ratio, 1.0), fused=still, time_s=timeline.glimpses[shot].time_s,
+        )  # fmt: skip
 
     def _recorded(self, number: int) -> StereoPair:
         assert self._pair_at is not None, "go to an instant first"

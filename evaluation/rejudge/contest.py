@@ -16,7 +16,7 @@ from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.loop import REFERENCE_RATE_HZ, ControlLoop, ControlSetup
 from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
 from evaluation.arrays import Greys
-from evaluation.odometry.proxies import StereoMatcher
+from evaluation.odometry.features import StereoMatcher
 from evaluation.rejudge.camera import FAR_STOPS, Exposer, Made, RecordedCameras, Rectifier
 from evaluation.rejudge.drive import Drive
 from evaluation.rejudge.following import Followed, Follower, Following, Reference, Trajectory

@@ -89,16 +89,9 @@ class Watcher:
         above = np.cumsum(counts[::-1])[::-1] / everything.size
         frame = pair.reference
         return Glimpse(
-            pair.trigger,
-            time_s,
-            frame.setting,
-            decision.motion_px,
-            decision.metric,
-            decision.setting,
-            above.astype(np.float32),
-            float(np.median(pixels[pair.reference_side])),
-            repeats,
-        )
+            pair.trigger, time_s, frame.setting, decision.motion_px, decision.metric, decision.setting,
+            above.astype(np.float32), float(np.median(pixels[pair.reference_side])), repeats,
+        )  # fmt: skip
 
     def _seen(self, side: Side, grey: Greys) -> Floats32:
         """Share of full scale by place, float32; saturated where any pixel of a place is."""

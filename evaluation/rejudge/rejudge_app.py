@@ -191,17 +191,8 @@ def _play(everyone: Round, jobs: int, console: Console) -> list[Outcome]:
 def _print(figures: Sequence[Figures], best: str, console: Console) -> None:
     table = Table(box=None, padding=(0, 1, 0, 0), pad_edge=False)
     figures_shown = [
-        "RPE\nmm",
-        "lost",
-        "matches",
-        "M_g",
-        "satu-\nrated",
-        "black",
-        "time\nms",
-        "gain\ndB",
-        "far",
-        "blur",
-    ]
+        "RPE\nmm", "lost", "matches", "M_g", "satu-\nrated", "black", "time\nms", "gain\ndB", "far", "blur",
+    ]  # fmt: skip
     for place, head in enumerate(["policy", *figures_shown]):
         table.add_column(head, justify="right" if place else "left", no_wrap=True)
     for one in sorted(figures, key=_rank):

@@ -117,12 +117,8 @@ def _lamp_right(rng: np.random.Generator) -> Course:
 
 
 SCENARIOS = {
-    "step_up": Scenario(120, _step(up=True)),
-    "step_down": Scenario(120, _step(up=False)),
-    "tunnel": Scenario(220, _tunnel),
-    "pan": Scenario(270, _pan, at_window=True, oracle_every=2),
-    "flicker": Scenario(180, _flicker),
-    "lowlight_fast": Scenario(150, _lowlight_fast, oracle_every=2),
-    "sun_shadow": Scenario(150, _sun_shadow),
-    "lamp_right": Scenario(110, _lamp_right),
-}
+    "step_up": Scenario(120, _step(up=True)), "step_down": Scenario(120, _step(up=False)),
+    "tunnel": Scenario(220, _tunnel), "pan": Scenario(270, _pan, at_window=True, oracle_every=2),
+    "flicker": Scenario(180, _flicker), "lowlight_fast": Scenario(150, _lowlight_fast, oracle_every=2),
+    "sun_shadow": Scenario(150, _sun_shadow), "lamp_right": Scenario(110, _lamp_right),
+}  # fmt: skip

@@ -11,9 +11,8 @@ import numpy as np
 from autoexpose_daemon.control.policies.learned.learned_policy import Sight
 from autoexpose_daemon.control.policies.learned.tomasi2021 import Tomasi2021
 from evaluation.arrays import Floats, Floats32, Greys
-from evaluation.training.backprop import Batch, TrainedNet
 from evaluation.training.episode import FAR_STOPS, Episode, Picture, tuning_pictures
-from evaluation.training.training import Arrays, net_arrays
+from evaluation.training.training import Arrays, Batch, TrainedNet, net_arrays
 from imaging.exposure import ExposureSetting
 
 # Of the frames that features are looked for in: half of what control sees, since time grows with their size.

@@ -12,9 +12,8 @@ import numpy as np
 from autoexpose_daemon.control.policies.learned.learned_policy import Sight
 from autoexpose_daemon.control.policies.learned.zhang2024 import LARGEST_STEP_STOPS, MEAN_TARGET, Zhang2024
 from autoexpose_daemon.control.policy import Look
-from evaluation.training.backprop import Batch, TrainedNet
 from evaluation.training.episode import Episode, Picture, tuning_pictures
-from evaluation.training.training import Arrays, net_arrays
+from evaluation.training.training import Arrays, Batch, TrainedNet, net_arrays
 from imaging.exposure import ExposureSetting
 
 UNITS = 64

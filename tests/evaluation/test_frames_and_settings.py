@@ -14,7 +14,7 @@ from evaluation.arena.race import run_course
 from evaluation.odometry.stereo import Tracked, prepared
 from evaluation.odometry.tracking import TrackedRun, odometry_stage, track_entrants
 from evaluation.scenes.scenarios import Course
-from evaluation.stage.delayed_loop import Entrant
+from evaluation.stage.camera import Entrant
 from evaluation.stage.rendering import Stage
 from fake_camera.world.sensor import DEFAULT_F_NUMBER
 from fake_camera.world.simulation import RoomView

@@ -7,7 +7,7 @@ import pytest
 
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from evaluation.experiments.navigation.laps import Repeater, Taught, Wanderer, taught
-from evaluation.experiments.teach.path import TaughtPath
+from evaluation.experiments.teach.park import TaughtPath
 from navigation.drive.steering import Stop, Velocity
 
 SEED = 31

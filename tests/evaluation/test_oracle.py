@@ -10,8 +10,7 @@ import pytest
 from autoexpose_daemon.control.balance import Balance, BlurNoiseBalance, ExposurePriority, FixedGain, FixedRatio
 from evaluation.arena.race import course_of, race
 from evaluation.scenes.scenarios import SCENARIOS
-from evaluation.stage.camera import LIMITS
-from evaluation.stage.delayed_loop import Entrant
+from evaluation.stage.camera import LIMITS, Entrant
 from evaluation.stage.oracle import LEVELS, Oracle, rounded_motion
 from evaluation.stage.rendering import Stage
 from fake_camera.world.simulation import Side

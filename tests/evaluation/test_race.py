@@ -10,8 +10,7 @@ from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from evaluation.arena.race import Series, course_of, run_course
 from evaluation.scenes.scenarios import SCENARIOS, WARM_UP_FRAMES
 from evaluation.scenes.stills import PAINTERS
-from evaluation.stage.camera import LIMITS
-from evaluation.stage.delayed_loop import Entrant
+from evaluation.stage.camera import LIMITS, Entrant
 from evaluation.stage.rendering import BLUR_STEP_PX
 from fake_camera.imaging import ImageSettings
 from fake_camera.world.lighting import LightScript

@@ -7,10 +7,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from evaluation.experiments import steering
 from evaluation.experiments.experiment import Results, Table
-from evaluation.experiments.steering import steering
-from evaluation.experiments.steering.consumers import HALVES, PARTS, Caring, Judge, Liar, Orb, stage_of
-from evaluation.experiments.steering.steering import EXPERIMENT, NOBODY, measure_halves
+from evaluation.experiments.steering import (
+    EXPERIMENT,
+    HALVES,
+    NOBODY,
+    PARTS,
+    Caring,
+    Judge,
+    Liar,
+    Orb,
+    measure_halves,
+    stage_of,
+)
 from evaluation.stage.camera import time_first
 from tests.evaluation.sections import check_no_prose
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from evaluation.odometry.proxies import StereoMatcher, StereoMatches
+from evaluation.odometry.features import StereoMatcher, StereoMatches
 
 SHIFT = 12
 

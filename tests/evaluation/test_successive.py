@@ -8,8 +8,7 @@ import pytest
 from evaluation.arena.race import course_of, run_course
 from evaluation.arena.scores import LOG2_RADIANCES, SuccessiveFrames, energy_by_radiance, information, variances
 from evaluation.scenes.scenarios import WARM_UP_FRAMES
-from evaluation.stage.camera import LIMITS
-from evaluation.stage.delayed_loop import Entrant
+from evaluation.stage.camera import LIMITS, Entrant
 from fake_camera.imaging import ImageSettings
 from fake_camera.world.sensor import Sensor, SensorModel
 from imaging.exposure import ExposureSetting, linear_gain

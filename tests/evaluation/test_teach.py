@@ -28,8 +28,7 @@ from evaluation.experiments.teach.judge import (
     errors_of,
     paired_t,
 )
-from evaluation.experiments.teach.park import REPLAYS, TEACHING, Daylight, park
-from evaluation.experiments.teach.path import MAPS, TaughtPath
+from evaluation.experiments.teach.park import MAPS, REPLAYS, TEACHING, Daylight, TaughtPath, park
 from evaluation.experiments.teach.replay import BRIGHTNESS, IMAGES_PER_MAP, OFFSETS, Truth, at_half, measure_sweep
 from evaluation.experiments.teach.teach_repeat import EXPERIMENT
 from evaluation.scenes.stills import leaves

@@ -15,20 +15,51 @@ import numpy as np
 
 from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.metrics.gradient import GradientMetric
+from autoexpose_daemon.control.metrics.quality import CombinedQuality
+from autoexpose_daemon.control.metrics.weighted_gradients import entropy, entropy_weighted_gradient, median_gradient
 from autoexpose_daemon.control.picture.image import ImagePreparation
 from evaluation.arrays import Floats
 from evaluation.committed import FURNISHED_ROOMS
 from evaluation.experiments.experiment import Claim, Plain, Verdict
 from evaluation.experiments.statistics import FEWEST, Interval, mean_interval
+from evaluation.odometry.features import StereoMatcher
 from evaluation.odometry.orb import in_house
 from evaluation.odometry.orb_slam3 import OrbSlam3, silent, write_taught_vocabulary
-from evaluation.odometry.proxies import Proxies
-from evaluation.odometry.stereo import StereoCamera, prepared
+from evaluation.odometry.stereo import StereoCamera, images, prepared
 from evaluation.odometry.tracking import Light, odometry_stage, outcome, track_entrants
-from evaluation.stage.delayed_loop import Entrant
+from evaluation.stage.camera import Entrant
 from imaging.exposure import ExposureLimits, ExposureSetting
 from imaging.frames import StereoPair
 from imaging.response import ResponseFunction
+
+PROXIES: dict[str, float | None] = {
+    "gradient information": -0.73, "median gradient": -0.37, "entropy": 0.26, "entropy-weighted gradient": -0.40,
+    "combined quality": -0.26, "good stereo matches": 0.02, "Lowe ratio": -0.73, "gradient information, no gamma": None,
+}  # fmt: skip
+"""In the order of Fig. 9, with the paper's correlation with the error, and one that is not in the paper."""
+
+
+class Proxies:
+    """Measures pairs as odometry gets them, median and gamma of 0.3 first, as the paper did. Five measures use the left
+    image at control's size; the last one uses it as control sees it."""
+
+    def __init__(self) -> None:
+        self._preparation = ImagePreparation()
+        self._gradient, self._quality = GradientMetric(), CombinedQuality()
+        self._matcher = StereoMatcher()
+
+    def measure(self, pair: StereoPair) -> list[float]:
+        """One value for each of `PROXIES`; a Lowe ratio of 1 stands for no match."""
+        left, right = images(pair)
+        image = self._preparation.prepare(left)
+        matches = self._matcher.match(left, right)
+        lowe = matches.median_lowe_ratio
+        return [
+            self._gradient.measure(image), median_gradient(image), entropy(image), entropy_weighted_gradient(image),
+            self._quality.measure(image), float(matches.count), 1.0 if lowe is None else lowe,
+            self._gradient.measure(self._preparation.prepare(pair.reference.grey8())),
+        ]  # fmt: skip
+
 
 # Exposure time (us) and gain (dB), all at one exposure level, right for 20 lux.
 SETTINGS = ((940.0, 24.0), (1880.0, 18.0), (3750.0, 12.0), (7500.0, 6.0))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,15 @@ import numpy as np
 
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY, LEARNED, POLICY_IDS
 from evaluation.drawing import COLOURS, boxes, panels, save
-from evaluation.experiments.drives.drives import ALIKE_MM, FIXED, ROOMS, measure_policies, over_rooms, unless_few
+from evaluation.experiments.drives.drives import (
+    ALIKE_MM,
+    FIXED,
+    ROOMS,
+    measure_orb_slam3,
+    measure_policies,
+    over_rooms,
+    unless_few,
+)
 from evaluation.experiments.experiment import (
     Claim,
     Experiment,
@@ -27,6 +36,7 @@ from evaluation.experiments.experiment import (
 )
 from evaluation.experiments.statistics import Interval, above, alike, below, not_above, together
 from evaluation.experiments.worth.tables import Verdicts, claims_tables
+from evaluation.odometry.orb_slam3 import PACKAGE, installed
 from evaluation.odometry.tracking import EVERY, Light
 from evaluation.scenes.scenarios import RATE_HZ
 from fake_camera.world.sensor import DEFAULT_F_NUMBER
@@ -382,4 +392,60 @@ def _draw_exposures(runs: PolicyRuns, file: Path) -> None:
 
 EXPERIMENT = Experiment(
     "fig12", "Fig. 12 to 14: odometry with each policy, in uneven and in low light", jobs, section, data
+)
+
+
+SLAM_POLICIES = (DEFAULT_POLICY, *LAWS)
+FEW_ROOMS = ROOMS[:3]
+_ABSENT = f"`{PACKAGE}` is not installed, so nothing was measured: see docs/odometry.md."
+
+_SLAM_SETTING = f"""\
+The first three rooms of fig12 with ORB-SLAM3 (`{PACKAGE}`) instead of our odometry. Its vocabulary of visual
+words was made from our own frames of another room. Poses are those that it returns immediately, as a robot gets them.
+It maps in its own threads, so these numbers differ from run to run. Three rooms decide nothing, and have no interval:
+the numbers are for comparison with those of our odometry."""
+
+
+def slam_jobs(quick: bool) -> list[Job]:
+    """One for each light, room and policy; none if ORB-SLAM3 is not installed."""
+    if not installed():
+        return []
+    rooms, seconds = ((2,), 1.7) if quick else (FEW_ROOMS, 8.0)
+    return [
+        Job(
+            measure_orb_slam3,
+            {
+                "light": scene.light, "room": room, "seed": room, "policy": policy, "frames": round(seconds * RATE_HZ),
+                "version": version(PACKAGE),
+            },
+            cost_s=10.0 + 5.0 * seconds,
+        )
+        for scene in (UNEVEN, LOW)
+        for room in rooms
+        for policy in SLAM_POLICIES
+    ]  # fmt: skip
+
+
+def slam_section(results: Results, _folder: Path) -> Section:
+    """A table only: so few courses judge no claim."""
+    if not results:
+        return Section(_ABSENT, [], [])
+    rows = []
+    for scene in (UNEVEN, LOW):
+        of_light = [(case["policy"], one) for case, one in results if case["light"] == scene.light]
+        runs = {policy: [one for name, one in of_light if name == policy] for policy in SLAM_POLICIES}
+        errors = {policy: np.array([run["rpe_mm"] for run in of]) for policy, of in runs.items()}
+        for policy, of in runs.items():
+            lost = f"{100 * np.mean([run['lost_share'] for run in of]):.1f} %"
+            failed = f"{sum(run['failed'] for run in of)}/{len(of)}"
+            apart = ", ".join(f"{by:+.2f}" for by in errors[DEFAULT_POLICY] - errors[policy])
+            difference = "" if policy == DEFAULT_POLICY else apart
+            rows.append([f"{scene.title}: `{policy}`", f"{errors[policy].mean():.2f}", lost, failed, difference])
+    caption = f"ORB-SLAM3; RPE over 20 mm, and that of `{DEFAULT_POLICY}` minus it in each room, in mm."
+    heads = ["", "RPE mean", "pairs lost", "runs failed", f"`{DEFAULT_POLICY}` minus it"]
+    return Section(_SLAM_SETTING, [], [Table(caption, heads, rows)])
+
+
+WITH_ORB_SLAM3 = Experiment(
+    "orbslam3", "Fig. 13 with ORB-SLAM3, a few courses, where it is installed", slam_jobs, slam_section
 )

@@ -10,10 +10,17 @@ import numpy as np
 
 from evaluation.arrays import Floats
 from evaluation.drawing import COLOURS, boxes, panels, save
-from evaluation.experiments.drives.drives import ALIKE_MM, ROOMS, SETTINGS, measure_fixed, over_rooms, unless_few
+from evaluation.experiments.drives.drives import (
+    ALIKE_MM,
+    PROXIES,
+    ROOMS,
+    SETTINGS,
+    measure_fixed,
+    over_rooms,
+    unless_few,
+)
 from evaluation.experiments.experiment import Claim, Experiment, Figure, Job, Results, Section, Table, Verdict
 from evaluation.experiments.statistics import Interval, above, alike, below, clustered, not_above, pearson, together
-from evaluation.odometry.proxies import PROXIES
 from evaluation.scenes.scenarios import RATE_HZ
 
 MARKERS = "osv^"
@@ -221,13 +228,9 @@ def _draw_proxies(values: Floats, errors: Floats, correlations: Mapping[str, Int
         for setting, (time_us, _) in enumerate(SETTINGS):
             label = f"{time_us / 1e3:.2g} ms"
             axes.plot(
-                deviation[:, setting],
-                error[:, setting],
-                MARKERS[setting],
-                color=COLOURS[setting],
-                markersize=5,
+                deviation[:, setting], error[:, setting], MARKERS[setting], color=COLOURS[setting], markersize=5,
                 label=label,
-            )
+            )  # fmt: skip
         axes.set_title(f"{name}\nr = {one.text('+.2f')}", fontsize=9)
     for axes in grid[:, 0]:
         axes.set_ylabel("RPE - mean (mm)")

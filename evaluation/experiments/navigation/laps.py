@@ -14,12 +14,10 @@ from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from evaluation.arrays import Flags, Floats
 from evaluation.experiments.experiment import Plain
 from evaluation.experiments.navigation.seasons import Night, Scene
-from evaluation.experiments.teach.park import REPLAYS, TEACHING, Daylight
-from evaluation.experiments.teach.path import TaughtPath
+from evaluation.experiments.teach.park import REPLAYS, TEACHING, Daylight, TaughtPath
 from evaluation.experiments.teach.replay import Robot
 from evaluation.scenes.views import CAMERA
-from evaluation.stage.camera import Radiance, SimulatedCamera
-from evaluation.stage.delayed_loop import Entrant
+from evaluation.stage.camera import Entrant, Radiance, SimulatedCamera
 from navigation.drive.lesson import Lesson
 from navigation.drive.repetition import Repetition
 from navigation.drive.steering import Stop, Velocity
@@ -190,11 +188,7 @@ def measure_laps(seed: int, policy: str, light: str, laps: int) -> list[dict[str
 
 def _row(lap: Lap) -> dict[str, Plain]:
     return {
-        "completed": lap.completed,
-        "stop": str(lap.stop),
-        "end_m": float(lap.aside_m[-1]) if lap.completed else LOST_M,
-        "mean_m": float(lap.aside_m.mean()),
-        "max_m": float(lap.aside_m.max()),
-        "registered": float(lap.registered.mean()),
-        "driven_m": SPEED_M_S * PERIOD_S * len(lap.aside_m),
-    }
+        "completed": lap.completed, "stop": str(lap.stop), "end_m": float(lap.aside_m[-1]) if lap.completed else LOST_M,
+        "mean_m": float(lap.aside_m.mean()), "max_m": float(lap.aside_m.max()),
+        "registered": float(lap.registered.mean()), "driven_m": SPEED_M_S * PERIOD_S * len(lap.aside_m),
+    }  # fmt: skip

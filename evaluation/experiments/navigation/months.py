@@ -12,10 +12,9 @@ import numpy as np
 from evaluation.arrays import Floats, Ints
 from evaluation.experiments.experiment import Plain
 from evaluation.experiments.navigation.seasons import HOURS, TAUGHT, Scene, When, months
-from evaluation.experiments.teach.path import MAPS, TaughtPath
+from evaluation.experiments.teach.park import MAPS, TaughtPath
 from evaluation.experiments.teach.replay import Robot, Truth
-from evaluation.stage.camera import Image, SimulatedCamera
-from evaluation.stage.delayed_loop import Entrant
+from evaluation.stage.camera import Entrant, Image, SimulatedCamera
 from navigation.maps.adaptation import LocalMap, Strategy, adapt, best, drawn, states_of
 from navigation.maps.temporal import MODELS, History, Predict, fremen
 from navigation.views.detectors import AdaptiveFinder, FastOrb

@@ -23,7 +23,7 @@ from evaluation.arrays import Floats, Ints
 from evaluation.experiments.experiment import Claim, Experiment, Figure, Job, Plain, Results, Section, Table
 from evaluation.scenes.scenarios import RATE_HZ, WARM_UP_FRAMES, Course, steady
 from evaluation.scenes.views import Gaze, build_views
-from evaluation.stage.delayed_loop import Entrant
+from evaluation.stage.camera import Entrant
 from evaluation.stage.oracle import Oracle
 from evaluation.stage.rendering import Stage
 from fake_camera.world.lighting import Change, LightScript

@@ -158,7 +158,7 @@ def _gamma_is_as_fast(papers: StepRuns) -> Claim:
         "B&H 3.2",
         "Shim's law by gamma curves converges about as fast",
         f"1 to 150 lux: {_spread(gamma)}; it converges in {len(gamma)} of {len(papers)} scenes",
-        Verdict.of(as_fast),
+        Verdict.of(bool(as_fast)),
         "faster, in fact" if as_fast and np.median(gamma) < np.median(fast) / 1.5 else "",
     )
 
@@ -216,13 +216,9 @@ def _table(results: Results, camera: CameraResponse) -> Table:
 
 
 _LINES = (
-    ("feedback", COLOURS[0], "-"),
-    ("no feedback", COLOURS[1], "-"),
-    ("feedback, rule", COLOURS[0], "--"),
-    ("no feedback, rule", COLOURS[1], "--"),
-    ("gamma", COLOURS[2], "-"),
-    (DEFAULT_POLICY, COLOURS[6], ":"),
-)
+    ("feedback", COLOURS[0], "-"), ("no feedback", COLOURS[1], "-"), ("feedback, rule", COLOURS[0], "--"),
+    ("no feedback, rule", COLOURS[1], "--"), ("gamma", COLOURS[2], "-"), (DEFAULT_POLICY, COLOURS[6], ":"),
+)  # fmt: skip
 
 
 def _draw(results: Results, file: Path) -> None:

@@ -17,8 +17,7 @@ from autoexpose_daemon.control.policy import ExposurePolicy, Observation, Target
 from evaluation.experiments.experiment import Plain
 from evaluation.experiments.prediction.still_life import still_stage
 from evaluation.scenes.scenarios import RATE_HZ
-from evaluation.stage.camera import LIMITS, CameraResponse
-from evaluation.stage.delayed_loop import DelayedLoop
+from evaluation.stage.camera import LIMITS, CameraResponse, DelayedLoop
 from evaluation.stage.oracle import Oracle
 from evaluation.stage.rendering import Stage
 from fake_camera.world.lighting import Change, LightScript

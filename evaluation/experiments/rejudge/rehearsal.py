@@ -21,8 +21,7 @@ from evaluation.rejudge.contest import Figures, Judge, PolicyRun, Round, exposer
 from evaluation.rejudge.drive import Drive, watched
 from evaluation.rejudge.following import IN_HOUSE, Following, Reference, Trajectory
 from evaluation.scenes.scenarios import RATE_HZ
-from evaluation.stage.camera import LIMITS, Image, time_first
-from evaluation.stage.delayed_loop import DelayedLoop
+from evaluation.stage.camera import LIMITS, DelayedLoop, Image, time_first
 from evaluation.stage.rendering import Stage
 from fake_camera.world.sensor import SensorModel
 from fake_camera.world.simulation import RoomView

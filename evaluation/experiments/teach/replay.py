@@ -12,11 +12,9 @@ import numpy as np
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from evaluation.arrays import Floats
 from evaluation.experiments.experiment import Plain
-from evaluation.experiments.teach.park import REPLAYS, TEACHING, park
-from evaluation.experiments.teach.path import MAPS, TaughtPath
+from evaluation.experiments.teach.park import MAPS, REPLAYS, TEACHING, TaughtPath, park
 from evaluation.scenes.views import CAMERA
-from evaluation.stage.camera import LIMITS, Image, Radiance, SimulatedCamera, pair_of, time_first
-from evaluation.stage.delayed_loop import Entrant
+from evaluation.stage.camera import LIMITS, Entrant, Image, Radiance, SimulatedCamera, pair_of, time_first
 from fake_camera.world.render.renderer import Renderer, Surface
 from imaging.exposure import ExposureSetting
 from imaging.frames import StereoPair

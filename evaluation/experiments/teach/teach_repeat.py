@@ -36,8 +36,7 @@ from evaluation.experiments.teach.judge import (
     short,
     sweeps_of,
 )
-from evaluation.experiments.teach.park import REPLAYS
-from evaluation.experiments.teach.path import MAPS
+from evaluation.experiments.teach.park import MAPS, REPLAYS
 from evaluation.experiments.teach.replay import POLICIES, WAYS, measure, measure_sweep
 
 
@@ -166,14 +165,9 @@ def plot_curves(cases: Mapping[Case, Mapping[str, Errors]], file: Path) -> None:
     """p(error <= x) with 95 % bands: a row for each light, a column for each placement."""
     lights, placements = (list(dict.fromkeys(key[axis] for key in cases)) for axis in (0, 1))
     figure, grid = plt.subplots(
-        len(lights),
-        len(placements),
-        figsize=(9.0, 0.6 + 2.7 * len(lights)),
-        sharex=True,
-        sharey=True,
-        layout="constrained",
-        squeeze=False,
-    )
+        len(lights), len(placements), figsize=(9.0, 0.6 + 2.7 * len(lights)), sharex=True, sharey=True,
+        layout="constrained", squeeze=False,
+    )  # fmt: skip
     for (light, placement), errors in cases.items():
         axes = grid[lights.index(light), placements.index(placement)]
         for policy, of_policy in errors.items():

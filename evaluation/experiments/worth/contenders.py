@@ -11,7 +11,7 @@ from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.parameters import ControlParameters
 from autoexpose_daemon.control.policies.ids import LEARNED as LEARNED_IDS
 from autoexpose_daemon.control.policies.ids import PLACES
-from evaluation.stage.delayed_loop import MakeLoop
+from evaluation.stage.camera import MakeLoop
 from imaging.exposure import ExposureLimits, ExposureSetting
 from imaging.response import ResponseFunction
 

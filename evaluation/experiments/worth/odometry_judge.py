@@ -22,8 +22,7 @@ from evaluation.odometry.tracking import EVERY, illumination, lap, lost_for_good
 from evaluation.scenes.scenarios import RATE_HZ, Course, no_turn, steady
 from evaluation.scenes.stills import PAINTERS, digest, picture, stills
 from evaluation.scenes.views import CAMERA, Feature, natural_room
-from evaluation.stage.camera import LIMITS, SimulatedCamera
-from evaluation.stage.delayed_loop import DelayedLoop
+from evaluation.stage.camera import LIMITS, DelayedLoop, SimulatedCamera
 from evaluation.stage.oracle import Oracle, best_start
 from evaluation.stage.rendering import BOTH, Stage
 from fake_camera.world.render.renderer import Renderer, Surface
@@ -37,13 +36,9 @@ Kind = Literal["plain", "dim", "uneven", "window", "lamps", "tunnel"]
 
 # Light on the walls where the drive begins, least and most.
 LUX: dict[Kind, tuple[float, float]] = {
-    "plain": (10.0, 2000.0),
-    "dim": (1.0, 8.0),
-    "uneven": (1.0, 60.0),
-    "window": (2.0, 100.0),
-    "lamps": (2.0, 200.0),
+    "plain": (10.0, 2000.0), "dim": (1.0, 8.0), "uneven": (1.0, 60.0), "window": (2.0, 100.0), "lamps": (2.0, 200.0),
     "tunnel": (60.0, 2000.0),
-}
+}  # fmt: skip
 
 # The light ahead, as a share of that: a bright side, around lamps, and a dark stretch.
 THERE: dict[Kind, float] = {"uneven": 30.0, "lamps": 5.0, "tunnel": 1 / 60}

@@ -13,15 +13,13 @@ from evaluation.arrays import Floats
 from evaluation.committed import REPORT_PARK, TUNING_PARK
 from evaluation.experiments.experiment import Job, Plain
 from evaluation.experiments.teach.judge import TILTS, WITHIN_PX
-from evaluation.experiments.teach.park import REPLAYS, TEACHING, Daylight, park
-from evaluation.experiments.teach.path import MAPS as PATH_MAPS
-from evaluation.experiments.teach.path import TaughtPath
+from evaluation.experiments.teach.park import MAPS as PATH_MAPS
+from evaluation.experiments.teach.park import REPLAYS, TEACHING, Daylight, TaughtPath, park
 from evaluation.experiments.teach.replay import DELAY_FRAMES, Truth, at_half, frames, image_of, replayed, taught_maps
 from evaluation.experiments.worth.contenders import APART, CONTENDERS, PUBLISHED, Contender, policy
 from evaluation.experiments.worth.tables import FIXED_IN_HINDSIGHT, ORACLE_PER_FRAME
 from evaluation.scenes.views import CAMERA
-from evaluation.stage.camera import LIMITS, SimulatedCamera, time_first
-from evaluation.stage.delayed_loop import Entrant
+from evaluation.stage.camera import LIMITS, Entrant, SimulatedCamera, time_first
 from fake_camera.world.render.renderer import Renderer, Surface
 from navigation.views.features import Features, OrbPyramid
 from navigation.views.registration import Vote, register
@@ -271,13 +269,9 @@ def measure_bounds(*, replay: dict[str, Any]) -> list[dict[str, Any]]:
     course = Replay(**replay)
     before, _ = course.renderers()
     foreign = taught_maps(
-        course.path,
-        before,
-        course.camera(0, SCORING[0]),
-        maps=course.maps,
-        entrants=[_entrant(policy(TEACHER))],
+        course.path, before, course.camera(0, SCORING[0]), maps=course.maps, entrants=[_entrant(policy(TEACHER))],
         first=course.first,
-    )
+    )  # fmt: skip
     found: list[dict[str, Any]] = []
     for name, outcome in bounds(course, foreign["top half"][TEACHER]).items():
         found += [_row("registration-own", course, name, outcome.own)]

@@ -22,16 +22,10 @@ NOT_COUNTED = ("fixed", *BOUNDS)  # What knows the course, and `fixed`, which wa
 
 
 MARGINS = {
-    "odometry-raw": ERROR_MARGIN,
-    "odometry-preprocessed": ERROR_MARGIN,
-    "matches-orb-raw": FEATURE_MARGIN,
-    "matches-orb-preprocessed": FEATURE_MARGIN,
-    "matches-sift-raw": FEATURE_MARGIN,
-    "lost-pairs-raw": ERROR_MARGIN,
-    "bad-frames": ERROR_MARGIN,
-    "fig12 (a)": ERROR_MARGIN,
-    "fig12 (b)": ERROR_MARGIN,
-}
+    "odometry-raw": ERROR_MARGIN, "odometry-preprocessed": ERROR_MARGIN, "matches-orb-raw": FEATURE_MARGIN,
+    "matches-orb-preprocessed": FEATURE_MARGIN, "matches-sift-raw": FEATURE_MARGIN, "lost-pairs-raw": ERROR_MARGIN,
+    "bad-frames": ERROR_MARGIN, "fig12 (a)": ERROR_MARGIN, "fig12 (b)": ERROR_MARGIN,
+}  # fmt: skip
 """The judges by which a policy is inferior or not, most important first, and by how much it may be worse."""
 
 FAILURES = "odometry-failures"  # Its values are compared as they are, since most are 0
@@ -189,13 +183,8 @@ def _failures_table(verdicts: Verdicts, rivals: Sequence[str], subject: str) -> 
                 *(str(one.left_out) for one in pairs if one),
             ])  # fmt: skip
     heads = [
-        "compared with",
-        f"`{subject}` failed, %",
-        "it failed, %",
-        "difference [95 %]",
-        "left out, raw",
-        "preprocessed",
-    ]
+        "compared with", f"`{subject}` failed, %", "it failed, %", "difference [95 %]", "left out, raw", "preprocessed",
+    ]  # fmt: skip
     caption = (
         "Runs of odometry that failed, and rooms in which one of both did, which the comparison of errors leaves out."
     )

@@ -303,10 +303,6 @@ def tuning_jobs(quick: bool) -> list[Job]:
 EXPERIMENT = Experiment("worth", "What a frame is worth to localization: judges of all policies", jobs, section, data)
 
 TUNING = Experiment(
-    "worth-tuning",
-    "The same judges on the scenes that may be tuned on",
-    tuning_jobs,
-    partial(section, name="worth-tuning"),
-    data,
-    in_all=False,
-)
+    "worth-tuning", "The same judges on the scenes that may be tuned on", tuning_jobs,
+    partial(section, name="worth-tuning"), data, in_all=False,
+)  # fmt: skip

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from evaluation.training.backprop import TrainedNet
-from evaluation.training.training import Arrays
+from evaluation.training.training import Arrays, TrainedNet
 from evaluation.training.zhang2024 import ActorCritic, Transitions
 
 

@@ -281,13 +281,9 @@ def _special(scenes: list[str], kinds: list[tuple[str, int]], first_seed: int) -
 
 _KINDS = [("twice the read noise", 2), ("right eye dark", 2), ("default", 1), ("default", 3)]
 _REPORT_KINDS = [
-    ("a quarter of the full well", 2),
-    ("s-shaped response", 2),
-    ("gamma response", 2),
-    ("Mono12", 2),
-    ("right eye dirty", 2),
-    ("right eye dead", 2),
-]
+    ("a quarter of the full well", 2), ("s-shaped response", 2), ("gamma response", 2), ("Mono12", 2),
+    ("right eye dirty", 2), ("right eye dead", 2),
+]  # fmt: skip
 
 
 def courses(name: str) -> list[Course]:

@@ -14,22 +14,17 @@ from evaluation.experiments.worth.matches.courses import courses as courses_of
 from evaluation.experiments.worth.matches.courses import quick as some_of
 from evaluation.experiments.worth.matches.pairs import PREPARATIONS, Seen, judged, seen
 from evaluation.experiments.worth.tables import FIXED_IN_HINDSIGHT, ORACLE_PER_FRAME
-from evaluation.stage.camera import LIMITS
-from evaluation.stage.delayed_loop import DelayedLoop
+from evaluation.stage.camera import LIMITS, DelayedLoop
 from imaging.exposure import ExposureSetting
 from imaging.frames import Frame
 
 PAIR_JUDGES: dict[str, Literal["higher", "lower"]] = {"matches-sift-raw": "higher"}
 for _name in PREPARATIONS:
     PAIR_JUDGES |= {
-        f"matches-orb-{_name}": "higher",
-        f"repeatability-orb-{_name}": "higher",
-        f"pose-error-orb-{_name}": "lower",
-        f"lost-pairs-orb-{_name}": "lower",
-        f"klt-error-{_name}": "lower",
-        f"lost-pairs-klt-{_name}": "lower",
+        f"matches-orb-{_name}": "higher", f"repeatability-orb-{_name}": "higher", f"pose-error-orb-{_name}": "lower",
+        f"lost-pairs-orb-{_name}": "lower", f"klt-error-{_name}": "lower", f"lost-pairs-klt-{_name}": "lower",
         f"lost-pairs-{_name}": "lower",
-    }
+    }  # fmt: skip
 
 BAD_FRAMES = "bad-frames"  # Share of frames of which more than half is white or black
 BLACK = 1  # What rounding and read noise make of no light at all
