@@ -70,7 +70,6 @@ NEUTRAL = {"STEP": math.inf, "Rule.GAIN": 0.0, "NONE": 9}
 
 def test_constants_have_value_reason_and_alterations() -> None:
     found = {constant.name: constant for constant in constants_of("m", SOURCE)}
-
     assert {name: constant.value for name, constant in found.items()} == {
         **{"STEP": 0.4, "NEAR": 0.125, "FAR": -3, "FIRST": 12, "SECOND": 1, "LONE": 1e3, "NONE": 0},
         **{"Rule.GAIN": 0.25, "Rule.PROBES.worth": 5},
@@ -157,7 +156,6 @@ def test_a_course_taken_again_has_the_same_scores() -> None:
     decisions = roll_out(DEFAULT_POLICY, course, start_of(course), frames)
     darker = [{**each, "setting": {"exposure_time_us": 20.0, "gain_db": 0.0}} for each in decisions]
     scores = judge(DEFAULT_POLICY, course, {"again": decisions, "darker": darker}, frames)
-
     assert scores["again"] == scores[DEFAULT_POLICY]
     assert scores["darker"].objective_ratio_mean < 0.5 * scores["again"].objective_ratio_mean
 
@@ -195,7 +193,6 @@ def made_up(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_table_has_a_row_for_each_alteration(tmp_path: Path) -> None:
     console = Console(record=True, width=200)
     ablation = ablate(DEFAULT_POLICY, CONSTANTS, COURSES, 1, tmp_path, console=console)
-
     trials = {(trial.constant.name, trial.what): trial for trial in ablation.trials}
     assert [trial.idle for trial in ablation.trials] == [True, True, False, False, False, True]
     assert ablation.unaltered[ALL]["objective_ratio_mean"] == pytest.approx(0.5)
@@ -207,7 +204,6 @@ def test_table_has_a_row_for_each_alteration(tmp_path: Path) -> None:
         3,
     )
     assert trials["BAD", "x 2"].error == "ZeroDivisionError: no frames"
-
     lines = write_ablation(ablation, tmp_path).read_text().splitlines()
     rows = {line.split(" | ")[0]: line for line in lines if line.startswith("| ")}
     assert all(line.replace("\\|", "").count("|") == rows["| constant"].count("|") for line in rows.values())

@@ -21,19 +21,11 @@ from evaluation.scenes.scenarios import SCENARIOS, WARM_UP_FRAMES
 from imaging.errors import AutoexposeError, ConfigurationError
 
 FIGURES = {
-    "settle_frames": (int, float, type(None)),
-    "overshoot_stops": float,
-    "steady_std_stops": float,
-    "metric_ratio_mean": float,
-    "metric_ratio_p05": float,
-    "bad_frame_share": float,
-    "gain_db_mean": float,
-    "objective_ratio_mean": float,
-    "objective_ratio_p05": float,
-    "any_split_ratio_mean": float,
-    "pair_ratio_mean": float,
-    "lost_pair_share": float,
-}
+    "settle_frames": (int, float, type(None)), "overshoot_stops": float, "steady_std_stops": float,
+    "metric_ratio_mean": float, "metric_ratio_p05": float, "bad_frame_share": float, "gain_db_mean": float,
+    "objective_ratio_mean": float, "objective_ratio_p05": float, "any_split_ratio_mean": float,
+    "pair_ratio_mean": float, "lost_pair_share": float,
+}  # fmt: skip
 COMMON = {"policy": str, "scenario": str, "delay_frames": int, "split": str, **FIGURES}
 
 
@@ -57,7 +49,6 @@ def test_quick_arena_writes_json_and_report(tmp_path: Path) -> None:
     out, folder = tmp_path / "out.json", tmp_path / "report"
     options = ["--quick", "--jobs", "1", "--policies", "begin2022,fixed", "--scenarios", "step_up,step_down"]
     result = CliRunner().invoke(app, [*options, "--json", str(out), "--report", str(folder)])
-
     assert result.exit_code == 0, result.output
     figures = json.loads(out.read_text())
     assert set(figures) == {"default_policy", "runs", "results"}
@@ -92,7 +83,6 @@ def test_processes_give_what_one_process_gives(monkeypatch: pytest.MonkeyPatch) 
     tasks = [Task("step_down", scene, 1, (2,), "tune") for scene in ("leaves", "shelves")]
     alone = dict(run_plan(tasks, ["fixed"], 1))
     spread = dict(run_plan(tasks, ["fixed"], 2))
-
     assert alone == spread
 
 
@@ -167,14 +157,12 @@ def test_results_are_of_held_out_runs_with_two_frames_of_delay() -> None:
         Run("a", "pan", "room", 7, 2, "tune", Score(1, 0.0, 0.0, 0.2, 0.2, 0.0, 0.0, 0.2, 0.2, 0.2, 0.2, 0.0)),
     ]
     figures = document(runs, "a")
-
     assert len(figures["runs"]) == 4
     assert [row["metric_ratio_mean"] for row in figures["results"]] == [pytest.approx(0.7)]
 
 
 def test_ranking_is_by_the_mean_over_scenarios() -> None:
     runs = [made_up(p, s, 3, r) for p, s, r in (("a", "pan", 0.9), ("a", "tunnel", 0.1), ("b", "pan", 0.6))]
-
     assert mean_ratios(results(runs)) == [("b", pytest.approx(0.6)), ("a", pytest.approx(0.5))]
 
 
@@ -189,7 +177,6 @@ def test_the_full_plan_keeps_tuning_and_judging_apart() -> None:
     tasks = full_plan(list(SCENARIOS))
     tuned = {task.scene for task in tasks if task.split == "tune"}
     held_out = {task.scene for task in tasks if task.split == "heldout"}
-
     assert all((task.seed >= 1000) == (task.split == "heldout") for task in tasks)
     assert all(task.seed < 100 or task.split == "heldout" for task in tasks)
     assert len(held_out - tuned) >= 2

@@ -12,9 +12,9 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY, POLICY_IDS
+from evaluation.arrays import Greys
 from evaluation.experiments.cache import ResultCache, run_jobs
 from evaluation.experiments.drives import drives, fig7, fig12
 from evaluation.experiments.drives.drives import FEWEST_ROOMS, over_rooms
@@ -31,7 +31,7 @@ FRAMES = 90
 class Unmoved:
     """Odometry that finds itself where it began."""
 
-    def track(self, _left: NDArray[np.uint8], _right: NDArray[np.uint8]) -> Tracked:
+    def track(self, _left: Greys, _right: Greys) -> Tracked:
         return Tracked(np.eye(4), lost=False)
 
 

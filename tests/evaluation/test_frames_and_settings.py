@@ -6,11 +6,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.loop import ControlLoop
 from evaluation.arena.race import run_course
+from evaluation.arrays import Greys
 from evaluation.odometry.stereo import Tracked, prepared
 from evaluation.odometry.tracking import TrackedRun, odometry_stage, track_entrants
 from evaluation.scenes.scenarios import Course
@@ -68,7 +68,7 @@ class Ladder:
 class Nowhere:
     """Odometry that sees nothing."""
 
-    def track(self, _left: NDArray[np.uint8], _right: NDArray[np.uint8]) -> Tracked:
+    def track(self, _left: Greys, _right: Greys) -> Tracked:
         return Tracked(np.eye(4), lost=True)
 
 

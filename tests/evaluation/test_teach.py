@@ -12,8 +12,8 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from evaluation.arrays import Floats32, Greys
 from evaluation.experiments.cache import ResultCache, run_jobs
 from evaluation.experiments.experiment import Figure, Verdict
 from evaluation.experiments.teach.judge import (
@@ -47,8 +47,7 @@ def parks() -> Iterator[Callable[[int, Daylight], list[Surface]]]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("evaluation.experiments.teach.park.MEADOW_TEXELS", 1024)
         patch.setattr("evaluation.experiments.teach.park.HEDGES", 2)
-        for module in ("replay", "sweep"):
-            patch.setattr(f"evaluation.experiments.teach.{module}.park", kept)
+        patch.setattr("evaluation.experiments.teach.replay.park", kept)
         yield kept
 
 
@@ -85,7 +84,7 @@ def test_images_without_noise_are_registered_by_the_true_shift(surfaces: list[Su
     assert max(errors) < 5.0 and np.median(errors) < 2.0
 
 
-def _grey(radiance: NDArray[np.float32]) -> NDArray[np.uint8]:
+def _grey(radiance: Floats32) -> Greys:
     return np.clip(radiance * 400.0, 0, 255).astype(np.uint8)
 
 

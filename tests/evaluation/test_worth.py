@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY, POLICY_IDS
+from evaluation.arrays import Floats
 from evaluation.committed import PAINTINGS
 from evaluation.experiments.experiment import Figure, Table
 from evaluation.experiments.statistics import Comparison, over_places
@@ -124,7 +124,7 @@ def test_worse_is_worse_whichever_way_a_judge_counts() -> None:
     assert down and down.worse.value == pytest.approx(0.2) and down.worse.low > 0.1
 
 
-def errors_of(policy: str, errors: NDArray[np.float64], failed: set[int]) -> list[dict[str, Any]]:
+def errors_of(policy: str, errors: Floats, failed: set[int]) -> list[dict[str, Any]]:
     return [
         row | {"failed": place in failed} for place, row in enumerate(rows_of({policy: list(errors)}, "odometry-raw"))
     ]

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from evaluation.arrays import Greys
 from evaluation.experiments.worth.matches.courses import Eyes, Film, Rig
 from evaluation.experiments.worth.matches.pairs import (
     LOST_PX,
@@ -41,7 +41,7 @@ STILL = leaves(np.random.default_rng(5), 1000, 640)
 PANORAMA = leaves(np.random.default_rng(6), 1024, 512)
 
 
-def sharp(view: StillView | PanoramaView, time_s: float) -> NDArray[np.uint8]:
+def sharp(view: StillView | PanoramaView, time_s: float) -> Greys:
     """The left image without noise and blur."""
     radiance = view.radiance(time_s)[:, :WIDTH]
     return np.clip(np.rint(250.0 * radiance / np.percentile(radiance, 97)), 0, 255).astype(np.uint8)

@@ -1,3 +1,5 @@
+"""Light out of frames, and frames that are exposed again against frames that were really taken."""
+
 from __future__ import annotations
 
 import numpy as np
@@ -6,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
+from evaluation.experiments.rejudge.rehearsal import OFFSETS, measure_still
 from evaluation.rejudge.camera import Exposer, Light
 from imaging.exposure import ExposureSetting
 from imaging.frames import Frame
@@ -109,3 +112,13 @@ def test_noise_of_a_frame_is_the_same_whatever_its_setting() -> None:
     first, again, other = (exposer.expose(flat(3e-4), setting, 8, number) for number in (5, 5, 6))
     assert np.array_equal(first, again)
     assert not np.array_equal(first, other)
+
+
+def test_frames_of_a_still_scene_are_as_if_really_taken() -> None:
+    """Four stops either side of the bracket's middle; the brightest shot is three stops above it."""
+    rows = measure_still(scene="leaves", seed=311, frames=28)
+    assert [row["offset"] for row in rows] == list(OFFSETS)
+    for row in rows:
+        assert row["rms"] < 1.0  # grey levels, beyond noise
+        assert abs(row["bias"]) < 0.2
+        assert row["made_noise"] == pytest.approx(row["noise"], rel=0.25)

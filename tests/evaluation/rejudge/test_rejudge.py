@@ -60,18 +60,9 @@ def test_policies_are_judged_and_one_is_recommended(drive_file: Path, tmp_path: 
     truth, page, figures = tmp_path / "true.tum", tmp_path / "page.html", tmp_path / "figures.json"
     truth.write_text(tum(of_the_drive(true_trajectory(), drive_file)))
     outcome = run(
-        drive_file,
-        "--policies",
-        f"{DEFAULT_POLICY},neves2009",
-        "--jobs",
-        "1",
-        "--trajectory",
-        truth,
-        "--json",
-        figures,
-        "--report",
-        page,
-    )
+        drive_file, "--policies", f"{DEFAULT_POLICY},neves2009", "--jobs", "1", "--trajectory", truth, "--json",
+        figures, "--report", page,
+    )  # fmt: skip
     assert outcome.exit_code == 0, outcome.exception
     assert "36 pairs in 0.6 s, 4 to a cycle, 0 missing" in outcome.output.replace("\n", " ")
     written = json.loads(figures.read_text())
@@ -195,7 +186,6 @@ def test_a_folder_of_images_is_judged_as_its_recording_is(drive_file: Path, tmp_
     outcome = run(tmp_path, *QUICK, "--json", tmp_path / "f.json")
     assert outcome.exit_code == 0, outcome.exception
     assert all(one["matches"] > 30 for one in json.loads((tmp_path / "f.json").read_text())["policies"])
-
     (tmp_path / "right.yaml").write_text(ros_yaml(drive.geometries["left"], "right"))
     assert f"{tmp_path}/right.yaml: projection_matrix has no baseline" in said(tmp_path, *QUICK)
     (tmp_path / "right.yaml").write_text(ros_yaml(replace(drive.geometries["right"], width=1440, height=1080), "right"))
@@ -207,7 +197,6 @@ def test_a_folder_of_images_is_judged_as_its_recording_is(drive_file: Path, tmp_
         tmp_path, *QUICK
     )
     (tmp_path / "frames.csv").write_text("\n".join(rows), encoding="utf-8-sig")  # as spreadsheets do
-
     (tmp_path / "left20.png").unlink()
     assert "left20.png: is no image that can be read" in said(tmp_path, *QUICK)
     (tmp_path / "frames.csv").write_text("\n".join(rows[:-1]))
