@@ -24,18 +24,18 @@ from autoexpose_daemon.control.balance import Balance
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.loop import ControlLoop
 from evaluation.arena.altered_policy import (
+    AlteredRequest,
     Constant,
     Course,
     Decisions,
-    Request,
     constants_in_c,
     constants_of,
     run_altered,
 )
 from evaluation.arena.count import ROOT, c_files, count_c, count_python, python_files
 from evaluation.arena.race import course_of, run_course
-from evaluation.arena.runs import MAIN_DELAY, TUNE_SCENES, Run, results
-from evaluation.arena.scores import Score
+from evaluation.arena.runs import MAIN_DELAY, TUNE_SCENES, ArenaRun, results
+from evaluation.arena.scores import CourseScore
 from evaluation.long_runs import KeptResults, LongProgress
 from evaluation.pool import over_processes
 from evaluation.scenes.scenarios import SCENARIOS
@@ -55,7 +55,7 @@ Figures = dict[str, dict[str, Any]]  # A row of `results` for each scenario, and
 
 
 @dataclass(frozen=True, slots=True)
-class Trial:
+class AblationTrial:
     """A constant, what was done to it (a key of `Constant.alterations`), and what came of that."""
 
     constant: Constant
@@ -72,7 +72,7 @@ class Ablation:
     policy: str
     courses: Sequence[Course]
     unaltered: Figures
-    trials: Sequence[Trial]
+    trials: Sequence[AblationTrial]
 
 
 def ablation_courses(scenarios: Sequence[str], quick: bool) -> list[Course]:
@@ -111,7 +111,7 @@ def ablate(
     kept = _Kept(folder)
     trials = [(constant, what) for constant in constants for what in constant.alterations]
     starts = dict(over_processes(start_of, courses, jobs))
-    plain = Request(None, policy, courses, [starts[course] for course in courses], frames)
+    plain = AlteredRequest(None, policy, courses, [starts[course] for course in courses], frames)
     requests = [plain, *(replace(plain, alteration=constant.alterations[what]) for constant, what in trials)]
     with LongProgress(console, 3600.0) as progress:
         bar = progress.add_task("alterations", total=len(requests))
@@ -132,7 +132,7 @@ def ablate(
 
     def figures(name: str, decisions: list[Decisions]) -> Figures:
         runs = [
-            Run(name, *course, MAIN_DELAY, "tune", Score(**scores[course][json.dumps(each)]))
+            ArenaRun(name, *course, MAIN_DELAY, "tune", CourseScore(**scores[course][json.dumps(each)]))
             for course, each in zip(courses, decisions, strict=True)
         ]
         return {row["scenario"]: row for row in results([*runs, *(replace(run, scenario=ALL) for run in runs)])}
@@ -142,9 +142,9 @@ def ablate(
         courses,
         figures(policy, taken[0]),
         [
-            Trial(*trial, {}, error=each)
+            AblationTrial(*trial, {}, error=each)
             if isinstance(each, str)
-            else Trial(*trial, figures(policy, each), idle=each == taken[0])
+            else AblationTrial(*trial, figures(policy, each), idle=each == taken[0])
             for trial, each in zip(trials, taken[1:], strict=True)
         ],
     )
@@ -172,11 +172,11 @@ class _Kept:
 
 
 def _taken(
-    requests: Sequence[Request], jobs: int, kept: _Kept, advance: Callable[[], None]
+    requests: Sequence[AlteredRequest], jobs: int, kept: _Kept, advance: Callable[[], None]
 ) -> list[list[Decisions] | str]:
     """The decisions of each request, or how it failed."""
 
-    def answer(request: Request) -> list[Decisions] | str:
+    def answer(request: AlteredRequest) -> list[Decisions] | str:
         found = kept.get(asdict(request))
         if found is None:
             found = (run_altered(request),)
@@ -236,7 +236,7 @@ def start_of(course: Course) -> tuple[float, float]:
 
 def judge(
     policy: str, course: Course, rolled_out: Mapping[str, Decisions], frames: int | None = None
-) -> dict[str, Score]:
+) -> dict[str, CourseScore]:
     """The scores of all that took a course, by name; those of the unaltered policy by the policy's."""
     leaders: list[_Leader] = []
 

@@ -40,7 +40,7 @@ class Alteration:
 
 
 @dataclass(frozen=True, slots=True)
-class Request:
+class AlteredRequest:
     """What to run: scenario, scene and seed of each course, its start (us, dB), and a bound on the frames of each."""
 
     alteration: Alteration | None
@@ -77,7 +77,7 @@ class _Altered(SourceFileLoader):
         return compile(source[: change.start] + change.text.encode() + source[change.end :], self.path, "exec")
 
 
-def run_altered(request: Request) -> list[Any] | str:
+def run_altered(request: AlteredRequest) -> list[Any] | str:
     """The `Decisions` in each course, from a fresh process; a string: what the alteration breaks."""
     command = [sys.executable, "-m", __name__]
     done = subprocess.run(command, input=json.dumps(asdict(request)), capture_output=True, text=True, check=False)

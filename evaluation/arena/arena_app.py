@@ -27,7 +27,7 @@ from evaluation.arena.ablation import (
 from evaluation.arena.altered_policy import Course
 from evaluation.arena.arena_report import cells, mean_ratios, write_arena_report
 from evaluation.arena.count import count_policy, print_count
-from evaluation.arena.runs import Run, Task, document, full_plan, quick_plan, run_plan
+from evaluation.arena.runs import ArenaRun, Task, document, full_plan, quick_plan, run_plan
 from evaluation.long_runs import LongProgress, check_chosen, make_writable
 from evaluation.scenes.scenarios import SCENARIOS
 from fake_camera.world.scene.panorama import load_radiance
@@ -151,8 +151,8 @@ def _duration_s(plan: Sequence[Task], policies: Sequence[str], jobs: int) -> flo
     return sum(task.frames * len(task.delays) for task in plan) * len(policies) * _FRAME_S / jobs
 
 
-def _run(plan: Sequence[Task], policies: Sequence[str], jobs: int, console: Console) -> list[Run]:
-    runs: list[Run] = []
+def _run(plan: Sequence[Task], policies: Sequence[str], jobs: int, console: Console) -> list[ArenaRun]:
+    runs: list[ArenaRun] = []
     try:
         with LongProgress(console, 3600.0) as progress:
             bar = progress.add_task("arena", total=sum(task.frames * len(task.delays) for task in plan))

@@ -11,7 +11,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
-from evaluation.arena.runs import HELD_OUT_SEEDS, MAIN_DELAY, OTHER_DELAYS, TUNE_SCENES, Run, results
+from evaluation.arena.runs import HELD_OUT_SEEDS, MAIN_DELAY, OTHER_DELAYS, TUNE_SCENES, ArenaRun, results
 from evaluation.arrays import Floats
 from evaluation.drawing import save
 from evaluation.scenes.scenarios import RATE_HZ, SCENARIOS
@@ -34,7 +34,7 @@ def plot_table(policies: Sequence[str], scenarios: Sequence[str], values: Floats
     save(figure, file, dpi=110)
 
 
-def plot_traces(runs: Sequence[Run], folder: Path) -> Mapping[str, str]:
+def plot_traces(runs: Sequence[ArenaRun], folder: Path) -> Mapping[str, str]:
     """One figure per scenario of the runs that carry a trace; returns file names by scenario."""
     traced = [run for run in runs if run.trace is not None and run.delay_frames == MAIN_DELAY]
     known = [run for run in traced if run.policy in SHOWN_POLICIES]
@@ -46,7 +46,7 @@ def plot_traces(runs: Sequence[Run], folder: Path) -> Mapping[str, str]:
     return files
 
 
-def _plot_scenario(scenario: str, runs: Sequence[Run], file: Path) -> None:
+def _plot_scenario(scenario: str, runs: Sequence[ArenaRun], file: Path) -> None:
     figure, (upper, lower) = plt.subplots(2, 1, sharex=True, figsize=(9, 5), layout="constrained")
     for index, run in enumerate(runs):
         if run.trace is None:
@@ -68,25 +68,25 @@ def _plot_scenario(scenario: str, runs: Sequence[Run], file: Path) -> None:
 
 
 @dataclass(frozen=True, slots=True)
-class Target:
+class ArenaTarget:
     """A figure of held-out runs of one scenario, the least it must reach (None: no bound), and the least it should."""
 
     scenario: str
     what: str
-    figure: Callable[[Sequence[Run]], float]
+    figure: Callable[[Sequence[ArenaRun]], float]
     must: float | None
     stretch: float
 
 
-def mean_of(figure: Callable[[Run], float]) -> Callable[[Sequence[Run]], float]:
+def mean_of(figure: Callable[[ArenaRun], float]) -> Callable[[Sequence[ArenaRun]], float]:
     """The mean of a figure of runs."""
     return lambda runs: float(np.mean([figure(run) for run in runs]))
 
 
-def settled_within(per_delay: int, more: int) -> Callable[[Sequence[Run]], float]:
+def settled_within(per_delay: int, more: int) -> Callable[[Sequence[ArenaRun]], float]:
     """Share of the runs that settle within `per_delay` D + `more` frames."""
 
-    def settled(run: Run) -> bool:
+    def settled(run: ArenaRun) -> bool:
         settle = run.score.settle_frames
         return settle is not None and settle <= per_delay * run.delay_frames + more
 
@@ -97,22 +97,22 @@ _ratio = mean_of(lambda run: run.score.objective_ratio_mean)
 _worst = mean_of(lambda run: run.score.objective_ratio_p05)
 _calm = mean_of(lambda run: run.score.steady_std_stops <= 0.1)
 TARGETS = (
-    Target("step_up", "settled within 3D+2 frames, share of runs", settled_within(3, 2), 0.85, 0.95),
-    Target("step_up", "settled within 3D frames, share of runs", settled_within(3, 0), None, 0.95),
-    Target("step_down", "settled within 3D frames, share of runs", settled_within(3, 0), 0.95, 0.95),
-    Target("step_down", "settled within 2D frames, share of runs", settled_within(2, 0), None, 0.95),
-    Target("tunnel", "objective ratio, mean", _ratio, 0.95, 0.985),
-    Target("pan", "objective ratio, mean", _ratio, 0.93, 0.97),
-    Target("lowlight_fast", "objective ratio, mean", _ratio, 0.93, 0.97),
-    Target("tunnel", "objective ratio, worst 5 % of frames", _worst, 0.80, 0.92),
-    Target("pan", "objective ratio, worst 5 % of frames", _worst, 0.50, 0.80),
-    Target("step_up", "spread of E at most 0.1 stop at the end, share of runs", _calm, 0.90, 1.0),
-    Target("step_down", "spread of E at most 0.1 stop at the end, share of runs", _calm, 0.90, 1.0),
-    Target("flicker", "objective ratio, mean", _ratio, 0.88, 0.95),
+    ArenaTarget("step_up", "settled within 3D+2 frames, share of runs", settled_within(3, 2), 0.85, 0.95),
+    ArenaTarget("step_up", "settled within 3D frames, share of runs", settled_within(3, 0), None, 0.95),
+    ArenaTarget("step_down", "settled within 3D frames, share of runs", settled_within(3, 0), 0.95, 0.95),
+    ArenaTarget("step_down", "settled within 2D frames, share of runs", settled_within(2, 0), None, 0.95),
+    ArenaTarget("tunnel", "objective ratio, mean", _ratio, 0.95, 0.985),
+    ArenaTarget("pan", "objective ratio, mean", _ratio, 0.93, 0.97),
+    ArenaTarget("lowlight_fast", "objective ratio, mean", _ratio, 0.93, 0.97),
+    ArenaTarget("tunnel", "objective ratio, worst 5 % of frames", _worst, 0.80, 0.92),
+    ArenaTarget("pan", "objective ratio, worst 5 % of frames", _worst, 0.50, 0.80),
+    ArenaTarget("step_up", "spread of E at most 0.1 stop at the end, share of runs", _calm, 0.90, 1.0),
+    ArenaTarget("step_down", "spread of E at most 0.1 stop at the end, share of runs", _calm, 0.90, 1.0),
+    ArenaTarget("flicker", "objective ratio, mean", _ratio, 0.88, 0.95),
 )
 
 
-def outcomes(runs: Sequence[Run]) -> list[tuple[Target, float]]:
+def outcomes(runs: Sequence[ArenaRun]) -> list[tuple[ArenaTarget, float]]:
     """What `runs` reached of each target whose scenario was run; all are held out, of one policy and one delay."""
     grouped = [(target, [run for run in runs if run.scenario == target.scenario]) for target in TARGETS]
     return [(target, target.figure(group)) for target, group in grouped if group]
@@ -186,7 +186,7 @@ def mean_ratios(rows: Sequence[dict[str, Any]]) -> list[tuple[str, float]]:
     return sorted(averages, key=lambda item: -item[1])
 
 
-def write_arena_report(runs: Sequence[Run], default_policy: str, folder: Path) -> Path:
+def write_arena_report(runs: Sequence[ArenaRun], default_policy: str, folder: Path) -> Path:
     """Write `arena.md` and its figures into a folder; returns the report's path."""
     folder.mkdir(parents=True, exist_ok=True)
     held_out = [run for run in runs if run.split == "heldout"]
@@ -230,7 +230,7 @@ def _table(names: Sequence[str], heads: Sequence[str], values: Floats, form: str
     return "\n".join(lines)
 
 
-def _counts(runs: Sequence[Run]) -> str:
+def _counts(runs: Sequence[ArenaRun]) -> str:
     courses = {(run.scenario, run.scene, run.seed, run.split) for run in runs}
     parts = []
     for split, name in (("heldout", "held out"), ("tune", "used for tuning")):
@@ -241,7 +241,7 @@ def _counts(runs: Sequence[Run]) -> str:
     return f"{len(runs)} runs over {'; '.join(parts)}. The tables show the held-out ones."
 
 
-def _targets(runs: Sequence[Run], policy: str) -> list[str]:
+def _targets(runs: Sequence[ArenaRun], policy: str) -> list[str]:
     if not runs:
         return []
     lines = ["| scenario | figure | D | reached | must | stretch |", "|---|---|---:|---:|---:|---:|"]
@@ -256,7 +256,7 @@ def _targets(runs: Sequence[Run], policy: str) -> list[str]:
     return [f"## Targets of `{policy}`", "\n".join(lines)]
 
 
-def _delays(runs: Sequence[Run], policies: Sequence[str]) -> list[str]:
+def _delays(runs: Sequence[ArenaRun], policies: Sequence[str]) -> list[str]:
     """Compares only courses that were run with all delays."""
     delays = sorted({MAIN_DELAY, *OTHER_DELAYS})
     common = set.intersection(*({(r.scenario, r.scene, r.seed) for r in runs if r.delay_frames == d} for d in delays))
@@ -271,7 +271,7 @@ def _delays(runs: Sequence[Run], policies: Sequence[str]) -> list[str]:
     return ["## Objective ratio by delay, mean over scenarios", table]
 
 
-def _splits(runs: Sequence[Run], policies: Sequence[str]) -> list[str]:
+def _splits(runs: Sequence[ArenaRun], policies: Sequence[str]) -> list[str]:
     tune = [run for run in runs if run.split == "tune" and run.delay_frames == MAIN_DELAY]
     if not tune:
         return []

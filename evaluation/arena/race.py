@@ -18,7 +18,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from evaluation.arena.scores import Score, SuccessiveFrames, score
+from evaluation.arena.scores import CourseScore, SuccessiveFrames, score
 from evaluation.arrays import Floats
 from evaluation.scenes.scenarios import SCENARIOS
 from evaluation.scenes.views import build_views
@@ -116,7 +116,7 @@ class Series:
         """What the policy maximises, as a share of the oracle's; NaN where no exposure shows anything."""
         return self.by_objective.ratios
 
-    def score(self) -> Score:
+    def score(self) -> CourseScore:
         """The scores of this run."""
         return score(
             levels=self.levels, oracle_levels=self.oracle_levels, ratios=self.ratios,

@@ -11,7 +11,7 @@ from typing import Any, Literal
 import numpy as np
 
 from evaluation.arena.race import Series, run_course
-from evaluation.arena.scores import Score
+from evaluation.arena.scores import CourseScore
 from evaluation.arrays import Floats32
 from evaluation.committed import HELD_OUT_SEED
 from evaluation.pool import over_processes
@@ -84,7 +84,7 @@ class Trace:
 
 
 @dataclass(frozen=True, slots=True)
-class Run:
+class ArenaRun:
     """One policy in one course with one delay."""
 
     policy: str
@@ -93,37 +93,37 @@ class Run:
     seed: int
     delay_frames: int
     split: Split
-    score: Score
+    score: CourseScore
     trace: Trace | None = None
 
 
-def run_task(task: Task, policies: Sequence[str]) -> list[Run]:
+def run_task(task: Task, policies: Sequence[str]) -> list[ArenaRun]:
     """Run all policies through one course, with each of its delays."""
     entrants = [Entrant.of(policy, delay) for delay in task.delays for policy in policies]
     return [_run_of(task, series) for series in run_course(task.scenario, task.scene, task.seed, entrants)]
 
 
-def run_plan(tasks: Sequence[Task], policies: Sequence[str], jobs: int) -> Generator[tuple[Task, list[Run]]]:
+def run_plan(tasks: Sequence[Task], policies: Sequence[str], jobs: int) -> Generator[tuple[Task, list[ArenaRun]]]:
     """Run all tasks in `jobs` processes; yields each when it is done."""
     return over_processes(partial(run_task, policies=policies), tasks, jobs)
 
 
-def _run_of(task: Task, series: Series) -> Run:
+def _run_of(task: Task, series: Series) -> ArenaRun:
     levels, best, ratios = (each.astype(np.float32) for each in (series.levels, series.oracle_levels, series.ratios))
     trace = Trace(levels, best, ratios, series.first_scored) if task.keep_traces else None
     entrant = series.entrant
-    return Run(
+    return ArenaRun(
         entrant.name, task.scenario, task.scene, task.seed, entrant.delay_frames, task.split, series.score(), trace
     )
 
 
-MEANS = tuple(each.name for each in fields(Score) if each.name != "settle_frames")
+MEANS = tuple(each.name for each in fields(CourseScore) if each.name != "settle_frames")
 
 
 _OF_RUN = ("policy", "scenario", "scene", "seed", "delay_frames", "split")
 
 
-def document(runs: Sequence[Run], default_policy: str) -> dict[str, Any]:
+def document(runs: Sequence[ArenaRun], default_policy: str) -> dict[str, Any]:
     """The JSON document: every run, and the results of the held-out runs with a delay of two frames."""
     ordered = sorted(runs, key=lambda run: (run.policy, run.scenario, run.scene, run.seed, run.delay_frames))
     return {
@@ -133,7 +133,7 @@ def document(runs: Sequence[Run], default_policy: str) -> dict[str, Any]:
     }
 
 
-def results(runs: Sequence[Run]) -> list[dict[str, Any]]:
+def results(runs: Sequence[ArenaRun]) -> list[dict[str, Any]]:
     """One row per policy and scenario: the median of the frames to settle, the share of stuck runs, and means. In the
     median, a stuck run counts as settling later than all others. The median is None when it is itself stuck."""
     rows = []

@@ -108,7 +108,7 @@ BAD_SHARE = 0.5  # A frame with a larger share of black and saturated pixels is 
 
 
 @dataclass(frozen=True, slots=True)
-class Score:
+class CourseScore:
     """The scores of one run, over its scored frames."""
 
     # Frames from the first scored one (after a step: the first exposed entirely after it) to the first of ten in a row
@@ -146,7 +146,7 @@ def score(
     clipped_shares: Floats,
     gains_db: Floats,
     first_scored: int,
-) -> Score:
+) -> CourseScore:
     """The scores of a run; all arrays have shape (frames,), and frames before `first_scored` do not count. `ratios` and
     `oracle_levels` are by what the policy maximises, `metric_ratios` and `any_split_ratios` by M_g, `pair_ratios` by
     the information of pairs. Frames whose ratio is NaN (no exposure shows anything) neither count as settled nor enter
@@ -156,7 +156,7 @@ def score(
     by_objective, by_metric, by_any_split, pairs = (
         each[scored][~np.isnan(each[scored])] for each in (ratios, metric_ratios, any_split_ratios, pair_ratios)
     )
-    return Score(
+    return CourseScore(
         settle_frames=settle, overshoot_stops=overshoot(levels[scored], oracle_levels[scored], settle),
         steady_std_stops=float(levels[-STEADY_FRAMES:].std()), metric_ratio_mean=_mean(by_metric),
         metric_ratio_p05=_worst(by_metric), bad_frame_share=float(np.mean(clipped_shares[scored] > BAD_SHARE)),
@@ -182,7 +182,7 @@ def frames_to_settle(ratios: Floats) -> int | None:
 
 
 def overshoot(levels: Floats, oracle_levels: Floats, settle: int | None) -> float:
-    """How far (stops) the levels went past the oracle's before settling; see `Score`."""
+    """How far (stops) the levels went past the oracle's before settling; see `CourseScore`."""
     end = len(levels) if settle is None else settle + 1
     direction = np.sign(oracle_levels[0] - levels[0])
     beyond = direction * (levels[:end] - oracle_levels[:end])

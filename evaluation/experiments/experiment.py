@@ -73,7 +73,7 @@ class Figure:
 
 
 @dataclass(frozen=True, slots=True)
-class Section:
+class ReportSection:
     """An experiment's part of the report."""
 
     setting: str  # how it was measured, and how that differs from the paper: short paragraphs
@@ -100,6 +100,6 @@ class Experiment:
     title: str  # one line
     jobs: Callable[[bool], list[Job]]  # the jobs of a quick run (True: minutes in total, for CI) or of the full run
     # Judges the results; draws its figures into the folder that it is given.
-    section: Callable[[Results, Path], Section]
+    section: Callable[[Results, Path], ReportSection]
     data: Callable[[Results], Plain] = jobs_and_results  # what `--json` writes of the results
     in_all: bool = True  # whether `autoexpose experiments run all` includes it

@@ -20,12 +20,12 @@ from rich.markup import escape
 from rich.padding import Padding
 
 from evaluation.experiments.cache import ResultCache, run_jobs
-from evaluation.experiments.experiment import Claim, Experiment, Figure, Job, Plain, Section, Table, Verdict
+from evaluation.experiments.experiment import Claim, Experiment, Figure, Job, Plain, ReportSection, Table, Verdict
 from evaluation.experiments.registry import EXPERIMENTS
 from evaluation.long_runs import LongProgress, check_chosen, make_writable
 from imaging.errors import AutoexposeError, ConfigurationError
 
-Chapter = tuple[Experiment, Section]
+Chapter = tuple[Experiment, ReportSection]
 
 
 def write_experiments_report(chapters: Sequence[Chapter], preface: str, folder: Path) -> Path:

@@ -79,7 +79,7 @@ def _ratio(sums: Floats) -> Floats:
 
 
 @dataclass(frozen=True, slots=True)
-class Comparison:
+class PolicyComparison:
     """How much worse one policy is than another, paired by place."""
 
     # worse, narrow: as a share of the other's, below 0 for better; with its intervals of 95 % and 90 %.
@@ -88,7 +88,7 @@ class Comparison:
     left_out: int = 0  # courses that do not count here, because one of both failed
 
     @classmethod
-    def of_errors(cls, own: Floats, other: Floats, failed: Flags, places: Sequence[str]) -> Comparison:
+    def of_errors(cls, own: Floats, other: Floats, failed: Flags, places: Sequence[str]) -> PolicyComparison:
         """By the geometric mean of the ratio of errors, over courses in which neither failed; no room can set it."""
         kept = np.flatnonzero(~failed)
         if not kept.size:
@@ -99,7 +99,7 @@ class Comparison:
         return cls(_of_logs(wide), _of_logs(narrow), len(failed) - len(kept))
 
     @classmethod
-    def of_means(cls, losses: Floats, other: Floats | None, places: Sequence[str]) -> Comparison:
+    def of_means(cls, losses: Floats, other: Floats | None, places: Sequence[str]) -> PolicyComparison:
         """By what is lost to the other over what the other has; None: by what is lost, for values that are shares."""
         wide, narrow = (over_places(losses, places, other, percent) for percent in (95.0, 90.0))
         return cls(wide, narrow)

@@ -24,7 +24,7 @@ from autoexpose_daemon.control.picture.steering import STEERING_SHARE, CellExpos
 from autoexpose_daemon.control.picture.tracked_cells import COLUMNS, ROWS, TrackedCells, count_by_cell
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from evaluation.arrays import Floats, Floats32, Greys
-from evaluation.experiments.experiment import Claim, Experiment, Figure, Job, Plain, Results, Section, Table
+from evaluation.experiments.experiment import Claim, Experiment, Figure, Job, Plain, ReportSection, Results, Table
 from evaluation.odometry.orb import in_house
 from evaluation.odometry.stereo import images, prepared
 from evaluation.odometry.tracking import EVERY, Light, odometry_stage, outcome, track_entrants
@@ -215,7 +215,7 @@ def stage_of(scene: str, seed: int, stops: float, swap_s: float) -> Stage:
     return Stage({"left": halved["left"], "right": halved["right"]}, Course(steady(LUX), gaze, 0), seed)
 
 
-class Judge:
+class HalvesJudge:
     """What frames are worth: their Fisher information, as the default policy counts it."""
 
     def __init__(self) -> None:
@@ -265,7 +265,7 @@ def _consumers() -> dict[str, tuple[Consumer, int]]:
 
 def measure_halves(*, scene: str, seed: int, stops: float, frames: int = FRAMES) -> Plain:
     """By consumer: what each part is worth before and after the swap, and points an observer follows in each half."""
-    stage, judge = stage_of(scene, seed, stops, SWAP_FRAME / RATE_HZ), Judge()
+    stage, judge = stage_of(scene, seed, stops, SWAP_FRAME / RATE_HZ), HalvesJudge()
     entrants = [Entrant.of(DEFAULT_POLICY)]
     entrants += [Entrant(name, 2, partial(Steered, *each)) for name, each in _consumers().items()]
     start = best_start(Oracle(stage))
@@ -310,7 +310,7 @@ def jobs(quick: bool) -> list[Job]:
     ]
 
 
-def section(results: Results, _folder: Path) -> Section:
+def section(results: Results, _folder: Path) -> ReportSection:
     """Worth and points beside those without steering."""
     halves = [result for arguments, result in results if "stops" in arguments]
     parts: list[Table | Figure] = []
@@ -321,7 +321,7 @@ def section(results: Results, _folder: Path) -> Section:
     drives = [(arguments, result) for arguments, result in results if "light" in arguments]
     if drives:
         parts.append(_drives(drives))
-    return Section(_SETTING, list(_claims(halves)), parts)
+    return ReportSection(_SETTING, list(_claims(halves)), parts)
 
 
 def ratio(result: Any, name: str, when: str, key: str) -> float:

@@ -109,7 +109,7 @@ SEARCH = 3  # How far, in pixels, a match in the right image may lie from its fe
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Features:
+class StereoFeatures:
     """Features of a pair."""
 
     image: Greys  # the left image
@@ -129,7 +129,7 @@ class FeatureFinder:
         self._orb = cv2.ORB.create(FEATURES, SCALE, LEVELS, fastThreshold=FAST_THRESHOLD)
         self._farthest_px = camera.focal_px * camera.baseline_m / NEAREST_M
 
-    def find(self, left: Greys, right: Greys) -> Features:
+    def find(self, left: Greys, right: Greys) -> StereoFeatures:
         """Features of the left image, matched along the rows of the right one."""
         points, sigmas, descriptors = self._detect(left)
         right_points, right_sigmas, right_descriptors = self._detect(right)
@@ -142,7 +142,7 @@ class FeatureFinder:
         guesses = np.column_stack([right_points[there, 0], points[here, 1]])
         found, good = place(left, right, points[here], guesses, (SEARCH, 0))
         right_x[here[good]] = found[good, 0]
-        return Features(left, points, right_x, sigmas, descriptors)
+        return StereoFeatures(left, points, right_x, sigmas, descriptors)
 
     def _detect(self, image: Greys) -> tuple[Floats, Floats, Greys]:
         found, descriptors = self._orb.detectAndCompute(image, None)

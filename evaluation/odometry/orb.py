@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from evaluation.arrays import Flags, Floats, Greys
-from evaluation.odometry.features import FeatureFinder, Features, apart, match, place
+from evaluation.odometry.features import FeatureFinder, StereoFeatures, apart, match, place
 from evaluation.odometry.stereo import StereoCamera, Tracked
 
 RANSAC_ROUNDS = 200
@@ -179,13 +179,13 @@ class OrbOdometry:
         lost = len(self._before.points) < FEWEST_INLIERS if first else tied is None
         return Tracked(pose.copy(), lost)
 
-    def _keep(self, pose: Floats, features: Features) -> _Key:
+    def _keep(self, pose: Floats, features: StereoFeatures) -> _Key:
         deep = ~np.isnan(features.right_x)
         seen = np.column_stack([features.points, features.right_x])[deep]
         points = transform(pose, triangulate(self._camera, seen))
         return _Key(features.image, seen[:, :2], points, features.descriptors[deep])
 
-    def _tie(self, features: Features, expected: Floats) -> tuple[Floats, Floats] | None:
+    def _tie(self, features: StereoFeatures, expected: Floats) -> tuple[Floats, Floats] | None:
         """Pose of a pair from what it shares with earlier ones, and where it sees the points of the last key pair. None
         when it shares too little or the pose is implausible."""
         if self._before is None:
@@ -203,7 +203,7 @@ class OrbOdometry:
         of_last = len(seen) - len(found[-1][0])
         return pose, seen[of_last:, :2][agree[of_last:]]
 
-    def _shared(self, key: _Key, features: Features, expected: Floats) -> tuple[Floats, Floats, Floats]:
+    def _shared(self, key: _Key, features: StereoFeatures, expected: Floats) -> tuple[Floats, Floats, Floats]:
         """Points of a key pair that this pair sees too, where (as `project` returns it), and how precisely."""
         local = transform(np.asarray(np.linalg.inv(expected), np.float64), key.points)
         where = project(self._camera, local)[:, :2]

@@ -37,7 +37,7 @@ _POOL = 1 << 22
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Light:
+class SeenLight:
     """What is known of the light before a camera; float32 arrays of the frame's shape."""
 
     # Share of full scale at exposure level 0. Where every frame was saturated, `HIDDEN` times what it is at least.
@@ -52,14 +52,14 @@ class Exposer:
     def __init__(self, response: ResponseFunction, noise: SensorNoise, seed: int) -> None:
         self._response, self._noise, self._seed = response, noise, seed
 
-    def light(self, frame: Frame) -> Light:
+    def light(self, frame: Frame) -> SeenLight:
         """What one frame says."""
         share, variance = self._shares(frame)
         share = np.where(share >= 1.0, HIDDEN, share)
         scale = exp2(-frame.setting.level)
-        return Light(_look_up(share * scale, frame.pixels), _look_up(variance * scale**2, frame.pixels))
+        return SeenLight(_look_up(share * scale, frame.pixels), _look_up(variance * scale**2, frame.pixels))
 
-    def fused(self, frames: Sequence[Frame]) -> Light:
+    def fused(self, frames: Sequence[Frame]) -> SeenLight:
         """What several frames of the same thing say together. A frame counts by how well it tells a usual light,
         whatever its samples say: so noise gives no bias. Samples of few codes count less, and those near saturation not
         at all."""
@@ -80,9 +80,9 @@ class Exposer:
         amounts /= weights
         variances /= weights * weights
         amounts[full] = HIDDEN * exp2(-min(frame.setting.level for frame in frames))
-        return Light(amounts, variances)
+        return SeenLight(amounts, variances)
 
-    def expose(self, light: Light, setting: ExposureSetting, bit_depth: int, number: int) -> Pixels:
+    def expose(self, light: SeenLight, setting: ExposureSetting, bit_depth: int, number: int) -> Pixels:
         """The samples of a frame taken of this light, uint8, or uint16 for more bits. Noise is added up to what the
         setting has; what `light` has beyond that cannot be removed."""
         code, slope, variance = _tables(self._response, self._noise, setting.gain_db, bit_depth)
@@ -173,8 +173,8 @@ class RecordedCameras:
         self.exposers = exposers
         self._number = 0
         self._pair_at: Callable[[int], StereoPair] | None = None
-        self._fused: dict[Side, Light] = {}
-        self._lights: dict[tuple[Side, int], Light] = {}
+        self._fused: dict[Side, SeenLight] = {}
+        self._lights: dict[tuple[Side, int], SeenLight] = {}
 
     def go_to(self, number: int, pair_at: Callable[[int], StereoPair]) -> None:
         """Make this the present instant; `pair_at` gives the recorded pairs near it."""
@@ -207,7 +207,7 @@ class RecordedCameras:
         assert self._pair_at is not None, "go to an instant first"
         return self._pair_at(number)
 
-    def _light(self, side: Side, shots: Sequence[int], *, fused: bool) -> Light:
+    def _light(self, side: Side, shots: Sequence[int], *, fused: bool) -> SeenLight:
         if fused:
             if side not in self._fused:
                 self._fused[side] = self.exposers[side].fused([self._recorded(shot).frames[side] for shot in shots])

@@ -19,7 +19,7 @@ from evaluation.arrays import Greys
 from evaluation.odometry.features import StereoMatcher
 from evaluation.rejudge.camera import FAR_STOPS, Exposer, Made, RecordedCameras, Rectifier
 from evaluation.rejudge.drive import Drive
-from evaluation.rejudge.following import Followed, Follower, Following, Reference, Trajectory
+from evaluation.rejudge.following import Followed, Follower, Following, ReferenceTrajectory, Trajectory
 from imaging.errors import AutoexposeError
 from imaging.exposure import ExposureLimits, ExposureSetting
 from imaging.frames import Side, StereoPair
@@ -28,7 +28,7 @@ FOCAL_LENGTH_PX = 1000.0  # Control is told the speed of the image as an angular
 FEWEST_BETWEEN = 2  # Odometry gets at most every second pair
 
 
-class Cameras(Protocol):
+class InstantCameras(Protocol):
     """Cameras that show what there was at an instant, whatever the exposure."""
 
     def take(self, setting: ExposureSetting) -> Made:
@@ -59,7 +59,7 @@ class Figures:
 
 
 @dataclass(slots=True, eq=False)
-class Judge:
+class PairJudge:
     """Judges pairs for what odometry could do with them."""
 
     rectifier: Rectifier | None  # of the cameras; None: their geometry is not known
@@ -86,7 +86,7 @@ class PolicyRun:
     decision shows this many pairs later. `judge`: judges some of its pairs. `told_motion`: whether it is told how fast
     the image moves; else it finds out by flow."""
 
-    def __init__(self, setup: ControlSetup, delay_frames: int, judge: Judge, *, told_motion: bool = True) -> None:
+    def __init__(self, setup: ControlSetup, delay_frames: int, judge: PairJudge, *, told_motion: bool = True) -> None:
         parameters = replace(setup.parameters, focal_length_px=FOCAL_LENGTH_PX)
         self.loop: ControlLoop = replace(setup, parameters=parameters).loop()
         self.loop.metric_asked = True
@@ -99,7 +99,7 @@ class PolicyRun:
         self._judged = -FEWEST_BETWEEN
         self._shown = -1
 
-    def step(self, number: int, cameras: Cameras, motion_px: float, *, due: bool) -> Made:
+    def step(self, number: int, cameras: InstantCameras, motion_px: float, *, due: bool) -> Made:
         """Take the pair of an instant, decide on it, and have it judged if it shows something new. `number`: of the
         instant. `cameras`: at that instant. `motion_px`: speed of the image, pixels per 1/60 s. `due`: whether to judge
         a pair that shows nothing new in motion, since several shots were fused."""
@@ -119,7 +119,7 @@ class PolicyRun:
         """Exposure level of each pair so far, stops."""
         return [setting.level for setting in self.settings[: len(self.decisions)]]
 
-    def end(self, reference: Reference | None) -> Figures:
+    def end(self, reference: ReferenceTrajectory | None) -> Figures:
         """What became of it, after the last pair; without a reference, errors are not known."""
         followed = self.judge.end()
         errors_mm = [] if reference is None or followed is None else reference.errors_mm(followed.trajectory)
@@ -160,7 +160,7 @@ class Round:
     drive: Drive
     policies: Sequence[str]  # their ids
     odometry: str
-    reference: Reference | None  # the true trajectory, or that on the best shots; None: errors are not known
+    reference: ReferenceTrajectory | None  # the true trajectory, or that on the best shots; None: errors are not known
     folder: Path
 
 
@@ -267,12 +267,12 @@ def first_setting(drive: Drive) -> ExposureSetting:
     return drive.setup.limits.nearest(max(first, key=lambda glimpse: glimpse.metric).setting)
 
 
-def _judge(drive: Drive, odometry: str, folder: Path, name: str) -> Judge:
+def _judge(drive: Drive, odometry: str, folder: Path, name: str) -> PairJudge:
     if len(drive.geometries) < 2:
-        return Judge(None, None)
+        return PairJudge(None, None)
     rectifier = Rectifier(drive.geometries, drive.shape)
     following = Following(odometry, rectifier.camera, drive.timeline.cycle_s, folder)
-    return Judge(rectifier, following.begin(name))
+    return PairJudge(rectifier, following.begin(name))
 
 
 def document(figures: Sequence[Figures], limits: ExposureLimits, start: ExposureSetting) -> dict[str, Any]:

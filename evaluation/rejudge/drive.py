@@ -31,7 +31,7 @@ COMPARED = 0.1  # Share of full scale above which places are compared: below, a 
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Glimpse:
+class ShotGlimpse:
     """One pair of a drive."""
 
     trigger: int  # its trigger
@@ -73,7 +73,7 @@ class Watcher:
         self._full = {side: response.saturation for side, response in responses.items()}
         self._before: deque[tuple[float, dict[Side, Floats32]]] = deque(maxlen=cycle)
 
-    def look(self, pair: StereoPair, decision: Decision, time_s: float) -> Glimpse:
+    def look(self, pair: StereoPair, decision: Decision, time_s: float) -> ShotGlimpse:
         """The glimpse of the next pair, of a time."""
         assert decision.metric is not None, "brackets measure it"
         shares = {side: self._seen(side, frame.grey8()) for side, frame in pair.frames.items()}
@@ -88,7 +88,7 @@ class Watcher:
         counts = np.bincount((everything * GREY_LEVELS).astype(np.int64), minlength=GREY_LEVELS + 1)
         above = np.cumsum(counts[::-1])[::-1] / everything.size
         frame = pair.reference
-        return Glimpse(
+        return ShotGlimpse(
             pair.trigger, time_s, frame.setting, decision.motion_px, decision.metric, decision.setting,
             above.astype(np.float32), float(np.median(pixels[pair.reference_side])), repeats,
         )  # fmt: skip
@@ -118,7 +118,7 @@ def _all(answers: Iterable[bool | None]) -> bool | None:
     return all(known) if known else None
 
 
-def delay_frames(glimpses: Iterable[Glimpse], longest: int = 8) -> int:
+def delay_frames(glimpses: Iterable[ShotGlimpse], longest: int = 8) -> int:
     """How many pairs after the one that it was decided on a setting showed, most often; 2 where nothing tells."""
     seen = list(glimpses)
     agreed = [
@@ -144,14 +144,14 @@ STOPS_PER_CLIPPED = 20.0
 class Timeline:
     """The glimpses of a drive, by their numbers, and what follows from all of them."""
 
-    glimpses: Sequence[Glimpse]  # in order
+    glimpses: Sequence[ShotGlimpse]  # in order
     cycle: int  # pairs in a cycle of the bracket
     sections: Sequence[int]  # for each, the number of jumps of the light before it
     # For each, whether nothing moves or changes from half a cycle before it to half a cycle after it.
     still: Sequence[bool]
 
     @classmethod
-    def of(cls, glimpses: Sequence[Glimpse], cycle: int) -> Timeline:
+    def of(cls, glimpses: Sequence[ShotGlimpse], cycle: int) -> Timeline:
         """Of a whole drive."""
         sections = _sections(glimpses)
         return cls(glimpses, cycle, sections, list(_still(glimpses, cycle, sections)))
@@ -211,7 +211,7 @@ class Timeline:
         return seconds * self.cycle / (len(self.glimpses) - 1)
 
 
-def _still(glimpses: Sequence[Glimpse], cycle: int, sections: Sequence[int]) -> Iterator[bool]:
+def _still(glimpses: Sequence[ShotGlimpse], cycle: int, sections: Sequence[int]) -> Iterator[bool]:
     """For each shot, whether those of half a cycle before and after it repeat what others of their light show."""
     half, last = cycle // 2, len(glimpses) - 1
 
@@ -225,7 +225,7 @@ def _still(glimpses: Sequence[Glimpse], cycle: int, sections: Sequence[int]) -> 
         yield True in answers and False not in answers
 
 
-def _sections(glimpses: Sequence[Glimpse]) -> list[int]:
+def _sections(glimpses: Sequence[ShotGlimpse]) -> list[int]:
     """For each shot, the number of jumps of the light before it."""
     known = [number for number, glimpse in enumerate(glimpses) if glimpse.middle_stops is not None]
     starts = [0] * len(glimpses)
@@ -238,7 +238,7 @@ def _sections(glimpses: Sequence[Glimpse]) -> list[int]:
     return list(accumulate(starts))
 
 
-def _jump_between(glimpses: Sequence[Glimpse], before: int, after: int, first: float, second: float) -> int:
+def _jump_between(glimpses: Sequence[ShotGlimpse], before: int, after: int, first: float, second: float) -> int:
     """The first shot in the new light, by what the shots in between saturate or leave black."""
     for number in range(before + 1, after):
         glimpse = glimpses[number]
@@ -248,7 +248,7 @@ def _jump_between(glimpses: Sequence[Glimpse], before: int, after: int, first: f
     return max(unlike, default=before) + 1
 
 
-def _explains(middle_stops: float, glimpse: Glimpse) -> bool:
+def _explains(middle_stops: float, glimpse: ShotGlimpse) -> bool:
     """Whether a light makes the median pixel of a shot as black or saturated as it is."""
     share = exp2(middle_stops + glimpse.level)
     return share >= BRIGHT if glimpse.median_share > BRIGHT else share <= FAINT

@@ -60,7 +60,7 @@ class Trajectory:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Reference:
+class ReferenceTrajectory:
     """The trajectory that others are compared with, and how."""
 
     trajectory: Trajectory  # the true one, or the best known
@@ -69,7 +69,7 @@ class Reference:
     parts: int
 
     @classmethod
-    def of(cls, trajectory: Trajectory, interval_s: float) -> Reference:
+    def of(cls, trajectory: Trajectory, interval_s: float) -> ReferenceTrajectory:
         """For estimates with a pose about every `interval_s`."""
         times_s = np.arange(trajectory.times_s[0], trajectory.times_s[-1], interval_s)
         poses = [trajectory.at(float(time_s)) for time_s in times_s]

@@ -26,7 +26,7 @@ from evaluation.long_runs import LongProgress
 from evaluation.pool import over_processes
 from evaluation.rejudge.contest import Figures, Outcome, Round, document, first_setting, follow_best_shots, play
 from evaluation.rejudge.drive import Drive
-from evaluation.rejudge.following import IN_HOUSE, Reference, Trajectory, check_odometry, read_tum
+from evaluation.rejudge.following import IN_HOUSE, ReferenceTrajectory, Trajectory, check_odometry, read_tum
 from evaluation.rejudge.sources import read_folder, read_recording
 from imaging.errors import AutoexposeError, ConfigurationError
 
@@ -104,7 +104,7 @@ def rejudge(
                 truth = follow_best_shots(recorded, odometry, Path(folder))
         else:
             _check_fits(truth, recorded, trajectory)
-        reference = None if truth is None else Reference.of(truth, recorded.timeline.cycle_s)
+        reference = None if truth is None else ReferenceTrajectory.of(truth, recorded.timeline.cycle_s)
         outcomes = _play(Round(recorded, chosen, odometry, reference, Path(folder)), jobs, console)
     figures = [outcome.figures for outcome in outcomes]
     limits = recorded.setup.limits

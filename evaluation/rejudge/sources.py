@@ -40,7 +40,7 @@ _DARKEST_US, _HIGHEST_GAIN_DB = 20.0, 30.0
 
 
 @dataclass(frozen=True, slots=True)
-class Entry:
+class ListedImage:
     """One line of the list."""
 
     file: Path
@@ -81,7 +81,7 @@ def _decided(setup: ControlSetup, pairs: Iterator[StereoPair]) -> Iterator[tuple
         yield former
 
 
-def _pairs(instants: list[dict[Side, Entry]]) -> Iterator[StereoPair]:
+def _pairs(instants: list[dict[Side, ListedImage]]) -> Iterator[StereoPair]:
     kinds: dict[Side, str] = {}
     for number, entries in enumerate(instants):
         frames = {side: _frame(entry, number) for side, entry in entries.items()}
@@ -96,7 +96,7 @@ def _pairs(instants: list[dict[Side, Entry]]) -> Iterator[StereoPair]:
         yield StereoPair(number, frames)
 
 
-def _frame(entry: Entry, number: int) -> Frame:
+def _frame(entry: ListedImage, number: int) -> Frame:
     image: Any = cv2.imread(str(entry.file), cv2.IMREAD_UNCHANGED)
     if image is None:
         raise AutoexposeError(f"{entry.file}: is no image that can be read: give PNG or TIFF")
@@ -107,7 +107,7 @@ def _frame(entry: Entry, number: int) -> Frame:
     return Frame(pixels, 8 * pixels.itemsize, number, time_ns, time_ns, time_ns, entry.setting)
 
 
-def _instants(folder: Path) -> list[dict[Side, Entry]]:
+def _instants(folder: Path) -> list[dict[Side, ListedImage]]:
     """The entries of each instant, left first; every instant has the same sides."""
     entries = _entries(folder)
     groups = [list(group) for _, group in itertools.groupby(entries, key=lambda entry: entry.time_s)]
@@ -128,7 +128,7 @@ def _instants(folder: Path) -> list[dict[Side, Entry]]:
     return instants
 
 
-def _entries(folder: Path) -> list[Entry]:
+def _entries(folder: Path) -> list[ListedImage]:
     file = folder / LIST
     text = read_text(file, _LONGEST_BYTES)
     rows = csv.DictReader(io.StringIO(text))
@@ -140,11 +140,11 @@ def _entries(folder: Path) -> list[Entry]:
         ) from error
 
 
-def _read(rows: csv.DictReader[str], folder: Path) -> list[Entry]:
+def _read(rows: csv.DictReader[str], folder: Path) -> list[ListedImage]:
     file = folder / LIST
     if rows.fieldnames is None or not set(COLUMNS) <= set(rows.fieldnames):
         raise AutoexposeError(f"{file}: its first line must name the columns {', '.join(COLUMNS)}")
-    entries: list[Entry] = []
+    entries: list[ListedImage] = []
     for row in rows:
         entry = _entry(folder, row)
         if entry is None or (entries and entry.time_s < entries[-1].time_s):
@@ -156,7 +156,7 @@ def _read(rows: csv.DictReader[str], folder: Path) -> list[Entry]:
     return entries
 
 
-def _entry(folder: Path, row: dict[str, str | None]) -> Entry | None:
+def _entry(folder: Path, row: dict[str, str | None]) -> ListedImage | None:
     """The entry of a row; None for one that is not an entry."""
     try:
         time_s, exposure_time_us, gain_db = (float(row[name] or "") for name in COLUMNS[2:])
@@ -166,7 +166,7 @@ def _entry(folder: Path, row: dict[str, str | None]) -> Entry | None:
     setting = ExposureSetting(exposure_time_us, gain_db)
     if side is None or not row["file"] or not math.isfinite(time_s) or not setting.is_physical:
         return None
-    return Entry(folder / row["file"], side, time_s, setting)
+    return ListedImage(folder / row["file"], side, time_s, setting)
 
 
 def _cycle(folder: Path, levels: list[float]) -> int:
@@ -179,7 +179,7 @@ def _cycle(folder: Path, levels: list[float]) -> int:
     raise AutoexposeError(f"{folder / LIST}: its exposures do not repeat in cycles of 2 to {MOST_SHOTS} shots")
 
 
-def _geometries(folder: Path, first: dict[Side, Entry]) -> dict[Side, CameraGeometry]:
+def _geometries(folder: Path, first: dict[Side, ListedImage]) -> dict[Side, CameraGeometry]:
     """Those that there are, of the images of the first instant."""
     found: dict[Side, CameraGeometry] = {}
     for side, entry in first.items():

@@ -11,7 +11,7 @@ import numpy as np
 from autoexpose_daemon.control.policies.learned.berthold2013 import MEAN_TARGET, Berthold2013
 from autoexpose_daemon.control.policies.learned.learned_policy import Sight
 from evaluation.arrays import Floats
-from evaluation.training.episode import Episode, Picture, babbled_levels, sights_of, tuning_pictures
+from evaluation.training.episode import Episode, TrainingPicture, babbled_levels, sights_of, tuning_pictures
 from evaluation.training.training import Arrays, net_arrays
 
 UNITS = 200
@@ -36,7 +36,7 @@ class TrainingOfBerthold:
     policy_id: str = "berthold2013"
 
     @cached_property
-    def _pictures(self) -> list[Picture]:
+    def _pictures(self) -> list[TrainingPicture]:
         return tuning_pictures(self.pictures)
 
     def begin(self, rng: np.random.Generator) -> Arrays:

@@ -70,19 +70,19 @@ OPENING_STOPS = (3.0, 8.0)  # How much brighter than the rest a window in every 
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Picture:
+class TrainingPicture:
     """Radiance per lux."""
 
     light: Floats32  # float32, (rows, columns); one pixel is one of those that control sees
     stride: int  # every which pixel of it a simulated view takes, so that a view fits into it with room to move
 
 
-def tuning_pictures(count: int) -> list[Picture]:
+def tuning_pictures(count: int) -> list[TrainingPicture]:
     """Pictures of the first so many seeds of `SEEDS`: of each a painting by every painter, and a room's views."""
-    pictures: list[Picture] = []
+    pictures: list[TrainingPicture] = []
     for seed in SEEDS[:count]:
-        pictures += [Picture(_painted(painter, seed), 4) for painter in PAINTERS]
-        pictures += [Picture(view, 3) for view in _room(seed)]
+        pictures += [TrainingPicture(_painted(painter, seed), 4) for painter in PAINTERS]
+        pictures += [TrainingPicture(view, 3) for view in _room(seed)]
     return pictures
 
 
@@ -122,7 +122,7 @@ class Episode:
     is not simulated. `pictures`: one of which is seen. `rng`: decides everything. `frames`: how many there are.
     `delay_frames`: from a decision to the frame that shows it. `limits`: what the camera can take."""
 
-    def __init__(self, pictures: Sequence[Picture], rng: np.random.Generator, frames: int) -> None:
+    def __init__(self, pictures: Sequence[TrainingPicture], rng: np.random.Generator, frames: int) -> None:
         self._rng = rng
         self.frames = frames
         self.picture = pictures[int(rng.integers(len(pictures)))]

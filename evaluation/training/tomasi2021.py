@@ -11,7 +11,7 @@ import numpy as np
 from autoexpose_daemon.control.policies.learned.learned_policy import Sight
 from autoexpose_daemon.control.policies.learned.tomasi2021 import Tomasi2021
 from evaluation.arrays import Floats, Floats32, Greys
-from evaluation.training.episode import FAR_STOPS, Episode, Picture, tuning_pictures
+from evaluation.training.episode import FAR_STOPS, Episode, TrainingPicture, tuning_pictures
 from evaluation.training.training import Arrays, Batch, TrainedNet, net_arrays
 from imaging.exposure import ExposureSetting
 
@@ -49,7 +49,7 @@ def best_level(episode: Episode, frame: int) -> float | None:
     return float(levels @ weights / weights.sum())
 
 
-def _shrunk_by(picture: Picture) -> float:
+def _shrunk_by(picture: TrainingPicture) -> float:
     return picture.stride * 88 / COLUMNS
 
 
@@ -94,7 +94,7 @@ class TrainingOfTomasi:
     policy_id: str = "tomasi2021"
 
     @cached_property
-    def _pictures(self) -> list[Picture]:
+    def _pictures(self) -> list[TrainingPicture]:
         return tuning_pictures(self.pictures)
 
     def begin(self, rng: np.random.Generator) -> Arrays:

@@ -12,7 +12,7 @@ import numpy as np
 from autoexpose_daemon.control.policies.learned.learned_policy import Sight
 from autoexpose_daemon.control.policies.learned.zhang2024 import LARGEST_STEP_STOPS, MEAN_TARGET, Zhang2024
 from autoexpose_daemon.control.policy import Look
-from evaluation.training.episode import Episode, Picture, tuning_pictures
+from evaluation.training.episode import Episode, TrainingPicture, tuning_pictures
 from evaluation.training.training import Arrays, Batch, TrainedNet, net_arrays
 from imaging.exposure import ExposureSetting
 
@@ -101,7 +101,7 @@ class TrainingOfZhang:
     policy_id: str = "zhang2024"
 
     @cached_property
-    def _pictures(self) -> list[Picture]:
+    def _pictures(self) -> list[TrainingPicture]:
         return tuning_pictures(self.pictures)
 
     def begin(self, rng: np.random.Generator) -> Arrays:

@@ -28,15 +28,15 @@ from evaluation.arena.ablation import (
 )
 from evaluation.arena.altered_policy import (
     AlteredModule,
+    AlteredRequest,
     Course,
     Decisions,
-    Request,
     constants_in_c,
     constants_of,
     roll_out,
     run_altered,
 )
-from evaluation.arena.scores import Score
+from evaluation.arena.scores import CourseScore
 from evaluation.scenes.scenarios import SCENARIOS, WARM_UP_FRAMES
 from imaging.errors import AutoexposeError, ConfigurationError
 
@@ -127,7 +127,7 @@ def test_a_fresh_process_runs_what_is_altered() -> None:
     source = Path(importlib.import_module(module).__file__ or "").read_text(encoding="utf-8")
     (alteration, *_) = constants_of(module, source)[0].alterations.values()
     broken = replace(alteration, text="unheard_of")
-    answer = run_altered(Request(broken, "begin2022", [("step_down", "room", 0)], [(100.0, 0.0)], frames=1))
+    answer = run_altered(AlteredRequest(broken, "begin2022", [("step_down", "room", 0)], [(100.0, 0.0)], frames=1))
     assert answer == "NameError: name 'unheard_of' is not defined"
 
 
@@ -164,7 +164,7 @@ COURSES: list[Course] = [("step_up", "room", 0), ("pan", "leaves", 0)]
 CONSTANTS = constants_of("autoexpose_daemon.control.made_up", 'IDLE = 4.0\n"""Frames | idle."""\nBUSY = 3.0\nBAD = 5.0')
 
 
-def fake_run(request: Request) -> list[Decisions] | str:
+def fake_run(request: AlteredRequest) -> list[Decisions] | str:
     """Decides by what is altered, as if a policy had these constants."""
     text = request.alteration.text if request.alteration else ""
     if text == "10.0":
@@ -173,12 +173,12 @@ def fake_run(request: Request) -> list[Decisions] | str:
     return [[{"level": level}] for _ in request.courses]
 
 
-def fake_judge(policy: str, course: Course, taken: dict[str, Decisions], frames: int | None) -> dict[str, Score]:
+def fake_judge(policy: str, course: Course, taken: dict[str, Decisions], frames: int | None) -> dict[str, CourseScore]:
     """The more, the better; at level 8 the pan is stuck."""
     scores = {}
     for name, level in [(policy, 5), *((name, decisions[0]["level"]) for name, decisions in taken.items())]:
         settle = None if (level, course[0]) == (8, "pan") else 3
-        scores[name] = Score(settle, *[0.0] * 6, level / 10, level / 20, *[0.0] * 3)
+        scores[name] = CourseScore(settle, *[0.0] * 6, level / 10, level / 20, *[0.0] * 3)
     return scores
 
 
@@ -223,7 +223,7 @@ def test_an_interrupted_ablation_goes_on(tmp_path: Path, monkeypatch: pytest.Mon
 
     asked: list[str] = []
 
-    def counted(request: Request) -> list[Decisions] | str:
+    def counted(request: AlteredRequest) -> list[Decisions] | str:
         asked.append(request.alteration.text if request.alteration else "")
         return fake_run(request)
 

@@ -14,8 +14,8 @@ from typer.testing import CliRunner
 from evaluation.arena import arena_app, runs
 from evaluation.arena.arena_app import arena_app as app
 from evaluation.arena.arena_report import mean_ratios, outcomes
-from evaluation.arena.runs import Run, Task, document, full_plan, quick_plan, results, run_plan, run_task
-from evaluation.arena.scores import Score
+from evaluation.arena.runs import ArenaRun, Task, document, full_plan, quick_plan, results, run_plan, run_task
+from evaluation.arena.scores import CourseScore
 from evaluation.experiments.worth.matches.courses import courses
 from evaluation.scenes.scenarios import SCENARIOS, WARM_UP_FRAMES
 from imaging.errors import AutoexposeError, ConfigurationError
@@ -29,9 +29,11 @@ FIGURES = {
 COMMON = {"policy": str, "scenario": str, "delay_frames": int, "split": str, **FIGURES}
 
 
-def made_up(policy: str, scenario: str, settle: int | None, ratio: float, *, delay: int = 2, seed: int = 1000) -> Run:
-    score = Score(settle, 0.1, 0.05, ratio, ratio / 2, 0.0, 12.0, ratio, ratio / 2, ratio, ratio, 0.0)
-    return Run(policy, scenario, "room", seed, delay, "heldout", score)
+def made_up(
+    policy: str, scenario: str, settle: int | None, ratio: float, *, delay: int = 2, seed: int = 1000
+) -> ArenaRun:
+    score = CourseScore(settle, 0.1, 0.05, ratio, ratio / 2, 0.0, 12.0, ratio, ratio / 2, ratio, ratio, 0.0)
+    return ArenaRun(policy, scenario, "room", seed, delay, "heldout", score)
 
 
 SHORT = {name: replace(SCENARIOS[name], frames=WARM_UP_FRAMES + 10) for name in ("step_up", "step_down")}
@@ -70,7 +72,7 @@ def check(entry: dict[str, object], schema: dict[str, object]) -> None:
         assert isinstance(entry[key], kind), key  # type: ignore[arg-type]
 
 
-def run_shortened(task: Task, policies: Sequence[str]) -> list[Run]:
+def run_shortened(task: Task, policies: Sequence[str]) -> list[ArenaRun]:
     """`run_task` in a process of its own, which does not have what is patched here."""
     SCENARIOS.update(SHORT)
     return run_task(task, policies)
@@ -154,7 +156,9 @@ def test_results_are_of_held_out_runs_with_two_frames_of_delay() -> None:
         made_up("a", "pan", 3, 0.8),
         made_up("a", "pan", 3, 0.6, seed=1001),
         made_up("a", "pan", 3, 0.1, delay=3),
-        Run("a", "pan", "room", 7, 2, "tune", Score(1, 0.0, 0.0, 0.2, 0.2, 0.0, 0.0, 0.2, 0.2, 0.2, 0.2, 0.0)),
+        ArenaRun(
+            "a", "pan", "room", 7, 2, "tune", CourseScore(1, 0.0, 0.0, 0.2, 0.2, 0.0, 0.0, 0.2, 0.2, 0.2, 0.2, 0.0)
+        ),
     ]
     figures = document(runs, "a")
     assert len(figures["runs"]) == 4

@@ -15,7 +15,17 @@ from typer.testing import CliRunner
 from evaluation.experiments import cache, experiments_app
 from evaluation.experiments.cache import ResultCache, run_jobs
 from evaluation.experiments.drives.drives import measure_policies
-from evaluation.experiments.experiment import Claim, Experiment, Figure, Job, Plain, Results, Section, Table, Verdict
+from evaluation.experiments.experiment import (
+    Claim,
+    Experiment,
+    Figure,
+    Job,
+    Plain,
+    ReportSection,
+    Results,
+    Table,
+    Verdict,
+)
 from evaluation.experiments.experiments_app import count_of_verdicts, write_experiments_report
 from evaluation.experiments.experiments_app import experiments_app as app
 from evaluation.experiments.statistics import clustered, mean_interval, pearson
@@ -176,13 +186,13 @@ def _jobs(_quick: bool) -> list[Job]:
     return []
 
 
-def _section(_results: list[tuple[Mapping[str, Plain], Plain]], _folder: Path) -> Section:
+def _section(_results: list[tuple[Mapping[str, Plain], Plain]], _folder: Path) -> ReportSection:
     raise NotImplementedError
 
 
 def test_the_report_gives_the_verdicts_first_in_both_forms(tmp_path: Path) -> None:
     claim = Claim("B&H Fig. 0", "a < b", "|1| < 2", Verdict.CONDITIONALLY, "only `here`")
-    section = Section(
+    section = ReportSection(
         "As in the paper, but for `x`.", [claim], [Table("Plain & simple", ["a", "b"], [["1", "2"]]),
         Figure("fig0.png", "The figure")]
     )  # fmt: skip
@@ -198,7 +208,7 @@ def test_the_report_gives_the_verdicts_first_in_both_forms(tmp_path: Path) -> No
 
 def test_only_claims_of_the_papers_are_counted() -> None:
     theirs = Claim("B&H Fig. 0", "a < b", "1 < 2", Verdict.REPRODUCED)
-    section = Section("", [theirs, replace(theirs, counted=False), replace(theirs, counted=False)], [])
+    section = ReportSection("", [theirs, replace(theirs, counted=False), replace(theirs, counted=False)], [])
     said = count_of_verdicts([(Experiment("fig0", "Title", _jobs, _section), section)])
     assert said.startswith("1 claim: 1 reproduced, 0 reproduced under conditions, 0 not reproduced. Not counted: 2 ")
 
@@ -219,9 +229,9 @@ def test_the_command_refuses_bad_arguments_before_it_starts_work(tmp_path: Path)
 def test_the_command_writes_the_report_and_again_from_kept_results(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def section(results: Results, _folder: Path) -> Section:
+    def section(results: Results, _folder: Path) -> ReportSection:
         seen = ", ".join(str(result["square"]) for _, result in results)
-        return Section("Setting.", [Claim("Us", "squares", seen, Verdict.REPRODUCED)], [])
+        return ReportSection("Setting.", [Claim("Us", "squares", seen, Verdict.REPRODUCED)], [])
 
     made = Experiment("squares", "Squares", lambda _quick: [Job(square, {"number": n}) for n in (2, 3)], section)
     monkeypatch.setattr(experiments_app, "EXPERIMENTS", (made,))
@@ -236,8 +246,8 @@ def test_the_command_writes_the_report_and_again_from_kept_results(
 def test_json_has_the_numbers_of_one_experiment_or_of_several_by_name(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def section(_results: Results, _folder: Path) -> Section:
-        return Section("Setting.", [], [])
+    def section(_results: Results, _folder: Path) -> ReportSection:
+        return ReportSection("Setting.", [], [])
 
     def names(_results: Results) -> Plain:
         return {"own": "form"}

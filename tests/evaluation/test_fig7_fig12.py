@@ -19,7 +19,7 @@ from evaluation.experiments.cache import ResultCache, run_jobs
 from evaluation.experiments.drives import drives, fig7, fig12
 from evaluation.experiments.drives.drives import FEWEST_ROOMS, over_rooms
 from evaluation.experiments.drives.fig12 import LOW, SCENES, UNEVEN, PolicyRuns
-from evaluation.experiments.experiment import Experiment, Figure, Results, Section, Verdict
+from evaluation.experiments.experiment import Experiment, Figure, ReportSection, Results, Verdict
 from evaluation.experiments.statistics import Interval, above, alike, below, not_above, together
 from evaluation.odometry.stereo import Tracked
 from tests.evaluation.sections import check_no_prose
@@ -36,7 +36,7 @@ class Unmoved:
 
 
 @contextmanager
-def quick(experiment: Experiment, folder: Path, last: int = 1) -> Iterator[tuple[Any, Section]]:
+def quick(experiment: Experiment, folder: Path, last: int = 1) -> Iterator[tuple[Any, ReportSection]]:
     """The section, and results of the last quick jobs, which stand for those of all in turn; all figures are there."""
     jobs = [replace(job, arguments={**job.arguments, "frames": FRAMES}) for job in experiment.jobs(True)]
     measured = run_jobs(jobs[-last:], ResultCache(folder / "jobs"), 1, lambda _job, _took_s: None)

@@ -18,7 +18,7 @@ from evaluation.experiments.navigation.months import (
     MODELS_COMPARED,
     STRATEGIES,
     THRESHOLDS,
-    Look,
+    MapLook,
     Maps,
     Remembered,
     foretold,
@@ -103,10 +103,10 @@ def test_what_stays_in_view_keeps_every_map_registered() -> None:
     random = np.random.default_rng(0)
     taught = _features(random, 300)
     finders = dict.fromkeys(FINDERS, taught)
-    maps = Maps([Look(finders, 0.0)] * 2, STRATEGIES | THRESHOLDS)
+    maps = Maps([MapLook(finders, 0.0)] * 2, STRATEGIES | THRESHOLDS)
     for shift in (12.0, -7.0):
         seen = dict.fromkeys(FINDERS, taught.moved(shift))
-        maps.drive([Look(seen, shift)] * 2, scored=shift < 0)
+        maps.drive([MapLook(seen, shift)] * 2, scored=shift < 0)
     assert all(rows == [[pytest.approx(-7.0)] * 2] for of in maps.shifts.values() for rows in of.values())
     assert set(maps.shifts) == set(RULES)
 
@@ -192,12 +192,12 @@ def test_a_few_drives_into_the_night_end_in_the_dark(monkeypatch: pytest.MonkeyP
     driven: list[When] = []
 
     class Seen:
-        taught: tuple[Look, ...] = ()
+        taught: tuple[MapLook, ...] = ()
 
         def __init__(self, *_: Any) -> None:
             driven.clear()
 
-        def drive(self, _number: int, when: When) -> list[Look]:
+        def drive(self, _number: int, when: When) -> list[MapLook]:
             driven.append(when)
             return []
 

@@ -13,7 +13,7 @@ from PIL import Image
 
 from autoexpose_daemon.control.policy import ExposurePolicy
 from evaluation.experiments.cache import ResultCache, run_jobs
-from evaluation.experiments.experiment import Experiment, Figure, Results, Section, Verdict
+from evaluation.experiments.experiment import Experiment, Figure, ReportSection, Results, Verdict
 from evaluation.experiments.prediction import fig1, fig3, fig10, fig11, still_life
 from evaluation.experiments.prediction.step_response import (
     CONTESTANTS,
@@ -38,7 +38,7 @@ from imaging.exposure import ExposureSetting
 from imaging.frames import Frame, StereoPair
 from tests.evaluation.sections import check_no_prose
 
-Quick = tuple[list[tuple[dict[str, Any], Any]], Section]
+Quick = tuple[list[tuple[dict[str, Any], Any]], ReportSection]
 
 
 @pytest.fixture(scope="module", autouse=True)

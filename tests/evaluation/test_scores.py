@@ -8,7 +8,7 @@ import pytest
 from evaluation.arena.race import course_of, run_course
 from evaluation.arena.scores import (
     LOG2_RADIANCES,
-    Score,
+    CourseScore,
     SuccessiveFrames,
     energy_by_radiance,
     frames_to_settle,
@@ -27,7 +27,7 @@ ON_TARGET = [1.0] * 10
 
 def scored(
     levels: list[float], oracle: list[float], ratios: list[float], clipped: list[float], first: int = 0
-) -> Score:
+) -> CourseScore:
     return score(
         levels=np.array(levels), oracle_levels=np.array(oracle), ratios=np.array(ratios),
         metric_ratios=np.array(ratios) / 2, any_split_ratios=np.array(ratios) / 4, pair_ratios=np.array(ratios) / 8,
@@ -91,7 +91,7 @@ def test_frames_without_anything_to_see_do_not_count_in_ratios() -> None:
 
 def test_a_course_without_anything_to_see_is_stuck_with_ratio_0() -> None:
     figures = scored([1.0] * 12, [np.nan] * 12, [np.nan] * 12, [1.0] * 12)
-    assert figures == Score(None, 0.0, 0.0, 0.0, 0.0, 1.0, 5.5, 0.0, 0.0, 0.0, 0.0, 1.0)
+    assert figures == CourseScore(None, 0.0, 0.0, 0.0, 0.0, 1.0, 5.5, 0.0, 0.0, 0.0, 0.0, 1.0)
 
 
 def of(setting: ExposureSetting) -> np.ndarray:

@@ -15,7 +15,7 @@ from evaluation.experiments.steering import (
     NOBODY,
     PARTS,
     Caring,
-    Judge,
+    HalvesJudge,
     Liar,
     Orb,
     measure_halves,
@@ -38,7 +38,7 @@ def test_a_short_course_fills_the_section(tmp_path: Path, monkeypatch: pytest.Mo
 
 
 def test_sun_and_shade_swap_and_the_judge_sees_it() -> None:
-    stage, judge, setting = stage_of("leaves", 3, 6.0, 0.1), Judge(), time_first(11.0)
+    stage, judge, setting = stage_of("leaves", 3, 6.0, 0.1), HalvesJudge(), time_first(11.0)
     worth = []
     for frame in (0, 12):
         stage.go_to(frame)

@@ -28,8 +28,8 @@ from evaluation.experiments.teach.judge import (
     errors_of,
     paired_t,
 )
-from evaluation.experiments.teach.park import MAPS, REPLAYS, TEACHING, Daylight, TaughtPath, park
-from evaluation.experiments.teach.replay import BRIGHTNESS, IMAGES_PER_MAP, OFFSETS, Truth, at_half, measure_sweep
+from evaluation.experiments.teach.park import MAPS, REPLAYS, TEACHING, Daylight, ParkPath, park
+from evaluation.experiments.teach.replay import BRIGHTNESS, IMAGES_PER_MAP, OFFSETS, TrueShifts, at_half, measure_sweep
 from evaluation.experiments.teach.teach_repeat import EXPERIMENT
 from evaluation.scenes.stills import leaves
 from evaluation.scenes.views import CAMERA
@@ -57,7 +57,7 @@ def surfaces(parks: Callable[[int, Daylight], list[Surface]]) -> list[Surface]:
 
 
 def test_the_true_shift_is_that_of_the_heading(surfaces: list[Surface]) -> None:
-    truth, pose = Truth(surfaces), TaughtPath(0, 0.0).taught(9)
+    truth, pose = TrueShifts(surfaces), ParkPath(0, 0.0).taught(9)
     assert truth.shift(pose, pose) == pytest.approx(0.0, abs=1e-6)
     for turn_deg in (-3.0, 1.0):
         cos, sin = math.cos(math.radians(turn_deg)), math.sin(math.radians(turn_deg))
@@ -69,7 +69,7 @@ def test_the_true_shift_is_that_of_the_heading(surfaces: list[Surface]) -> None:
 
 
 def test_images_without_noise_are_registered_by_the_true_shift(surfaces: list[Surface]) -> None:
-    truth, path, detector = Truth(surfaces), TaughtPath(0, 0.0), OrbPyramid()
+    truth, path, detector = TrueShifts(surfaces), ParkPath(0, 0.0), OrbPyramid()
     renderer = Renderer(surfaces, CAMERA)
     errors = []
     for index in (5, 30, 60):

@@ -28,8 +28,8 @@ from evaluation.experiments.experiment import (
     Figure,
     Job,
     Plain,
+    ReportSection,
     Results,
-    Section,
     Table,
     Verdict,
     jobs_and_results,
@@ -45,7 +45,7 @@ Run = Mapping[str, Any]
 
 
 @dataclass(frozen=True, slots=True)
-class Scene:
+class LitScene:
     """A light, and the cameras' lenses."""
 
     title: str
@@ -53,9 +53,9 @@ class Scene:
     lens_f_number: float = DEFAULT_F_NUMBER
 
 
-UNEVEN = Scene("(a) 1 to 217 lux", "uneven")
-LOW = Scene("(b) 2 to 4 lux", "low")
-LOW_SCENES = (LOW, Scene("(b) half a lux", "faint"), Scene("(b) 2 to 4 lux, f/2.8", "low", 2.8))
+UNEVEN = LitScene("(a) 1 to 217 lux", "uneven")
+LOW = LitScene("(b) 2 to 4 lux", "low")
+LOW_SCENES = (LOW, LitScene("(b) half a lux", "faint"), LitScene("(b) 2 to 4 lux, f/2.8", "low", 2.8))
 SCENES = (UNEVEN, *LOW_SCENES)
 
 
@@ -73,20 +73,20 @@ class PolicyRuns:
         self.policies = list(dict.fromkeys(policy for of_scene in self._runs.values() for policy in of_scene))
         self.room: Any = results[0][0]["room"]
 
-    def of(self, scene: Scene, policy: str) -> list[Run]:
+    def of(self, scene: LitScene, policy: str) -> list[Run]:
         """All runs of a policy, in the order of their jobs: one for each room."""
         return self._runs.get((scene.light, scene.lens_f_number), {}).get(policy, [])
 
-    def rooms(self, scene: Scene) -> int:
+    def rooms(self, scene: LitScene) -> int:
         """How many rooms were driven through."""
         return len(self.of(scene, self.policies[0]))
 
-    def difference(self, scene: Scene, first: str, second: str, figure: Callable[[Run], float]) -> Interval:
+    def difference(self, scene: LitScene, first: str, second: str, figure: Callable[[Run], float]) -> Interval:
         """First minus second, paired by room."""
         pairs = zip(self.of(scene, first), self.of(scene, second), strict=True)
         return over_rooms(np.array([figure(a) - figure(b) for a, b in pairs]))
 
-    def failed(self, scene: Scene, policy: str) -> int:
+    def failed(self, scene: LitScene, policy: str) -> int:
         """How many runs failed."""
         return sum(run["failed"] for run in self.of(scene, policy))
 
@@ -137,7 +137,7 @@ def _paper(law: str, figure: str, claim: str, ours: str, judged: tuple[Verdict, 
     return Claim(f"B&H {figure}, law {LAWS[law]}", claim, f"`{law}`: {ours}", *judged, counted=counted)
 
 
-def _ours(runs: PolicyRuns, scene: Scene, law: str) -> Claim:
+def _ours(runs: PolicyRuns, scene: LitScene, law: str) -> Claim:
     """Reproduced when the interval ends at or below the margin and no more runs fail; more failures refute it."""
     apart = runs.difference(scene, DEFAULT_POLICY, law, error)
     failed = runs.failed(scene, DEFAULT_POLICY), runs.failed(scene, law)
@@ -174,7 +174,7 @@ def _metric_is_higher(runs: PolicyRuns, law: str) -> Claim:
     )
 
 
-def _error_is_lower(scene: Scene, runs: PolicyRuns, law: str) -> Claim:
+def _error_is_lower(scene: LitScene, runs: PolicyRuns, law: str) -> Claim:
     """Than each rival's."""
     apart = {rival: runs.difference(scene, law, rival, error) for rival in _rivals(runs)}
     judged = together({f"to `{rival}`": below(one, ALIKE_MM) for rival, one in apart.items()})
@@ -275,7 +275,7 @@ def jobs(quick: bool) -> list[Job]:
     ]
 
 
-def _more(scene: Scene, room: int) -> Sequence[str]:
+def _more(scene: LitScene, room: int) -> Sequence[str]:
     if scene not in {UNEVEN, LOW}:
         return ()
     return (*LEARNED, *_OTHERS) if room in ROOMS[:8] else LEARNED
@@ -292,7 +292,7 @@ def data(results: Results) -> Plain:
     return jobs_and_results(list(rooms.values()))
 
 
-def _job(scene: Scene, room: int, policy: str, seconds: float) -> Job:
+def _job(scene: LitScene, room: int, policy: str, seconds: float) -> Job:
     return Job(
         measure_policies,
         {
@@ -304,13 +304,13 @@ def _job(scene: Scene, room: int, policy: str, seconds: float) -> Job:
     )  # fmt: skip
 
 
-def section(results: Results, folder: Path) -> Section:
+def section(results: Results, folder: Path) -> ReportSection:
     """Judge Fig. 12 to 14, and our default against the paper's law."""
     runs = PolicyRuns(results)
     _draw_boxes(runs, "metric_after_gamma", "median M_g", folder / "fig12.png")
     _draw_boxes(runs, "rpe_mm", "RPE over 20 mm (mm)", folder / "fig13.png")
     _draw_exposures(runs, folder / "fig14.png")
-    return Section(
+    return ReportSection(
         _SETTING,
         unless_few(claims(runs), runs.rooms(UNEVEN)),
         [
@@ -336,7 +336,7 @@ def _verdicts(runs: PolicyRuns) -> Verdicts:
     return Verdicts(rows, {"fig12 (a)": "lower", "fig12 (b)": "lower"})
 
 
-def _table(runs: PolicyRuns, scene: Scene) -> Table:
+def _table(runs: PolicyRuns, scene: LitScene) -> Table:
     rows = []
     for policy in (one for one in runs.policies if runs.of(scene, one)):
         all_runs = runs.of(scene, policy)
@@ -426,10 +426,10 @@ def slam_jobs(quick: bool) -> list[Job]:
     ]  # fmt: skip
 
 
-def slam_section(results: Results, _folder: Path) -> Section:
+def slam_section(results: Results, _folder: Path) -> ReportSection:
     """A table only: so few courses judge no claim."""
     if not results:
-        return Section(_ABSENT, [], [])
+        return ReportSection(_ABSENT, [], [])
     rows = []
     for scene in (UNEVEN, LOW):
         of_light = [(case["policy"], one) for case, one in results if case["light"] == scene.light]
@@ -443,7 +443,7 @@ def slam_section(results: Results, _folder: Path) -> Section:
             rows.append([f"{scene.title}: `{policy}`", f"{errors[policy].mean():.2f}", lost, failed, difference])
     caption = f"ORB-SLAM3; RPE over 20 mm, and that of `{DEFAULT_POLICY}` minus it in each room, in mm."
     heads = ["", "RPE mean", "pairs lost", "runs failed", f"`{DEFAULT_POLICY}` minus it"]
-    return Section(_SLAM_SETTING, [], [Table(caption, heads, rows)])
+    return ReportSection(_SLAM_SETTING, [], [Table(caption, heads, rows)])
 
 
 WITH_ORB_SLAM3 = Experiment(

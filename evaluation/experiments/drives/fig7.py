@@ -19,7 +19,7 @@ from evaluation.experiments.drives.drives import (
     over_rooms,
     unless_few,
 )
-from evaluation.experiments.experiment import Claim, Experiment, Figure, Job, Results, Section, Table, Verdict
+from evaluation.experiments.experiment import Claim, Experiment, Figure, Job, ReportSection, Results, Table, Verdict
 from evaluation.experiments.statistics import Interval, above, alike, below, clustered, not_above, pearson, together
 from evaluation.scenes.scenarios import RATE_HZ
 
@@ -54,7 +54,7 @@ def jobs(quick: bool) -> list[Job]:
     ]
 
 
-def section(results: Results, folder: Path) -> Section:
+def section(results: Results, folder: Path) -> ReportSection:
     """Judge Fig. 7 and Fig. 9."""
     errors = np.array([[one["rpe_mm"] for one in run] for _, run in results])
     values = np.array([[one["proxies"] for one in run] for _, run in results])
@@ -69,7 +69,7 @@ def section(results: Results, folder: Path) -> Section:
         _best_proxy(correlations),
         _poor_proxies(correlations),
     ]
-    return Section(
+    return ReportSection(
         _SETTING,
         unless_few(claims, len(errors)),
         [

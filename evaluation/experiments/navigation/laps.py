@@ -13,9 +13,9 @@ import numpy as np
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from evaluation.arrays import Flags, Floats
 from evaluation.experiments.experiment import Plain
-from evaluation.experiments.navigation.seasons import Night, Scene
-from evaluation.experiments.teach.park import REPLAYS, TEACHING, Daylight, TaughtPath
-from evaluation.experiments.teach.replay import Robot
+from evaluation.experiments.navigation.seasons import Night, ParkScene
+from evaluation.experiments.teach.park import REPLAYS, TEACHING, Daylight, ParkPath
+from evaluation.experiments.teach.replay import ExposingRobot
 from evaluation.scenes.views import CAMERA
 from evaluation.stage.camera import Entrant, Radiance, SimulatedCamera
 from navigation.drive.lesson import Lesson
@@ -54,7 +54,7 @@ LIGHTS: MappingProxyType[str, Daylight] = MappingProxyType({
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Lap:
+class DrivenLap:
     """How one lap went."""
 
     aside_m: Floats  # distance from the taught path at each look, float64, (n,)
@@ -72,7 +72,7 @@ class Taught:
     """A path through a park, and what a robot with an exposure policy has learnt of it."""
 
     # path, seed: the truth.
-    path: TaughtPath
+    path: ParkPath
     seed: int
     policy: str  # of the exposure
     # speeds, places: the map.
@@ -100,19 +100,19 @@ class Wanderer:
         self.driven_m += way_m * self._scale
 
 
-def taught(path: TaughtPath, seed: int, policy: str, length_m: float) -> Taught:
+def taught(path: ParkPath, seed: int, policy: str, length_m: float) -> Taught:
     """The map of a lap that was driven exactly along the path."""
     scene, camera = _scene(seed, "as taught"), SimulatedCamera(2 * seed, 2 * seed)
     lesson = Lesson(FINDERS["fast-orb"]())
     places: list[Place] = []
-    robot: Robot | None = None
+    robot: ExposingRobot | None = None
     for step in range(math.ceil(length_m / (SPEED_M_S * PERIOD_S)) + 1):
         distance_m = step * SPEED_M_S * PERIOD_S
         place, heading_rad = path.ground(distance_m)
         turn_rad = math.remainder(path.ground(distance_m + SPEED_M_S * PERIOD_S)[1] - heading_rad, 2 * math.pi)
         lesson.drive(Velocity(SPEED_M_S, turn_rad / PERIOD_S), distance_m)
         radiance = scene.radiance(path.seen_from(place, heading_rad))
-        robot = robot or Robot(camera, radiance, [_entrant(policy)], 1.0 / PERIOD_S)
+        robot = robot or ExposingRobot(camera, radiance, [_entrant(policy)], 1.0 / PERIOD_S)
         image = robot.step(radiance)[policy]
         found = lesson.look(image, robot.loops[policy].settings[-1], distance_m)
         if found is not None:
@@ -122,7 +122,7 @@ def taught(path: TaughtPath, seed: int, policy: str, length_m: float) -> Taught:
     return Taught(path, seed, policy, TaughtSpeeds(*speeds), places)
 
 
-class Repeater:
+class LapRepeater:
     """A robot that repeats a taught path in another light; laps follow each other from where the last one ended.
     `lesson`: what it repeats. `light`: one of `LIGHTS`. `policy`: of the exposure. `aside_m`, `turned_rad`: where it
     starts beside the path, positive to the left."""
@@ -134,9 +134,9 @@ class Repeater:
         left = np.array([-math.sin(heading_rad), math.cos(heading_rad)])
         self._wanderer = Wanderer(start + aside_m * left, heading_rad + turned_rad, lesson.seed)
         camera = SimulatedCamera(2 * lesson.seed + 1, 2 * lesson.seed + 1)
-        self._robot = Robot(camera, self._view(0.0), [_entrant(policy)], 1.0 / PERIOD_S)
+        self._robot = ExposingRobot(camera, self._view(0.0), [_entrant(policy)], 1.0 / PERIOD_S)
 
-    def lap(self) -> Lap:
+    def lap(self) -> DrivenLap:
         """Once along the path."""
         path, wanderer = self._lesson.path, self._wanderer
         info = MapInfo(CAMERA.width, CAMERA.height, CAMERA.focal_px, "fast-orb", self._lesson.policy)
@@ -153,7 +153,7 @@ class Repeater:
             registered.append(repetition.view is not None and repetition.view.shift_px is not None)
             wanderer.drive(velocity)
             now_ns += STEP_NS
-        return Lap(np.array(asides_m), np.array(registered), stop)
+        return DrivenLap(np.array(asides_m), np.array(registered), stop)
 
     def _view(self, distance_m: float) -> Radiance:
         pose = self._lesson.path.seen_from(self._wanderer.place, self._wanderer.heading_rad)
@@ -161,8 +161,8 @@ class Repeater:
 
 
 @lru_cache(maxsize=1)
-def _scene(seed: int, light: str) -> Scene:
-    return Scene(seed, LIGHTS[light])
+def _scene(seed: int, light: str) -> ParkScene:
+    return ParkScene(seed, LIGHTS[light])
 
 
 def _entrant(policy: str) -> Entrant:
@@ -177,16 +177,16 @@ AT_MOST_M = 0.1  # How far aside a robot may be at the end of a lap
 
 def measure_laps(seed: int, policy: str, light: str, laps: int) -> list[dict[str, Any]]:
     """Repeat a path in one light, lap after lap, until one is not completed: a row for each of the laps."""
-    path = TaughtPath(seed, 0.0)
+    path = ParkPath(seed, 0.0)
     lesson = taught(path, seed, policy, path.length_m)
-    repeater = Repeater(lesson, light, policy, aside_m=ASIDE_M, turned_rad=TURNED_RAD)
+    repeater = LapRepeater(lesson, light, policy, aside_m=ASIDE_M, turned_rad=TURNED_RAD)
     rows = [_row(repeater.lap())]
     while rows[-1]["completed"] and len(rows) < laps:
         rows.append(_row(repeater.lap()))
     return rows
 
 
-def _row(lap: Lap) -> dict[str, Plain]:
+def _row(lap: DrivenLap) -> dict[str, Plain]:
     return {
         "completed": lap.completed, "stop": str(lap.stop), "end_m": float(lap.aside_m[-1]) if lap.completed else LOST_M,
         "mean_m": float(lap.aside_m.mean()), "max_m": float(lap.aside_m.max()),

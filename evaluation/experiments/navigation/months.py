@@ -11,9 +11,9 @@ import numpy as np
 
 from evaluation.arrays import Floats, Ints
 from evaluation.experiments.experiment import Plain
-from evaluation.experiments.navigation.seasons import HOURS, TAUGHT, Scene, When, months
-from evaluation.experiments.teach.park import MAPS, TaughtPath
-from evaluation.experiments.teach.replay import Robot, Truth
+from evaluation.experiments.navigation.seasons import HOURS, TAUGHT, ParkScene, When, months
+from evaluation.experiments.teach.park import MAPS, ParkPath
+from evaluation.experiments.teach.replay import ExposingRobot, TrueShifts
 from evaluation.stage.camera import Entrant, Image, SimulatedCamera
 from navigation.maps.adaptation import LocalMap, Strategy, adapt, best, drawn, states_of
 from navigation.maps.temporal import MODELS, History, Predict, fremen
@@ -55,7 +55,7 @@ FINDERS: dict[str, Callable[[], AdaptiveFinder]] = {
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Look:
+class MapLook:
     """A view near a local map."""
 
     features: dict[str, Features]  # by finder
@@ -67,29 +67,29 @@ class Surveyor:
     names of `FINDERS`."""
 
     def __init__(self, seed: int, finders: Sequence[str]) -> None:
-        self._seed, self._path = seed, TaughtPath(seed, 0.0)
+        self._seed, self._path = seed, ParkPath(seed, 0.0)
         self._finders = {name: FINDERS[name]() for name in finders}
         self._places = range(0, MAPS, MAPS // PLACES)
-        scene = Scene(seed, TAUGHT.daylight(0))
-        self._truth = Truth(scene.surfaces)
+        scene = ParkScene(seed, TAUGHT.daylight(0))
+        self._truth = TrueShifts(scene.surfaces)
         poses = [self._path.taught(place) for place in self._places]
-        self.taught = [Look(features, 0.0) for features in self._found(scene, poses, camera=2 * seed)]
+        self.taught = [MapLook(features, 0.0) for features in self._found(scene, poses, camera=2 * seed)]
         """What is seen from where the maps are taught."""
 
-    def drive(self, number: int, when: When) -> list[Look]:
+    def drive(self, number: int, when: When) -> list[MapLook]:
         """The looks of one drive, counted from 1, at each place."""
         poses = [self._path.repeated(number, place * self._path.spacing_m) for place in self._places]
         shifts = [
             self._truth.shift(self._path.taught(place), pose) for place, pose in zip(self._places, poses, strict=True)
         ]
-        found = self._found(Scene(self._seed, when.daylight(number)), poses, camera=2 * self._seed + number)
-        return [Look(features, shift) for features, shift in zip(found, shifts, strict=True)]
+        found = self._found(ParkScene(self._seed, when.daylight(number)), poses, camera=2 * self._seed + number)
+        return [MapLook(features, shift) for features, shift in zip(found, shifts, strict=True)]
 
-    def _found(self, scene: Scene, poses: Sequence[Floats], camera: int) -> Iterator[dict[str, Features]]:
-        robot: Robot | None = None
+    def _found(self, scene: ParkScene, poses: Sequence[Floats], camera: int) -> Iterator[dict[str, Features]]:
+        robot: ExposingRobot | None = None
         for pose in poses:
             radiance = scene.radiance(pose)
-            robot = robot or Robot(SimulatedCamera(camera, camera), radiance, [Entrant.of(EXPOSURE, 2)])
+            robot = robot or ExposingRobot(SimulatedCamera(camera, camera), radiance, [Entrant.of(EXPOSURE, 2)])
             images = [robot.step(radiance)[EXPOSURE] for _ in range(STILL_FRAMES)]
             for image in images[-FOUND_FRAMES:]:
                 features = {name: finder.find(image) for name, finder in self._finders.items()}
@@ -190,7 +190,7 @@ class Maps:
     """All local maps of a path, kept up in several ways and registered by each rule. `shifts`: those of the drives that
     are scored."""
 
-    def __init__(self, taught: Sequence[Look], ways: Mapping[str, tuple[str, Strategy]]) -> None:
+    def __init__(self, taught: Sequence[MapLook], ways: Mapping[str, tuple[str, Strategy]]) -> None:
         self._ways = ways
         self._kept = {
             (rule, name): [Kept(look.features[finder], strategy, RULES[rule]) for look in taught]
@@ -198,7 +198,7 @@ class Maps:
         }
         self.shifts: Shifts = {rule: {name: [] for name in ways} for rule in RULES}
 
-    def drive(self, looks: Sequence[Look], *, scored: bool) -> None:
+    def drive(self, looks: Sequence[MapLook], *, scored: bool) -> None:
         """Register the looks of a drive, and keep the maps up."""
         for (rule, name), maps in self._kept.items():
             finder = self._ways[name][0]

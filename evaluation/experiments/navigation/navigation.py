@@ -15,12 +15,22 @@ import numpy as np
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from evaluation.arrays import Floats, Ints
 from evaluation.drawing import save
-from evaluation.experiments.experiment import Claim, Experiment, Figure, Job, Plain, Results, Section, Table, Verdict
+from evaluation.experiments.experiment import (
+    Claim,
+    Experiment,
+    Figure,
+    Job,
+    Plain,
+    ReportSection,
+    Results,
+    Table,
+    Verdict,
+)
 from evaluation.experiments.navigation.laps import AT_MOST_M, LIGHTS, LOST_M, POLICIES, measure_laps
 from evaluation.experiments.navigation.months import EXPOSURE, PAPERS, measure_hours, measure_months
 from evaluation.experiments.navigation.seasons import HOURS
 from evaluation.experiments.statistics import alike
-from evaluation.experiments.teach.judge import LOST_PX, WITHIN_PX, Comparison, Errors, compare, probability
+from evaluation.experiments.teach.judge import LOST_PX, WITHIN_PX, Errors, PairedComparison, compare, probability
 from navigation.views.registration import RULES
 
 Kept = Mapping[str, Errors]  # Errors by what kept the map up, chose its features, or set the threshold
@@ -127,7 +137,7 @@ def _alike(steady: Kept) -> Claim:
     )
 
 
-def _difference(first: Errors, second: Errors) -> tuple[Comparison, str]:
+def _difference(first: Errors, second: Errors) -> tuple[PairedComparison, str]:
     compared = compare(first, second)
     text = f"difference of mean errors {compared.difference.text('+.2f')} px, p {probability(compared.p)}"
     return compared, f"{text}, {len(first.errors)} registrations each"
@@ -258,7 +268,7 @@ def _laps(seed: int, policy: str, light: str, laps: int) -> Job:
     return Job(measure_laps, arguments, 15.0 + 15.0 * laps, (policy,))
 
 
-def section(results: Results, folder: Path) -> Section:
+def section(results: Results, folder: Path) -> ReportSection:
     """Verdicts on sections 4.3 to 4.5, curves, and how the laps ended."""
     laps = laps_of(results)
     plot_upkeep(results, folder / "navigation.png")
@@ -270,7 +280,7 @@ def section(results: Results, folder: Path) -> Section:
         parts.append(first_laps_table(laps))
     if any(len(park) > 1 for parks in laps.values() for park in parks):
         parts.append(many_laps_table(laps))
-    return Section(_SETTING, claims(results), parts)
+    return ReportSection(_SETTING, claims(results), parts)
 
 
 def data(results: Results) -> Plain:

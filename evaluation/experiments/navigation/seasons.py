@@ -140,7 +140,7 @@ LAMP_LUX_M2 = 400.0
 GROUND_AHEAD_M = 3.0  # The ground, one surface, is lit as it is so far ahead
 
 
-class Scene:
+class ParkScene:
     """What the robot's camera sees in a park. `seed`: of the park. `daylight`: or `Night`."""
 
     def __init__(self, seed: int, daylight: Daylight) -> None:

@@ -20,7 +20,7 @@ from autoexpose_daemon.control.picture.steering import Steering
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from evaluation.arena.race import Series, race
 from evaluation.arrays import Floats, Ints
-from evaluation.experiments.experiment import Claim, Experiment, Figure, Job, Plain, Results, Section, Table
+from evaluation.experiments.experiment import Claim, Experiment, Figure, Job, Plain, ReportSection, Results, Table
 from evaluation.scenes.scenarios import RATE_HZ, WARM_UP_FRAMES, Course, steady
 from evaluation.scenes.views import Gaze, build_views
 from evaluation.stage.camera import Entrant
@@ -234,7 +234,7 @@ def _cases(results: Results) -> dict[tuple[str, int], _Case]:
     return cases
 
 
-def section(results: Results, _folder: Path) -> Section:
+def section(results: Results, _folder: Path) -> ReportSection:
     """Bad frames and worth, by scenario and delay."""
     rows = []
     for (scenario, delay), case in _cases(results).items():
@@ -242,7 +242,7 @@ def section(results: Results, _folder: Path) -> Section:
         rows.append([scenario, str(delay), *map(str, case.bad), *worth])
     columns = ["scenario", "delay", *(f"bad: {lap}" for lap in LAPS), *(f"worth: {lap}" for lap in LAPS)]
     parts: list[Table | Figure] = [Table("Bad frames, all scenes together, and mean worth of a frame.", columns, rows)]
-    return Section(_SETTING, list(_claims(results)), parts)
+    return ReportSection(_SETTING, list(_claims(results)), parts)
 
 
 def _claims(results: Results) -> Iterator[Claim]:

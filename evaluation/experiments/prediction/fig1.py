@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from evaluation.drawing import panels, save
-from evaluation.experiments.experiment import Claim, Experiment, Figure, Job, Results, Section, Table, Verdict
+from evaluation.experiments.experiment import Claim, Experiment, Figure, Job, ReportSection, Results, Table, Verdict
 from evaluation.experiments.prediction.still_life import (
     DELTAS,
     GAINS_DB,
@@ -62,12 +62,12 @@ def jobs(quick: bool) -> list[Job]:
     ]
 
 
-def section(results: Results, folder: Path) -> Section:
+def section(results: Results, folder: Path) -> ReportSection:
     """Judge the three claims of Fig. 1 and section 1.1."""
     measured: list[Rows] = [rows for _, rows in results]
     _draw(measured[0], f"{results[0][0]['scene']}, seed {results[0][0]['seed']}", folder / "fig1.png")
     shifts = [_best(rows, 0.30) - _best(rows, 0.06) for rows in measured]
-    return Section(
+    return ReportSection(
         _SETTING,
         [_weak_threshold(measured), _strong_threshold(measured), _same_optimum(shifts)],
         [

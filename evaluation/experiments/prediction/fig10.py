@@ -11,7 +11,7 @@ import numpy as np
 
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from evaluation.drawing import COLOURS, panels, save
-from evaluation.experiments.experiment import Claim, Experiment, Figure, Job, Results, Section, Table, Verdict
+from evaluation.experiments.experiment import Claim, Experiment, Figure, Job, ReportSection, Results, Table, Verdict
 from evaluation.experiments.prediction.step_response import (
     BAND_STOPS,
     CONTESTANTS,
@@ -76,11 +76,11 @@ def jobs(quick: bool) -> list[Job]:
 StepRuns: TypeAlias = "Sequence[tuple[Mapping[str, Any], Mapping[str, Any]]]"  # Arguments and results of jobs
 
 
-def section(results: Results, folder: Path) -> Section:
+def section(results: Results, folder: Path) -> ReportSection:
     """Judge the three claims of section 3.2."""
     papers = _of(results, THE_PAPERS, THE_PAPERS_RISE)
     _draw(results, folder / "fig10.png")
-    return Section(
+    return ReportSection(
         _SETTING,
         [_feedback_is_faster(results, papers), _gamma_is_as_fast(papers), _gamma_ends_elsewhere(papers)],
         [

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from evaluation.drawing import COLOURS, panels, save
-from evaluation.experiments.experiment import Claim, Experiment, Figure, Job, Results, Section, Table, Verdict
+from evaluation.experiments.experiment import Claim, Experiment, Figure, Job, ReportSection, Results, Table, Verdict
 from evaluation.experiments.prediction.still_life import LAWS, measure_rest, summary
 from evaluation.experiments.statistics import Interval, mean_interval
 from evaluation.stage.camera import CameraResponse
@@ -58,7 +58,7 @@ def jobs(quick: bool) -> list[Job]:
 Summaries = Mapping[CameraResponse, Sequence[Mapping[str, Mapping[str, float]]]]
 
 
-def section(results: Results, folder: Path) -> Section:
+def section(results: Results, folder: Path) -> ReportSection:
     """Judge the three claims of section 3.2."""
     found: dict[CameraResponse, list[Mapping[str, Mapping[str, float]]]] = {}
     for arguments, measured in results:
@@ -70,7 +70,7 @@ def section(results: Results, folder: Path) -> Section:
         f"{shown['scene']}, seed {shown['seed']}, {LUX:g} lux",
         folder / "fig11.png",
     )
-    return Section(
+    return ReportSection(
         _SETTING,
         [_underestimates(found), _steady_optimum(found, scenes), _closer(found)],
         [

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from evaluation.drawing import COLOURS, panels, save
-from evaluation.experiments.experiment import Claim, Experiment, Figure, Job, Results, Section, Table, Verdict
+from evaluation.experiments.experiment import Claim, Experiment, Figure, Job, ReportSection, Results, Table, Verdict
 from evaluation.experiments.prediction.still_life import gamma_curve, measure_changes
 from evaluation.experiments.statistics import Interval, mean_interval
 from evaluation.stage.camera import FAKE_CAMERAS, CameraResponse
@@ -54,7 +54,7 @@ def jobs(quick: bool) -> list[Job]:
     ]  # fmt: skip
 
 
-def section(results: Results, folder: Path) -> Section:
+def section(results: Results, folder: Path) -> ReportSection:
     """Judge prediction by the response and by gamma curves."""
     by_camera: dict[CameraResponse, list[Sequence[Mapping[str, Any]]]] = {}
     for arguments, found in results:
@@ -63,7 +63,7 @@ def section(results: Results, folder: Path) -> Section:
     exact = {camera: _over_all(found, "response_rms") for camera, found in by_camera.items()}
     gamma = {camera: _over_all(found, "gamma_rms") for camera, found in by_camera.items()}
     brighter = {camera: _at(found, 1.0, "gamma").value for camera, found in by_camera.items()}
-    return Section(
+    return ReportSection(
         _SETTING,
         [
             Claim(

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.stats import rankdata
 
 from autoexpose_daemon.control.policies.ids import PLACES
-from evaluation.experiments.experiment import Claim, Experiment, Job, Results, Section, Table
+from evaluation.experiments.experiment import Claim, Experiment, Job, ReportSection, Results, Table
 from evaluation.experiments.rejudge.rehearsal import measure_lap, measure_scenario, measure_still
 from evaluation.odometry.tracking import Light
 from evaluation.scenes.scenarios import RATE_HZ
@@ -61,7 +61,7 @@ def jobs(quick: bool) -> list[Job]:
     ]
 
 
-def section(results: Results, _folder: Path) -> Section:
+def section(results: Results, _folder: Path) -> ReportSection:
     """Judge rankings, settling and frames."""
     courses = [(_name(case), one) for case, one in results if "policies" in case]
     stills = {str(case["scene"]): one for case, one in results if "policies" not in case}
@@ -78,7 +78,7 @@ def section(results: Results, _folder: Path) -> Section:
             holds=worst_rms <= WANTED_RMS_GREY,
         ),
     ]
-    return Section(_SETTING, claims, [*(_table(courses, figure) for figure in rankings), _still_table(stills)])
+    return ReportSection(_SETTING, claims, [*(_table(courses, figure) for figure in rankings), _still_table(stills)])
 
 
 def _ranks(figure: str, ranking: tuple[float, list[float]], courses: Sequence[tuple[str, Any]]) -> Claim:

@@ -15,11 +15,10 @@ from autoexpose_daemon.control.parameters import Bracketing, ControlParameters
 from evaluation.arena.race import course_of
 from evaluation.odometry.stereo import StereoCamera
 from evaluation.odometry.tracking import Light, odometry_stage
-from evaluation.rejudge.camera import Exposer, Made, Rectifier
-from evaluation.rejudge.camera import Light as LightSeen
-from evaluation.rejudge.contest import Figures, Judge, PolicyRun, Round, exposers, first_setting, play
+from evaluation.rejudge.camera import Exposer, Made, Rectifier, SeenLight
+from evaluation.rejudge.contest import Figures, PairJudge, PolicyRun, Round, exposers, first_setting, play
 from evaluation.rejudge.drive import Drive, watched
-from evaluation.rejudge.following import IN_HOUSE, Following, Reference, Trajectory
+from evaluation.rejudge.following import IN_HOUSE, Following, ReferenceTrajectory, Trajectory
 from evaluation.scenes.scenarios import RATE_HZ
 from evaluation.stage.camera import LIMITS, DelayedLoop, Image, time_first
 from evaluation.stage.rendering import Stage
@@ -67,13 +66,15 @@ def record(stage: Stage, frames: int, bracketing: Bracketing) -> Drive:
     return watched("rehearsal", setup, seen, lambda: iter(pairs), simulated_geometries())
 
 
-def rejudged(drive: Drive, policies: Sequence[str], reference: Reference | None) -> list[Compared]:
+def rejudged(drive: Drive, policies: Sequence[str], reference: ReferenceTrajectory | None) -> list[Compared]:
     """The policies on the recorded drive."""
     outcomes = play(Round(drive, policies, IN_HOUSE, reference, Path()))
     return [Compared(outcome.figures, outcome.levels) for outcome in outcomes]
 
 
-def driven(stage: Stage, drive: Drive, policies: Sequence[str], reference: Reference | None) -> list[Compared]:
+def driven(
+    stage: Stage, drive: Drive, policies: Sequence[str], reference: ReferenceTrajectory | None
+) -> list[Compared]:
     """The policies on drives of their own, judged as often as the recorded one."""
     rectifier = Rectifier(drive.geometries, drive.shape)
     cycle = drive.timeline.cycle
@@ -82,7 +83,7 @@ def driven(stage: Stage, drive: Drive, policies: Sequence[str], reference: Refer
         PolicyRun(
             replace(drive.setup.of_policy(policy), start=first_setting(drive)),
             DELAY_FRAMES,
-            Judge(rectifier, None if reference is None else following.begin(policy)),
+            PairJudge(rectifier, None if reference is None else following.begin(policy)),
             told_motion=False,
         )
         for policy in policies
@@ -140,7 +141,7 @@ def measure_lap(*, light: Light, room: int, frames: int, policies: list[str]) ->
     """Policies on one lap through a room, rejudged, driven, and driven again with other noise."""
     stage = odometry_stage(light, room, room, 0)
     drive = record(stage, frames, Bracketing())
-    reference = Reference.of(truth(stage, frames / RATE_HZ), drive.timeline.cycle_s)
+    reference = ReferenceTrajectory.of(truth(stage, frames / RATE_HZ), drive.timeline.cycle_s)
     again = driven(odometry_stage(light, room, room, 1), drive, policies, reference)
     return _both(rejudged(drive, policies, reference), driven(stage, drive, policies, reference), again)
 
@@ -169,7 +170,7 @@ def measure_still(*, scene: str, seed: int, frames: int) -> list[dict[str, float
     return [{"offset": float(offset), **_compared(stage, exposer, lights, middle + offset)} for offset in OFFSETS]
 
 
-def _compared(stage: Stage, exposer: Exposer, lights: list[LightSeen], level: float) -> dict[str, float]:
+def _compared(stage: Stage, exposer: Exposer, lights: list[SeenLight], level: float) -> dict[str, float]:
     """Mean error of emulated frames, rms of what does not average out, their noise and that of true ones; grey levels.
     `lights` were seen at different times, so that their own noise averages out, too."""
     setting = time_first(level)

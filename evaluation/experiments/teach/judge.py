@@ -55,7 +55,7 @@ class Errors:
 
 
 @dataclass(frozen=True, slots=True)
-class Comparison:
+class PairedComparison:
     """Errors of one policy minus those of another, image by image."""
 
     difference: Interval  # mean difference (pixels), below 0 where the first is better, with its interval over maps
@@ -71,11 +71,11 @@ class Comparison:
         return 1 if self.difference.value > 0 else -1
 
 
-def compare(first: Errors, second: Errors) -> Comparison:
+def compare(first: Errors, second: Errors) -> PairedComparison:
     """Whether the first registers better than the second."""
     difference = first.capped - second.capped
     t, p = paired_t(difference)
-    return Comparison(_interval(difference, first.places), t, p)
+    return PairedComparison(_interval(difference, first.places), t, p)
 
 
 def paired_t(differences: Floats) -> tuple[float, float]:
@@ -127,7 +127,7 @@ Case = tuple[str, str]  # Light and placement
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sweep:
+class ExposureSweep:
     """One view near each map at several exposures."""
 
     offsets: Floats  # stops from the exposure that holds the top half at 0.5, shape (offsets,)
@@ -169,7 +169,7 @@ def errors_of(replays: list[Any], way: str, policy: str) -> Errors:
     return Errors(np.concatenate(errors), np.concatenate(places))
 
 
-def sweeps_of(results: Results) -> dict[Case, Sweep]:
+def sweeps_of(results: Results) -> dict[Case, ExposureSweep]:
     """The sweep of each case that was run."""
     sweeps = {}
     for light in REPLAYS:
@@ -194,11 +194,11 @@ def short(policy: str) -> str:
     return policy.removeprefix("majer2018-")
 
 
-def _joined(found: list[Any]) -> Sweep:
+def _joined(found: list[Any]) -> ExposureSweep:
     errors = np.concatenate([[_or_infinite(row) for row in one["errors"]] for one in found])
     known = ~np.isnan(errors[:, 0])
     places = np.arange(int(known.sum()))
-    return Sweep(
+    return ExposureSweep(
         np.array(found[0]["offsets"], np.float64),
         tuple(Errors(column[known], places) for column in errors.T),
         np.concatenate([one["votes"] for one in found]),
@@ -213,7 +213,7 @@ def _or_infinite(values: list[Any]) -> Floats:
 THEIRS = (STANDARD, FULL, FIXED)
 
 
-def claims(cases: Mapping[Case, Mapping[str, Errors]], sweeps: Mapping[Case, Sweep]) -> list[Claim]:
+def claims(cases: Mapping[Case, Mapping[str, Errors]], sweeps: Mapping[Case, ExposureSweep]) -> list[Claim]:
     """Judge the claims that the cases which were run are about."""
     steady = {case: errors for case, errors in cases.items() if case[0] in STEADY}
     sunset = {case: errors for case, errors in cases.items() if case[0] not in STEADY}
@@ -303,7 +303,7 @@ def _at_sunset(cases: Mapping[Case, Mapping[str, Errors]]) -> Claim:
     )
 
 
-def _darker_is_safer(sweeps: Mapping[Case, Sweep]) -> Claim:
+def _darker_is_safer(sweeps: Mapping[Case, ExposureSweep]) -> Claim:
     """Compares one stop below the exposure that holds the top half at 0.5 with one stop above it."""
     signs, numbers = {}, {}
     for case, sweep in sweeps.items():

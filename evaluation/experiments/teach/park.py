@@ -31,7 +31,7 @@ def path_radius_m(seed: int, bearing_rad: ArrayLike) -> Floats:
     return np.asarray(5.0 + 0.6 * np.sin(2 * bearing + first) + 0.25 * np.sin(3 * bearing + second))
 
 
-class TaughtPath:
+class ParkPath:
     """Poses on the loop and near it; a camera looks ahead along the path, tilted by a fixed angle. `seed`: of the park.
     `tilt_deg`: how far the camera looks up (positive) or down."""
 

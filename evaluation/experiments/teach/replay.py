@@ -12,7 +12,7 @@ import numpy as np
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from evaluation.arrays import Floats
 from evaluation.experiments.experiment import Plain
-from evaluation.experiments.teach.park import MAPS, REPLAYS, TEACHING, TaughtPath, park
+from evaluation.experiments.teach.park import MAPS, REPLAYS, TEACHING, ParkPath, park
 from evaluation.scenes.views import CAMERA
 from evaluation.stage.camera import LIMITS, Entrant, Image, Radiance, SimulatedCamera, pair_of, time_first
 from fake_camera.world.render.renderer import Renderer, Surface
@@ -40,7 +40,7 @@ def at_half(camera: SimulatedCamera, radiance: Radiance, *, top_only: bool = Fal
 GRID_PX = 18  # Spacing of the image points at which the true shift is looked up
 
 
-class Truth:
+class TrueShifts:
     """The shift that would win the vote if everything upright were matched correctly, from the park's geometry. The
     ground is left out: its displacement depends on its distance, and says nothing about the heading."""
 
@@ -104,7 +104,7 @@ WAYS: dict[str, tuple[str | None, Part]] = {
 }
 
 
-class Robot:
+class ExposingRobot:
     """Carries all entrants: each exposes the same view with its own setting. Images are not blurred: the robot is slow,
     it moves less than a pixel in 7.5 ms. `camera`: the robot's. `first`: radiance of the first frame, from which the
     operator sets the exposure that all start with and `fixed` keeps. `entrants`: who takes part. `rate_hz`: of its
@@ -133,7 +133,7 @@ class Robot:
 
 
 def taught_maps(
-    path: TaughtPath,
+    path: ParkPath,
     renderer: Renderer,
     camera: SimulatedCamera,
     *,
@@ -148,10 +148,10 @@ def taught_maps(
         "top half": {one.name: [] for one in entrants},
         "whole image": {one.name: [] for one in entrants},
     }
-    robot: Robot | None = None
+    robot: ExposingRobot | None = None
     for index in range(first, first + maps):
         radiance = renderer.render(path.taught(index)[None], TEACHING.lux(0.0))
-        robot = robot or Robot(camera, radiance, entrants)
+        robot = robot or ExposingRobot(camera, radiance, entrants)
         for _ in range(STILL_FRAMES):
             images = robot.step(radiance)
         for part, features in taught.items():
@@ -160,7 +160,7 @@ def taught_maps(
     return taught
 
 
-def frames(path: TaughtPath, light: str, maps: int, first: int = 0) -> Iterator[tuple[int, Floats, float]]:
+def frames(path: ParkPath, light: str, maps: int, first: int = 0) -> Iterator[tuple[int, Floats, float]]:
     """The frames of one replay of `maps` maps from the `first`: number, pose and light (lux)."""
     daylight, number = REPLAYS[light], 1 + list(REPLAYS).index(light)
     for frame in range(maps * IMAGES_PER_MAP * FRAMES_PER_IMAGE):
@@ -175,7 +175,7 @@ def image_of(frame: int) -> int | None:
 
 
 def replayed(
-    path: TaughtPath,
+    path: ParkPath,
     renderer: Renderer,
     camera: SimulatedCamera,
     *,
@@ -183,12 +183,12 @@ def replayed(
     maps: int,
     entrants: Sequence[Entrant] = ENTRANTS,
     first: int = 0,
-) -> Iterator[tuple[int, Floats, dict[str, Image], Robot]]:
+) -> Iterator[tuple[int, Floats, dict[str, Image], ExposingRobot]]:
     """The images of one replay: the nearest map (from 0), pose, image by entrant, and the robot."""
-    robot: Robot | None = None
+    robot: ExposingRobot | None = None
     for frame, pose, lux in frames(path, light, maps, first):
         radiance = renderer.render(pose[None], lux)
-        robot = robot or Robot(camera, radiance, entrants)
+        robot = robot or ExposingRobot(camera, radiance, entrants)
         images = robot.step(radiance)
         index = image_of(frame)
         if index is not None:
@@ -201,9 +201,9 @@ def measure(seed: int, tilt_deg: float, light: str, maps: int) -> Plain:
     Returns `map` and true `shift` (pixels) of each registration; by way and policy, the `shifts` found (None for none)
     and their `votes`; `looks` of each image by policy: exposure level, mean of the top half and of the whole (0 to 1),
     share of saturated pixels. `views`: one image by policy from the middle of the drive, a small JPEG in base 64."""
-    path = TaughtPath(seed, tilt_deg)
+    path = ParkPath(seed, tilt_deg)
     surfaces = park(seed, TEACHING)
-    truth = Truth(surfaces)
+    truth = TrueShifts(surfaces)
     taught = taught_maps(path, Renderer(surfaces, CAMERA), SimulatedCamera(2 * seed, 2 * seed), maps=maps)
     detector = OrbPyramid()
     where: list[int] = []
@@ -249,9 +249,9 @@ def measure_sweep(seed: int, tilt_deg: float, light: str, maps: int) -> Plain:
     """Register one view near each map at all offsets. The map is taught with the top half at 0.5. Arguments as those of
     `replay.measure`. Returns for each map: `errors` (pixels, None where no shift was found) and `votes` at each of the
     `offsets`, and the offset at which the `whole` image has a mean of 0.5."""
-    path, detector, camera = TaughtPath(seed, tilt_deg), OrbPyramid(), SimulatedCamera(2 * seed, 2 * seed)
+    path, detector, camera = ParkPath(seed, tilt_deg), OrbPyramid(), SimulatedCamera(2 * seed, 2 * seed)
     surfaces = park(seed, TEACHING)
-    truth, before = Truth(surfaces), Renderer(surfaces, CAMERA)
+    truth, before = TrueShifts(surfaces), Renderer(surfaces, CAMERA)
     after, number = Renderer(park(seed, REPLAYS[light]), CAMERA), 1 + list(REPLAYS).index(light)
     errors: list[list[float | None]] = []
     votes: list[list[int]] = []

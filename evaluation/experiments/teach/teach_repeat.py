@@ -15,7 +15,7 @@ from matplotlib.axes import Axes
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from evaluation.arrays import Greys
 from evaluation.drawing import save
-from evaluation.experiments.experiment import Experiment, Figure, Job, Results, Section, Table
+from evaluation.experiments.experiment import Experiment, Figure, Job, ReportSection, Results, Table
 from evaluation.experiments.teach.judge import (
     AS_PAPER,
     FIXED,
@@ -26,7 +26,7 @@ from evaluation.experiments.teach.judge import (
     WITHIN_PX,
     Case,
     Errors,
-    Sweep,
+    ExposureSweep,
     cases_of,
     claims,
     compare,
@@ -95,7 +95,7 @@ def looks_table(results: Results) -> Table:
     )
 
 
-def sweeps_table(sweeps: Mapping[Case, Sweep]) -> Table:
+def sweeps_table(sweeps: Mapping[Case, ExposureSweep]) -> Table:
     """Where the best exposure lies, and where `standard` and `full` do."""
     rows = []
     for case, sweep in sweeps.items():
@@ -190,7 +190,7 @@ def _draw_curve(axes: Axes, policy: str, errors: Errors) -> None:
     axes.plot(PIXELS, middle, color=POLICY_COLOURS[policy], linewidth=1.4, label=policy)
 
 
-def plot_sweeps(sweeps: Mapping[Case, Sweep], file: Path) -> None:
+def plot_sweeps(sweeps: Mapping[Case, ExposureSweep], file: Path) -> None:
     """Votes, and shares within 5 pixels, against exposure; a column for each light, a line for each placement."""
     lights, placements = (list(dict.fromkeys(key[axis] for key in sweeps)) for axis in (0, 1))
     figure, grid = plt.subplots(
@@ -248,7 +248,7 @@ def jobs(quick: bool) -> list[Job]:
     ]
 
 
-def section(results: Results, folder: Path) -> Section:
+def section(results: Results, folder: Path) -> ReportSection:
     """Curves, tests, and verdicts on section 4.2."""
     cases, sweeps = cases_of(results), sweeps_of(results)
     views = {light: replays[0]["views"] for light in REPLAYS if (replays := replays_of(results, light, 0.0))}
@@ -276,7 +276,7 @@ def section(results: Results, folder: Path) -> Section:
             ),
             sweeps_table(sweeps),
         ]
-    return Section(_SETTING, claims(cases, sweeps), parts)
+    return ReportSection(_SETTING, claims(cases, sweeps), parts)
 
 
 _SETTING = f"""\

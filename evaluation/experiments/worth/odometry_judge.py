@@ -55,7 +55,7 @@ CHOICE, SEEN, SCORED = 0, 1, (2, 3)
 
 
 @dataclass(frozen=True, slots=True)
-class Drive:
+class RoomDrive:
     """One course, as plain data."""
 
     pictures: tuple[str, ...]  # on the walls: photographs by their paths below `DATA`, or paintings by `painter:seed`
@@ -102,7 +102,7 @@ class Drive:
         return {**asdict(self), "pictures": list(self.pictures), "sha256": list(self.sha256)}
 
     @classmethod
-    def of(cls, plain: dict[str, Any]) -> Drive:
+    def of(cls, plain: dict[str, Any]) -> RoomDrive:
         """From a job's argument."""
         return cls(**{**plain, "pictures": tuple(plain["pictures"]), "sha256": tuple(plain["sha256"])})
 
@@ -117,7 +117,7 @@ class Drive:
         return illumination(surface, (self.lux, self.lux * THERE[self.kind]), self.bearing_rad)
 
 
-def drives(name: str) -> list[Drive]:
+def drives(name: str) -> list[RoomDrive]:
     """Those of the tuning or the report set: all kinds at all speeds, each in light from its least to its most."""
     first = {"tuning": TUNING_ROOM, "report": REPORT_ROOM}[name]
     pictures = tuple(stills(name)) or tuple(f"{painter}:{first}" for painter in PAINTERS)
@@ -128,11 +128,11 @@ def drives(name: str) -> list[Drive]:
         kind, step = kinds[place % len(kinds)], place // len(kinds)
         low, high = LUX[kind]
         lux = float(f"{low * (high / low) ** ((step + 0.5) / each):.2g}")
-        found.append(Drive(pictures, first + place, kind, lux, speeds[step % len(speeds)], sha256=sha256))
+        found.append(RoomDrive(pictures, first + place, kind, lux, speeds[step % len(speeds)], sha256=sha256))
     return found
 
 
-def quick_part(courses: Sequence[Drive]) -> list[Drive]:
+def quick_part(courses: Sequence[RoomDrive]) -> list[RoomDrive]:
     """Half of the first past a window."""
     return [replace(next(drive for drive in courses if drive.kind == "window"), seconds=SECONDS / 2)]
 
@@ -144,11 +144,11 @@ _picture = cache(picture)
 WORST_MM = 1e3 * SUB_TRAJECTORY_M
 
 
-class Follower:
+class RunFollower:
     """In-house odometry on one run, for each preparation of its frames. `stage`: the drive's; its own noise does not
     matter. `drive`, `repeat`: decide the noise of the frames."""
 
-    def __init__(self, stage: Stage, drive: Drive, repeat: int) -> None:
+    def __init__(self, stage: Stage, drive: RoomDrive, repeat: int) -> None:
         seed = drive.noise_seed(repeat)
         self._stage = stage
         self._cameras = {side: SimulatedCamera(2 * seed + (side == "right"), seed) for side in BOTH}
@@ -192,15 +192,15 @@ LONGEST_US = 3000.0  # Of these settings, unless the most gain needs more: hardl
 
 def measure_contender(*, drives: list[dict[str, Any]], contender: str) -> list[dict[str, Any]]:
     """Rows of one of `CONTENDERS`."""
-    return [row for drive in drives for row in run(Drive.of(drive), CONTENDERS[contender])]
+    return [row for drive in drives for row in run(RoomDrive.of(drive), CONTENDERS[contender])]
 
 
 def measure_hindsight(*, drives: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """Rows of `fixed-in-hindsight`."""
-    return [row for drive in drives for row in hindsight(Drive.of(drive))]
+    return [row for drive in drives for row in hindsight(RoomDrive.of(drive))]
 
 
-def run(drive: Drive, contender: Contender) -> list[dict[str, Any]]:
+def run(drive: RoomDrive, contender: Contender) -> list[dict[str, Any]]:
     """Rows of a contender, which starts from the best exposure of the first frame. It decides on frames with one noise;
     its settings are scored with others."""
     stage = drive.stage()
@@ -216,7 +216,7 @@ def run(drive: Drive, contender: Contender) -> list[dict[str, Any]]:
     return _rows(drive, contender.name, dict.fromkeys(PREPARATIONS, followers), medians(loop.settings))
 
 
-def hindsight(drive: Drive) -> list[dict[str, Any]]:
+def hindsight(drive: RoomDrive) -> list[dict[str, Any]]:
     """Rows of the fixed setting with the smallest error of those tried, chosen with other noise by preparation."""
     stage = drive.stage()
     levels = [float(np.log2(WHITE_US_LUX / drive.lux)) + stops for stops in TRIED_STOPS]
@@ -227,13 +227,13 @@ def hindsight(drive: Drive) -> list[dict[str, Any]]:
     return _rows(drive, FIXED_IN_HINDSIGHT, {name: scored[setting] for name, setting in best.items()}, {})
 
 
-def _followers(stage: Stage, drive: Drive, repeats: Sequence[int]) -> list[Follower]:
-    return [Follower(stage, drive, repeat) for repeat in repeats]
+def _followers(stage: Stage, drive: RoomDrive, repeats: Sequence[int]) -> list[RunFollower]:
+    return [RunFollower(stage, drive, repeat) for repeat in repeats]
 
 
 def _followed(
-    stage: Stage, drive: Drive, repeats: Sequence[int], settings: list[ExposureSetting]
-) -> dict[ExposureSetting, list[Follower]]:
+    stage: Stage, drive: RoomDrive, repeats: Sequence[int], settings: list[ExposureSetting]
+) -> dict[ExposureSetting, list[RunFollower]]:
     followed = {setting: _followers(stage, drive, repeats) for setting in settings}
     for frame in range(0, drive.frames, EVERY):
         stage.go_to(frame)
@@ -243,13 +243,13 @@ def _followed(
     return followed
 
 
-def _error_mm(followers: Sequence[Follower], kind: str) -> float:
+def _error_mm(followers: Sequence[RunFollower], kind: str) -> float:
     """Geometric mean over the noises."""
     return float(np.exp(np.mean([np.log(follower.error_mm(kind)) for follower in followers])))
 
 
 def _rows(
-    drive: Drive, name: str, followers: Mapping[str, Sequence[Follower]], more: Mapping[str, float]
+    drive: RoomDrive, name: str, followers: Mapping[str, Sequence[RunFollower]], more: Mapping[str, float]
 ) -> list[dict[str, Any]]:
     """One plain row for each judge, given who followed each preparation. It has failed if it has with any noise."""
     base = {"course": drive.name, "policy": name}
@@ -286,12 +286,12 @@ def jobs_of(name: str, quick: bool) -> list[Job]:
     return [*bounds, *contender_jobs(courses, CLOSEST), *contender_jobs(_screening(courses), others)]
 
 
-def _screening(courses: Sequence[Drive]) -> list[Drive]:
+def _screening(courses: Sequence[RoomDrive]) -> list[RoomDrive]:
     """Every fourth group: all kinds, speeds and lights, three of each."""
     return [drive for place, drive in enumerate(courses) if place // GROUP % SCREENED_EVERY == 0]
 
 
-def contender_jobs(courses: Sequence[Drive], contenders: Sequence[str]) -> list[Job]:
+def contender_jobs(courses: Sequence[RoomDrive], contenders: Sequence[str]) -> list[Job]:
     """One for each group of drives and each of `CONTENDERS`: a change of one leaves the results of the others kept."""
     return [
         Job(measure_contender, {"drives": group, "contender": one}, cost_s, (CONTENDERS[one].policy_id,))
@@ -300,7 +300,7 @@ def contender_jobs(courses: Sequence[Drive], contenders: Sequence[str]) -> list[
     ]
 
 
-def _groups(courses: Sequence[Drive]) -> list[tuple[list[Plain], float]]:
+def _groups(courses: Sequence[RoomDrive]) -> list[tuple[list[Plain], float]]:
     """Drives that a job takes together, and what one contender on them costs (s of one core)."""
     groups = [courses[first : first + GROUP] for first in range(0, len(courses), GROUP)]
     return [

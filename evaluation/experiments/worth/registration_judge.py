@@ -14,8 +14,16 @@ from evaluation.committed import REPORT_PARK, TUNING_PARK
 from evaluation.experiments.experiment import Job, Plain
 from evaluation.experiments.teach.judge import TILTS, WITHIN_PX
 from evaluation.experiments.teach.park import MAPS as PATH_MAPS
-from evaluation.experiments.teach.park import REPLAYS, TEACHING, Daylight, TaughtPath, park
-from evaluation.experiments.teach.replay import DELAY_FRAMES, Truth, at_half, frames, image_of, replayed, taught_maps
+from evaluation.experiments.teach.park import REPLAYS, TEACHING, Daylight, ParkPath, park
+from evaluation.experiments.teach.replay import (
+    DELAY_FRAMES,
+    TrueShifts,
+    at_half,
+    frames,
+    image_of,
+    replayed,
+    taught_maps,
+)
 from evaluation.experiments.worth.contenders import APART, CONTENDERS, PUBLISHED, Contender, policy
 from evaluation.experiments.worth.tables import FIXED_IN_HINDSIGHT, ORACLE_PER_FRAME
 from evaluation.scenes.views import CAMERA
@@ -30,7 +38,7 @@ CHOICE, SCORING = 0, (1, 2)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Look:
+class ReplayLook:
     """One image of a replay."""
 
     index: int  # of the map that it is registered with
@@ -45,7 +53,7 @@ class Look:
 
 
 @dataclass(frozen=True, slots=True)
-class Replay:
+class ParkReplay:
     """One course, as plain data."""
 
     seed: int  # of park and path
@@ -61,20 +69,20 @@ class Replay:
         return f"park {self.seed} from map {self.first}, {self.light}, sky {self.sky}"
 
     @property
-    def path(self) -> TaughtPath:
+    def path(self) -> ParkPath:
         """Where the robot goes."""
-        return TaughtPath(self.seed, TILTS[self.sky])
+        return ParkPath(self.seed, TILTS[self.sky])
 
     def renderers(self) -> tuple[Renderer, Renderer]:
         """The park when the path is taught, and when it is replayed."""
         before, after = (Renderer(_built(self.seed, day), CAMERA) for day in (TEACHING, REPLAYS[self.light]))
         return before, after
 
-    def looks(self) -> list[Look]:
+    def looks(self) -> list[ReplayLook]:
         """The images that are registered."""
-        truth, path = Truth(_built(self.seed, TEACHING)), self.path
+        truth, path = TrueShifts(_built(self.seed, TEACHING)), self.path
         return [
-            Look(index, pose, lux, truth.shift(path.taught(self.first + index), pose))
+            ReplayLook(index, pose, lux, truth.shift(path.taught(self.first + index), pose))
             for frame, pose, lux in frames(path, self.light, self.maps, self.first)
             if (index := image_of(frame)) is not None
         ]
@@ -98,12 +106,12 @@ def _built(seed: int, daylight: Daylight) -> list[Surface]:
 _UPPER, _BEYOND, _HARDLY = TILTS
 
 
-def tuning() -> list[Replay]:
+def tuning() -> list[ParkReplay]:
     """For development."""
     return _around(TUNING_PARK, [("clear", _UPPER), ("clear", _BEYOND), ("overcast", _UPPER), ("sunset", _BEYOND)], 60)
 
 
-def report() -> list[Replay]:
+def report() -> list[ParkReplay]:
     """What counts: other parks."""
     clear = [("clear", _UPPER), ("clear", _BEYOND), ("clear", _HARDLY)]
     return _around(
@@ -111,17 +119,18 @@ def report() -> list[Replay]:
     )
 
 
-def _around(seed: int, cases: Sequence[tuple[str, str]], first: int) -> list[Replay]:
+def _around(seed: int, cases: Sequence[tuple[str, str]], first: int) -> list[ParkReplay]:
     """Each case in a park of its own, with stretches all around the path."""
     return [
-        Replay(seed + place, light, sky, (first + 30 * place) % PATH_MAPS) for place, (light, sky) in enumerate(cases)
+        ParkReplay(seed + place, light, sky, (first + 30 * place) % PATH_MAPS)
+        for place, (light, sky) in enumerate(cases)
     ]
 
 
 SETS = {"tuning": tuning, "report": report}  # The sets by name
 
 
-def quick_part(replays: Sequence[Replay]) -> list[Replay]:
+def quick_part(replays: Sequence[ParkReplay]) -> list[ParkReplay]:
     """Three maps of the first."""
     return [replace(replays[0], maps=3)]
 
@@ -133,14 +142,14 @@ Levels = list[int]  # Exposure levels, whole stops
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class RegistrationShares:
     """Shares of registrations within 5 px, mean over repeats: on one's own maps, and on the foreign ones."""
 
     own: float
     foreign: float
 
 
-def bounds(course: Replay, foreign: Sequence[Features]) -> dict[str, Outcome]:
+def bounds(course: ParkReplay, foreign: Sequence[Features]) -> dict[str, RegistrationShares]:
     """Both bounds, chosen with one noise and scored with others. `fixed-in-hindsight` keeps one exposure while it
     teaches and while it replays; on foreign maps only the latter matters. `oracle-per-frame` has for each image the
     exposure with most votes, and has taught each of its maps with that which gives its images most votes. `course`: the
@@ -153,7 +162,7 @@ def bounds(course: Replay, foreign: Sequence[Features]) -> dict[str, Outcome]:
         ORACLE_PER_FRAME: _free(choice, taught, seen),
     }
     return {
-        name: Outcome(
+        name: RegistrationShares(
             float(np.mean([sight.share(sight.own(maps, images)) for sight in scoring])),
             float(np.mean([sight.share(sight.on_foreign(others)) for sight in scoring])),
         )
@@ -166,8 +175,8 @@ class _Sight:
 
     def __init__(
         self,
-        course: Replay,
-        looks: Sequence[Look],
+        course: ParkReplay,
+        looks: Sequence[ReplayLook],
         renderers: tuple[Renderer, Renderer],
         foreign: Sequence[Features],
         repeat: int,
@@ -209,7 +218,7 @@ class _Sight:
         """The vote of one image at a level on its foreign map."""
         return register(self._foreign[self.looks[place].index], self._seen(1, level, place)).vote
 
-    def _each(self, images: Levels) -> enumerate[tuple[Look, int]]:
+    def _each(self, images: Levels) -> enumerate[tuple[ReplayLook, int]]:
         return enumerate(zip(self.looks, images, strict=True))
 
     def _seen(self, drive: int, level: int, place: int) -> Features:
@@ -261,12 +270,12 @@ TEACHER = "majer2018-standard"
 
 def measure_policies(*, replay: dict[str, Any], policies: list[str]) -> list[dict[str, Any]]:
     """Rows of policies by their ids."""
-    return run(Replay(**replay), [policy(policy_id) for policy_id in policies])
+    return run(ParkReplay(**replay), [policy(policy_id) for policy_id in policies])
 
 
 def measure_bounds(*, replay: dict[str, Any]) -> list[dict[str, Any]]:
     """Rows of `fixed-in-hindsight` and `oracle-per-frame`."""
-    course = Replay(**replay)
+    course = ParkReplay(**replay)
     before, _ = course.renderers()
     foreign = taught_maps(
         course.path, before, course.camera(0, SCORING[0]), maps=course.maps, entrants=[_entrant(policy(TEACHER))],
@@ -279,7 +288,7 @@ def measure_bounds(*, replay: dict[str, Any]) -> list[dict[str, Any]]:
     return found
 
 
-def run(course: Replay, contenders: Sequence[Contender]) -> list[dict[str, Any]]:
+def run(course: ParkReplay, contenders: Sequence[Contender]) -> list[dict[str, Any]]:
     """Rows of contenders, each with its mean exposure level."""
     carried = {contender.name: _entrant(contender) for contender in (*contenders, policy(TEACHER))}
     before, after = course.renderers()
@@ -309,7 +318,7 @@ def run(course: Replay, contenders: Sequence[Contender]) -> list[dict[str, Any]]
     return found
 
 
-def _row(judge: str, course: Replay, name: str, value: float, level: float | None = None) -> dict[str, Any]:
+def _row(judge: str, course: ParkReplay, name: str, value: float, level: float | None = None) -> dict[str, Any]:
     row = {"judge": judge, "course": course.name, "policy": name, "value": value}
     return row if level is None else {**row, "level": level}
 
@@ -355,4 +364,4 @@ def jobs_of(name: str, quick: bool) -> list[Job]:
 
 def measure_contender(*, replay: dict[str, Any], contender: str) -> list[dict[str, Any]]:
     """Rows of one of `CONTENDERS`."""
-    return run(Replay(**replay), [CONTENDERS[contender]])
+    return run(ParkReplay(**replay), [CONTENDERS[contender]])

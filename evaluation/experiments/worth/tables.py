@@ -13,7 +13,7 @@ from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from evaluation.committed import ERROR_MARGIN, FEATURE_MARGIN
 from evaluation.drawing import COLOURS, panels, save
 from evaluation.experiments.experiment import Table
-from evaluation.experiments.statistics import FEWEST, Comparison, Interval, over_places
+from evaluation.experiments.statistics import FEWEST, Interval, PolicyComparison, over_places
 
 FIXED_IN_HINDSIGHT = "fixed-in-hindsight"
 ORACLE_PER_FRAME = "oracle-per-frame"
@@ -41,7 +41,7 @@ class Verdicts:
 
     def __init__(self, rows: Iterable[Mapping[str, Any]], better: Better) -> None:
         self.better = better
-        self._comparisons: dict[tuple[str, str, str], Comparison | None] = {}
+        self._comparisons: dict[tuple[str, str, str], PolicyComparison | None] = {}
         self._failed: dict[str, set[tuple[str, str]]] = {}
         self._values: dict[str, dict[str, dict[str, float]]] = {judge: {} for judge in better}
         for row in rows:
@@ -87,24 +87,24 @@ class Verdicts:
         logs = over_places([math.log(by_course[course]) for course in kept], _places(kept))
         return Interval(math.exp(logs.value), math.exp(logs.low), math.exp(logs.high))
 
-    def compare(self, judge: str, policy: str, other: str) -> Comparison | None:
+    def compare(self, judge: str, policy: str, other: str) -> PolicyComparison | None:
         """How much worse a policy is than another, on the courses of both; None where a judge has not seen both."""
         key = (judge, policy, other)
         if key not in self._comparisons:
             self._comparisons[key] = self._compare(*key)
         return self._comparisons[key]
 
-    def _compare(self, judge: str, policy: str, other: str) -> Comparison | None:
+    def _compare(self, judge: str, policy: str, other: str) -> PolicyComparison | None:
         if not (courses := self.courses(judge, policy, other)):
             return None
         own, others = (np.array([self._values[judge][one][course] for course in courses]) for one in (policy, other))
         if judge in self._failed:
             failed = [any((one, course) in self._failed[judge] for one in (policy, other)) for course in courses]
-            return Comparison.of_errors(own, others, np.array(failed), _places(courses))
+            return PolicyComparison.of_errors(own, others, np.array(failed), _places(courses))
         losses = own - others if self.better[judge] == "lower" else others - own
         # Something that never happened to the other has no share that it could be compared with.
         base = None if judge == FAILURES or not others.any() else others
-        return Comparison.of_means(losses, base, _places(courses))
+        return PolicyComparison.of_means(losses, base, _places(courses))
 
     def among(self, courses: Collection[str]) -> Verdicts:
         """The same on some of the courses."""

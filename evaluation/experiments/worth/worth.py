@@ -15,11 +15,11 @@ import numpy as np
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from evaluation.committed import ERROR_MARGIN, FEATURE_MARGIN, ROOMS
 from evaluation.drawing import save
-from evaluation.experiments.experiment import Experiment, Figure, Job, Plain, Results, Section, Table
+from evaluation.experiments.experiment import Experiment, Figure, Job, Plain, ReportSection, Results, Table
 from evaluation.experiments.worth import odometry_judge, registration_judge
 from evaluation.experiments.worth.contenders import LEARNED, OURS, PUBLISHED, policy
 from evaluation.experiments.worth.matches import judge as matches_judge
-from evaluation.experiments.worth.matches.courses import Course, Rig
+from evaluation.experiments.worth.matches.courses import MatchesCourse, MatchesRig
 from evaluation.experiments.worth.matches.judge import JUDGES, SCORING_SEEDS, enter
 from evaluation.experiments.worth.matches.scenes import is_panorama
 from evaluation.experiments.worth.odometry_judge import LONGEST_US, LUX, SECONDS, TRIED_STOPS, WORST_MM
@@ -49,7 +49,7 @@ def matches_tables(
     ]
 
 
-def _claims(verdicts: Verdicts, courses: Mapping[str, Course], rivals: Sequence[str]) -> list[Table]:
+def _claims(verdicts: Verdicts, courses: Mapping[str, MatchesCourse], rivals: Sequence[str]) -> list[Table]:
     """The judges that decide, on the courses that are hardest for exposure."""
     groups = {
         "In dim light, turning": {name for name, course in courses.items() if course.kind == "dim, turning"},
@@ -64,14 +64,14 @@ def _claims(verdicts: Verdicts, courses: Mapping[str, Course], rivals: Sequence[
     ]
 
 
-def courses_of(results: Results) -> dict[str, Course]:
+def courses_of(results: Results) -> dict[str, MatchesCourse]:
     """The courses of this judge's jobs, by name; those of other judges have another form."""
     mine = [arguments for arguments, found in results if found and found[0]["judge"] in JUDGES]
-    courses = [Course(**arguments["course"]) for arguments in mine if isinstance(arguments["course"], dict)]
+    courses = [MatchesCourse(**arguments["course"]) for arguments in mine if isinstance(arguments["course"], dict)]
     return {course.name: course for course in courses}
 
 
-def _settings(results: Results, courses: Mapping[str, Course], policies: Sequence[str]) -> Table:
+def _settings(results: Results, courses: Mapping[str, MatchesCourse], policies: Sequence[str]) -> Table:
     """Medians over the scored frames of courses in steady light with the default camera."""
     chosen: dict[tuple[float, float], dict[str, list[tuple[float, float]]]] = {}
     for _, found in results:
@@ -99,7 +99,7 @@ FRAMES = 5  # Shown of each, spread over what is scored
 _LEAST = {"higher": 1.0, "lower": 0.01}
 
 
-def worst_courses(results: Results, verdicts: Verdicts) -> list[tuple[Course, float]]:
+def worst_courses(results: Results, verdicts: Verdicts) -> list[tuple[MatchesCourse, float]]:
     """Courses where the default is furthest behind the best fixed setting, by the mean ratio of `SHOWN` (stops)."""
     behind = [
         (course, float(np.mean([_behind(verdicts, judge, name) for judge in SHOWN])))
@@ -115,7 +115,7 @@ def _behind(verdicts: Verdicts, judge: str, course: str) -> float:
     return ratio if JUDGES[judge] == "higher" else -ratio
 
 
-def worst_table(worst: list[tuple[Course, float]], verdicts: Verdicts) -> Table:
+def worst_table(worst: list[tuple[MatchesCourse, float]], verdicts: Verdicts) -> Table:
     """The values of both on these courses."""
     rows = []
     for course, _ in worst:
@@ -128,7 +128,7 @@ def worst_table(worst: list[tuple[Course, float]], verdicts: Verdicts) -> Table:
     return Table(caption, ["course", *(f"`{judge}`" for judge in SHOWN)], rows)
 
 
-def plot_worst(worst: list[tuple[Course, float]], results: Results, file: Path) -> None:
+def plot_worst(worst: list[tuple[MatchesCourse, float]], results: Results, file: Path) -> None:
     """Frames of both through these courses, taken again."""
     figure, grid = plt.subplots(
         2 * len(worst), FRAMES, figsize=(9.0, 0.2 + 3.2 * len(worst)), layout="constrained", squeeze=False
@@ -158,9 +158,9 @@ def _fixed(results: Results, course: str) -> ExposureSetting:
     return ExposureSetting(row["time_us"], row["gain_db"])
 
 
-def _frames(course: Course, fixed: ExposureSetting) -> tuple[list[Frame], list[Frame]]:
+def _frames(course: MatchesCourse, fixed: ExposureSetting) -> tuple[list[Frame], list[Frame]]:
     film = course.film()
-    rig = Rig(film, course.eyes, SCORING_SEEDS[0])
+    rig = MatchesRig(film, course.eyes, SCORING_SEEDS[0])
     loop = enter(policy(DEFAULT_POLICY), course)
     shown = {course.scored[place] for place in np.linspace(0, len(course.scored) - 1, FRAMES).round().astype(int)}
     own, beside = [], []
@@ -227,7 +227,7 @@ def verdicts_of(results: Results) -> Verdicts:
     return Verdicts(rows(), BETTER)
 
 
-def section(results: Results, folder: Path, *, name: str = "worth") -> Section:
+def section(results: Results, folder: Path, *, name: str = "worth") -> ReportSection:
     """Whether the default is inferior to anyone, the means of all, and where it loses most."""
     verdicts = verdicts_of(results)
     plot_gains(verdicts, folder / f"{name}.png")
@@ -249,7 +249,7 @@ def section(results: Results, folder: Path, *, name: str = "worth") -> Section:
         Figure(f"{name}_worst.png", "Frames of these courses: number, exposure time and gain."),
     ]
     settings = [_SETTING, ODOMETRY_SETTING, REGISTRATION_SETTING, _pictures(results)]
-    return Section("\n\n".join(settings), [], parts)
+    return ReportSection("\n\n".join(settings), [], parts)
 
 
 def data(results: Results) -> Plain:

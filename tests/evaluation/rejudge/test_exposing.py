@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
 from evaluation.experiments.rejudge.rehearsal import OFFSETS, measure_still
-from evaluation.rejudge.camera import Exposer, Light
+from evaluation.rejudge.camera import Exposer, SeenLight
 from imaging.exposure import ExposureSetting
 from imaging.frames import Frame
 from imaging.pixels import Pixels
@@ -25,8 +25,8 @@ def frame(pixels: Pixels, setting: ExposureSetting) -> Frame:
     return Frame(pixels, 8 * pixels.itemsize, 0, 0, 0, 0, setting)
 
 
-def flat(amount: float) -> Light:
-    return Light(np.full(SHAPE, amount, np.float32), np.zeros(SHAPE, np.float32))
+def flat(amount: float) -> SeenLight:
+    return SeenLight(np.full(SHAPE, amount, np.float32), np.zeros(SHAPE, np.float32))
 
 
 @pytest.mark.parametrize("response", [ResponseFunction.linear(), GAMMA], ids=["linear", "gamma"])
@@ -71,7 +71,7 @@ def test_fused_frames_show_what_none_of_them_shows_alone() -> None:
     """From 1 to 1000 times the darkest light that one frame would resolve."""
     exposer = Exposer(ResponseFunction.linear(), NOISE, 0)
     amount = np.geomspace(1e-7, 1e-4, SHAPE[1], dtype=np.float32)[None].repeat(SHAPE[0], axis=0)
-    light = Light(amount, np.zeros(SHAPE, np.float32))
+    light = SeenLight(amount, np.zeros(SHAPE, np.float32))
     settings = [ExposureSetting(1000.0, 6.0 * step) for step in range(6)] + [ExposureSetting(8000.0, 0.0)]
     frames = [frame(exposer.expose(light, setting, 8, number), setting) for number, setting in enumerate(settings)]
     fused = exposer.fused(frames)

@@ -18,7 +18,7 @@ from autoexpose_daemon.recording.replay import report_replay
 from calibration.geometry.formats.ros import ros_yaml
 from evaluation.odometry.tracking import lap
 from evaluation.rejudge.contest import Figures, recommended
-from evaluation.rejudge.following import Reference, Trajectory, read_tum, tum
+from evaluation.rejudge.following import ReferenceTrajectory, Trajectory, read_tum, tum
 from evaluation.rejudge.rejudge_app import rejudge
 from evaluation.rejudge.sources import read_recording
 from imaging.errors import AutoexposeError, ConfigurationError
@@ -270,7 +270,7 @@ def test_trajectories_are_written_read_and_compared(tmp_path: Path) -> None:
     again = read_tum(tmp_path / "t.tum")
     assert np.allclose(again.poses, truth.poses, atol=1e-6)
     moved = np.linalg.inv(truth.poses[0]) @ truth.poses
-    reference = Reference.of(truth, 1 / 15)
+    reference = ReferenceTrajectory.of(truth, 1 / 15)
     assert reference.length_m == 0.02
     assert max(reference.errors_mm(Trajectory(truth.times_s, moved))) < 1e-6
     scaled = moved.copy()

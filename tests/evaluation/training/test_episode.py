@@ -15,7 +15,7 @@ from evaluation.training.episode import (
     ROWS,
     SEEDS,
     Episode,
-    Picture,
+    TrainingPicture,
     babbled_levels,
     random_light,
     random_path,
@@ -23,9 +23,9 @@ from evaluation.training.episode import (
 from evaluation.training.tomasi2021 import best_level
 
 
-def patches(seed: int) -> Picture:
+def patches(seed: int) -> TrainingPicture:
     light = np.exp2(np.random.default_rng(seed).normal(-2.0, 1.0, (33, 50)))
-    return Picture(np.kron(light, np.ones((8, 8))).astype(np.float32), 4)
+    return TrainingPicture(np.kron(light, np.ones((8, 8))).astype(np.float32), 4)
 
 
 def episode(seed: int, frames: int = 30) -> Episode:

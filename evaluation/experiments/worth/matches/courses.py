@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from evaluation.committed import PAINTINGS, REPORT_PAINTING, TUNING_PAINTING
-from evaluation.experiments.worth.matches.pairs import Truth
+from evaluation.experiments.worth.matches.pairs import TrueMotion
 from evaluation.experiments.worth.matches.scenes import (
     CANVAS,
     DISPARITY_PX,
@@ -80,10 +80,10 @@ class Film:
         mean = cv2.addWeighted(self._sums[whole - 1], (1 - share) * scale, self._sums[whole], share * scale, 0.0)
         return np.asarray(mean, np.float32)
 
-    def truth(self, first: tuple[int, float], second: tuple[int, float]) -> Truth:
+    def truth(self, first: tuple[int, float], second: tuple[int, float]) -> TrueMotion:
         """The motion between two left frames (number, exposure time in us), each at the middle of its exposure."""
         middles = [number / RATE_HZ + self._middle_s(time_us * 1e-6) for number, time_us in (first, second)]
-        return Truth(self._view.homography(*middles), self._view.model)
+        return TrueMotion(self._view.homography(*middles), self._view.model)
 
     def _middle_s(self, exposure_s: float) -> float:
         """When, after the start, the mean radiance was seen: short of a part, everything is seen at its middle."""
@@ -100,7 +100,7 @@ class Eyes:
     right: str = "open"  # state of the right camera, one of `EYES`
 
 
-class Rig:
+class MatchesRig:
     """Exposes the frames of a film; the noise of a frame is the same whatever its exposure. `film`: what is seen.
     `eyes`: with what. `seed`: of the noise."""
 
@@ -158,7 +158,7 @@ SENSORS = {
 
 
 @dataclass(frozen=True, slots=True)
-class Course:
+class MatchesCourse:
     """One course, as plain data."""
 
     scene: str  # see `moving_view`
@@ -238,7 +238,7 @@ _PANORAMAS = {
 _LIGHTS = ("steady", "steady", "up", "steady", "steady", "down")
 
 
-def _varied(scenes: list[str], first_seed: int) -> list[Course]:
+def _varied(scenes: list[str], first_seed: int) -> list[MatchesCourse]:
     """Each scene once; light and speed go round, so that all meet all."""
     courses = []
     for place, scene in enumerate(scenes):
@@ -246,36 +246,38 @@ def _varied(scenes: list[str], first_seed: int) -> list[Course]:
         lux = LUX[(2 * place + place // 15) % len(LUX)] if light == "steady" else STEP_LUX[place // 6 % len(STEP_LUX)]
         # Lights repeat after 6 and speeds after 3 places: the shift keeps them from going together.
         speed = SPEEDS_PX[(place + place // 3) % len(SPEEDS_PX)]
-        courses.append(Course(scene, lux, light, speed, seed=first_seed + place, sha256=digest(scene)))
+        courses.append(MatchesCourse(scene, lux, light, speed, seed=first_seed + place, sha256=digest(scene)))
     return courses
 
 
-def _pans(scenes: list[str], first_seed: int) -> list[Course]:
+def _pans(scenes: list[str], first_seed: int) -> list[MatchesCourse]:
     """From side to side of each still, slower and faster, in the light of rooms and outdoors."""
     return [
-        Course(scene, LUX[1 + place // 2 % 4], "steady", PAN_SPEEDS_PX[place % 2], seed=first_seed + place,
-               sha256=digest(scene), pan=True)
+        MatchesCourse(
+            scene, LUX[1 + place // 2 % 4], "steady", PAN_SPEEDS_PX[place % 2],
+            seed=first_seed + place, sha256=digest(scene), pan=True,
+        )
         for place, scene in enumerate(scenes)
     ]  # fmt: skip
 
 
-def _dim(scenes: list[str], first_seed: int) -> list[Course]:
+def _dim(scenes: list[str], first_seed: int) -> list[MatchesCourse]:
     """Each scene in dim light, while the camera turns."""
+    speeds = [PANORAMA_TURN_PX if is_panorama(scene) else TURN_PX for scene in scenes]
     return [
-        Course(scene, DIM_LUX, "steady", PANORAMA_TURN_PX if is_panorama(scene) else TURN_PX, seed=first_seed + place,
-               sha256=digest(scene))
-        for place, scene in enumerate(scenes)
-    ]  # fmt: skip
+        MatchesCourse(scene, DIM_LUX, "steady", speed, seed=first_seed + place, sha256=digest(scene))
+        for place, (scene, speed) in enumerate(zip(scenes, speeds, strict=True))
+    ]
 
 
-def _special(scenes: list[str], kinds: list[tuple[str, int]], first_seed: int) -> list[Course]:
+def _special(scenes: list[str], kinds: list[tuple[str, int]], first_seed: int) -> list[MatchesCourse]:
     """One course for each kind of camera (sensor, delay)."""
     courses = []
     for place, (sensor, delay) in enumerate(kinds):
         scene, light = scenes[place % len(scenes)], _LIGHTS[(place + 2) % 3]
         lux = STEP_LUX[place % 3] if light != "steady" else (6.0, 150.0)[place % 2]
         speed, seed = SPEEDS_PX[1 + place % 2], first_seed + place
-        courses.append(Course(scene, lux, light, speed, sensor, delay, seed, digest(scene)))
+        courses.append(MatchesCourse(scene, lux, light, speed, sensor, delay, seed, digest(scene)))
     return courses
 
 
@@ -286,7 +288,7 @@ _REPORT_KINDS = [
 ]  # fmt: skip
 
 
-def courses(name: str) -> list[Course]:
+def courses(name: str) -> list[MatchesCourse]:
     """Those of the tuning or the report set, which share no picture: photographs, panoramas, and paintings."""
     first = {"tuning": TUNING_PAINTING, "report": REPORT_PAINTING}[name]
     painted = [f"{painter}:{first + place}" for place in range(PAINTINGS) for painter in PAINTERS]
@@ -302,6 +304,6 @@ def courses(name: str) -> list[Course]:
     ]
 
 
-def quick(every: list[Course]) -> list[Course]:
+def quick(every: list[MatchesCourse]) -> list[MatchesCourse]:
     """Six of a set, spread over it."""
     return [every[place] for place in np.linspace(0, len(every) - 1, 6).round().astype(int)]

@@ -9,10 +9,10 @@ import numpy as np
 
 from evaluation.experiments.experiment import Job
 from evaluation.experiments.worth.contenders import CONTENDERS, Contender, medians
-from evaluation.experiments.worth.matches.courses import EVERY, Course, Film, Rig
+from evaluation.experiments.worth.matches.courses import EVERY, Film, MatchesCourse, MatchesRig
 from evaluation.experiments.worth.matches.courses import courses as courses_of
 from evaluation.experiments.worth.matches.courses import quick as some_of
-from evaluation.experiments.worth.matches.pairs import PREPARATIONS, Seen, judged, seen
+from evaluation.experiments.worth.matches.pairs import PREPARATIONS, SeenFrame, judged, seen
 from evaluation.experiments.worth.tables import FIXED_IN_HINDSIGHT, ORACLE_PER_FRAME
 from evaluation.stage.camera import LIMITS, DelayedLoop
 from imaging.exposure import ExposureSetting
@@ -39,11 +39,11 @@ class Scorer:
     """Judges the pairs of one camera as its frames come in. `pairs`: for each pair scored so far, the value of each
     judge that judged it. `settings`: of each frame that was looked at."""
 
-    def __init__(self, course: Course, film: Film) -> None:
+    def __init__(self, course: MatchesCourse, film: Film) -> None:
         self.pairs: list[dict[str, float]] = []
         self.settings: list[ExposureSetting] = []
         self._scored, self._film = course.scored, film
-        self._last: tuple[int, float, Mapping[str, Seen]] | None = None
+        self._last: tuple[int, float, Mapping[str, SeenFrame]] | None = None
         self._bad: list[bool] = []
 
     def look(self, frame: Frame) -> None:
@@ -72,7 +72,7 @@ def mean_values(pairs: list[dict[str, float]]) -> dict[str, float]:
 
 
 def rows(
-    course: Course, policy: str, means: Mapping[str, float], more: Mapping[str, Mapping[str, Any]] | None = None
+    course: MatchesCourse, policy: str, means: Mapping[str, float], more: Mapping[str, Mapping[str, Any]] | None = None
 ) -> list[dict[str, Any]]:
     """One plain row for each judge with a mean; `more` has diagnostics by judge."""
     return [
@@ -86,10 +86,10 @@ def rows(
 START = ExposureSetting(1000.0, 0.0)
 
 
-def run(course: Course, contender: Contender) -> list[dict[str, Any]]:
+def run(course: MatchesCourse, contender: Contender) -> list[dict[str, Any]]:
     """Rows of a contender, with the medians of its settings over the scored frames."""
     film = course.film()
-    rig = Rig(film, course.eyes, SCORING_SEEDS[0])
+    rig = MatchesRig(film, course.eyes, SCORING_SEEDS[0])
     loop, scorer = enter(contender, course), Scorer(course, film)
     for number in range(course.frames):
         film.go_to(number)
@@ -97,7 +97,7 @@ def run(course: Course, contender: Contender) -> list[dict[str, Any]]:
     return rows(course, contender.name, scorer.means(), dict.fromkeys(JUDGES, medians(scorer.settings)))
 
 
-def enter(contender: Contender, course: Course) -> DelayedLoop:
+def enter(contender: Contender, course: MatchesCourse) -> DelayedLoop:
     """A fresh loop with the delay of a course, told the true response."""
     return DelayedLoop(contender.make_loop(course.response, LIMITS, START), course.delay_frames)
 
@@ -116,16 +116,16 @@ Pair = dict[str, float]
 def measure_bounds(*, course: dict[str, Any]) -> list[dict[str, Any]]:
     """Rows of `fixed-in-hindsight`, over all pairs of a course, and of `oracle-per-frame`, over the pairs checked. Each
     judge has its own; both are chosen by the judge's value with one noise, and scored with three others."""
-    given = Course(**course)
+    given = MatchesCourse(**course)
     film = given.film()
     firsts = given.scored[:-1][::CHECKED_EVERY]
-    tried = _try_all(film, Rig(film, given.eyes, CHOICE_SEED), firsts)
+    tried = _try_all(film, MatchesRig(film, given.eyes, CHOICE_SEED), firsts)
     fixed = {judge: best(judge, [mean_values(tried[setting]) for setting in GRID]) for judge in PAIR_JUDGES}
     by_pair = {
         judge: [best(judge, [tried[setting][place] for setting in GRID]) for place in range(len(firsts))]
         for judge in PAIR_JUDGES
     }
-    rigs = [Rig(film, given.eyes, seed) for seed in SCORING_SEEDS]
+    rigs = [MatchesRig(film, given.eyes, seed) for seed in SCORING_SEEDS]
     fixed_values = _score_fixed(given, film, rigs, fixed)
     oracle_values = _score_pairs(film, rigs, firsts, by_pair)
     more = {
@@ -142,7 +142,7 @@ def best(judge: str, values: Sequence[Pair]) -> int:
     return max(range(len(values)), key=lambda place: (sign * values[place][judge], values[place][matches]))
 
 
-def _pair(film: Film, rig: Rig, first: int, setting: ExposureSetting) -> Pair:
+def _pair(film: Film, rig: MatchesRig, first: int, setting: ExposureSetting) -> Pair:
     """All judges on one pair taken with one setting."""
     looks = []
     for number in (first, first + EVERY):
@@ -152,7 +152,7 @@ def _pair(film: Film, rig: Rig, first: int, setting: ExposureSetting) -> Pair:
     return judged(looks[0], looks[1], truth, sift=True)
 
 
-def _try_all(film: Film, rig: Rig, firsts: Sequence[int]) -> dict[ExposureSetting, list[Pair]]:
+def _try_all(film: Film, rig: MatchesRig, firsts: Sequence[int]) -> dict[ExposureSetting, list[Pair]]:
     tried: dict[ExposureSetting, list[Pair]] = {setting: [] for setting in GRID}
     for first in firsts:
         for setting in GRID:
@@ -160,7 +160,7 @@ def _try_all(film: Film, rig: Rig, firsts: Sequence[int]) -> dict[ExposureSettin
     return tried
 
 
-def _score_fixed(course: Course, film: Film, rigs: Sequence[Rig], chosen: dict[str, int]) -> Pair:
+def _score_fixed(course: MatchesCourse, film: Film, rigs: Sequence[MatchesRig], chosen: dict[str, int]) -> Pair:
     """The value of each judge with the setting chosen for it, mean over the rigs."""
     scorers = {place: [Scorer(course, film) for _ in rigs] for place in set(chosen.values())}
     for number in course.scored:
@@ -172,7 +172,7 @@ def _score_fixed(course: Course, film: Film, rigs: Sequence[Rig], chosen: dict[s
     return {judge: float(np.mean([one[judge] for one in means[place]])) for judge, place in chosen.items()}
 
 
-def _score_pairs(film: Film, rigs: Sequence[Rig], firsts: Sequence[int], chosen: dict[str, list[int]]) -> Pair:
+def _score_pairs(film: Film, rigs: Sequence[MatchesRig], firsts: Sequence[int], chosen: dict[str, list[int]]) -> Pair:
     """The value of each judge with the settings chosen for it pair by pair, mean over the rigs."""
     totals = dict.fromkeys(PAIR_JUDGES, 0.0)
     for place, first in enumerate(firsts):
@@ -194,7 +194,7 @@ def jobs_of(name: str, quick: bool) -> list[Job]:
     return [*bounds, *contender_jobs(courses, list(CONTENDERS))]
 
 
-def contender_jobs(courses: Sequence[Course], contenders: Sequence[str]) -> list[Job]:
+def contender_jobs(courses: Sequence[MatchesCourse], contenders: Sequence[str]) -> list[Job]:
     """One for each course and each of `CONTENDERS`: when one changes, the results of the others are still kept."""
     return [
         Job(measure_contender, {"course": course.plain(), "contender": one}, 1.5, (CONTENDERS[one].policy_id,))
@@ -205,4 +205,4 @@ def contender_jobs(courses: Sequence[Course], contenders: Sequence[str]) -> list
 
 def measure_contender(*, course: dict[str, Any], contender: str) -> list[dict[str, Any]]:
     """Rows of one of `CONTENDERS`."""
-    return run(Course(**course), CONTENDERS[contender])
+    return run(MatchesCourse(**course), CONTENDERS[contender])

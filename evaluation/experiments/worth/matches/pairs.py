@@ -33,7 +33,7 @@ _SIFT = cv2.SIFT.create(SIFT_FEATURES)
 _PLACES = np.stack(np.meshgrid(np.linspace(0, WIDTH - 1, 13), np.linspace(0, HEIGHT - 1, 10)), axis=-1).reshape(-1, 2)
 
 
-class Seen:
+class SeenFrame:
     """One prepared frame with what detectors find in it, each found once."""
 
     def __init__(self, image: Image) -> None:
@@ -59,7 +59,7 @@ class Seen:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Truth:
+class TrueMotion:
     """What is known of the motion between two frames."""
 
     homography: Homography  # takes pixels of the first to those of the second, (3, 3)
@@ -67,7 +67,7 @@ class Truth:
 
 
 @dataclass(frozen=True, slots=True)
-class Motion:
+class MatchedMotion:
     """What matches say about the motion between two frames."""
 
     inliers: int  # matches that agree with the true motion
@@ -76,18 +76,18 @@ class Motion:
     lost: bool  # too few inliers or too large an error
 
 
-def orb_motion(first: Seen, second: Seen, truth: Truth) -> Motion:
+def orb_motion(first: SeenFrame, second: SeenFrame, truth: TrueMotion) -> MatchedMotion:
     """By ORB features, nearest neighbours and Lowe's ratio."""
     return motion(*_matched(first.orb, second.orb, cv2.NORM_HAMMING), truth)
 
 
-def sift_inliers(first: Seen, second: Seen, truth: Truth) -> int:
+def sift_inliers(first: SeenFrame, second: SeenFrame, truth: TrueMotion) -> int:
     """Matches of SIFT features that agree with the true motion."""
     here, there = _matched(first.sift, second.sift, cv2.NORM_L2)
     return int(_agree(here, there, truth.homography).sum())
 
 
-def klt_motion(first: Seen, second: Seen, truth: Truth) -> Motion:
+def klt_motion(first: SeenFrame, second: SeenFrame, truth: TrueMotion) -> MatchedMotion:
     """By corners of the first frame, tracked into the second."""
     here = first.corners
     if not len(here):
@@ -99,7 +99,7 @@ def klt_motion(first: Seen, second: Seen, truth: Truth) -> Motion:
     return motion(here[tracked], there[tracked], truth)
 
 
-def repeatability(first: Seen, second: Seen, truth: Truth) -> float:
+def repeatability(first: SeenFrame, second: SeenFrame, truth: TrueMotion) -> float:
     """Share of the first frame's ORB features in view of the second that are found there, too, within `INLIER_PX`."""
     there = second.orb[0]
     expected = _moved(first.orb[0], truth.homography)
@@ -110,7 +110,7 @@ def repeatability(first: Seen, second: Seen, truth: Truth) -> float:
     return float((apart <= INLIER_PX).mean())
 
 
-def motion(here: Points, there: Points, truth: Truth) -> Motion:
+def motion(here: Points, there: Points, truth: TrueMotion) -> MatchedMotion:
     """What matches (n, 2) each are worth, given the true motion."""
     inliers = int(_agree(here, there, truth.homography).sum())
     error = LOST_PX
@@ -119,10 +119,12 @@ def motion(here: Points, there: Points, truth: Truth) -> Motion:
         apart = np.linalg.norm(_moved(_PLACES, found) - _moved(_PLACES, truth.homography), axis=1).mean()
         error = min(float(np.nan_to_num(apart, nan=LOST_PX)), LOST_PX)
     lost = inliers < FEWEST_INLIERS or error >= LOST_PX
-    return Motion(inliers, LOST_PX if lost else error, lost)
+    return MatchedMotion(inliers, LOST_PX if lost else error, lost)
 
 
-def judged(first: Mapping[str, Seen], second: Mapping[str, Seen], truth: Truth, *, sift: bool) -> dict[str, float]:
+def judged(
+    first: Mapping[str, SeenFrame], second: Mapping[str, SeenFrame], truth: TrueMotion, *, sift: bool
+) -> dict[str, float]:
     """The value of each judge for a pair, given each frame in every preparation; SIFT's only if asked for."""
     values: dict[str, float] = {}
     for name in PREPARATIONS:
@@ -142,9 +144,9 @@ def judged(first: Mapping[str, Seen], second: Mapping[str, Seen], truth: Truth, 
     return {judge: float(value) for judge, value in values.items()}
 
 
-def seen(grey: Image) -> dict[str, Seen]:
+def seen(grey: Image) -> dict[str, SeenFrame]:
     """An 8-bit frame in every preparation."""
-    return {name: Seen(prepare(grey)) for name, prepare in PREPARATIONS.items()}
+    return {name: SeenFrame(prepare(grey)) for name, prepare in PREPARATIONS.items()}
 
 
 def _points(found: Sequence[cv2.KeyPoint]) -> Points:

@@ -144,7 +144,7 @@ class MovingView(Protocol):
         """Takes pixels of the left image at one instant to those at another, (3, 3)."""
 
 
-class StillView:
+class MovingStill:
     """A still on a plane; the camera moves along a circle parallel to it, rolls a little, and comes and goes. If it
     pans, along a flat ellipse instead, from one side of the still to the other and back. `still`: radiance per lux,
     (rows, columns); one of its pixels is about one of the view. `speed_px`: of the image, in pixels of the view per
@@ -188,7 +188,7 @@ class StillView:
         return np.asarray(np.array([[cos, -sin, x], [sin, cos, y], [0.0, 0.0, 1.0]]) @ about, np.float64)
 
 
-class PanoramaView:
+class TurningPanorama:
     """A panorama all around a camera that turns, nods and rolls. `panorama`: radiance per lux, equirectangular, (rows,
     columns). `speed_px`: of the middle of the image, in pixels of the view per 1/60 s. `seed`: decides where the camera
     looks first."""
@@ -234,8 +234,8 @@ def is_panorama(scene: str) -> bool:
 def moving_view(scene: str, speed_px: float, seed: int, *, pan: bool = False) -> MovingView:
     """One of the `pictures`, by its name; only stills are panned, since before panoramas a camera turns anyway."""
     if is_panorama(scene):
-        return PanoramaView(_shrunk(scene), speed_px, seed)
-    return StillView(_shrunk(scene), speed_px, seed, pan=pan)
+        return TurningPanorama(_shrunk(scene), speed_px, seed)
+    return MovingStill(_shrunk(scene), speed_px, seed, pan=pan)
 
 
 def _shrunk(scene: str) -> Radiance:
