@@ -17,17 +17,16 @@ import numpy as np
 
 from autoexpose_daemon.client import ReceivedPair, alike
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
-from evaluation.experiments.worth.matches.pairs import (
+from evaluation.experiments.worth.matches.judge import (
     FEWEST_INLIERS,
     PREPARATIONS,
     SeenFrame,
-    TrueMotion,
     klt_motion,
     orb_motion,
     seen,
     sift_inliers,
 )
-from evaluation.experiments.worth.matches.scenes import Similarity
+from evaluation.experiments.worth.matches.scenes import Similarity, TrueMotion
 from evaluation.scenes.scenarios import RATE_HZ, SCENARIOS, Course, steady
 from evaluation.scenes.stills import PAINTERS
 from evaluation.scenes.views import CAMERA, Gaze, build_views

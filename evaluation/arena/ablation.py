@@ -33,9 +33,8 @@ from evaluation.arena.altered_policy import (
     run_altered,
 )
 from evaluation.arena.count import ROOT, c_files, count_c, count_python, python_files
-from evaluation.arena.race import course_of, run_course
+from evaluation.arena.race import CourseScore, course_of, run_course
 from evaluation.arena.runs import MAIN_DELAY, TUNE_SCENES, ArenaRun, results
-from evaluation.arena.scores import CourseScore
 from evaluation.long_runs import KeptResults, LongProgress
 from evaluation.pool import over_processes
 from evaluation.scenes.scenarios import SCENARIOS

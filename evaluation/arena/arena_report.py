@@ -136,7 +136,7 @@ applies from frame k + D; D = {MAIN_DELAY} unless stated otherwise.
 * **Metric ratio to the best time and gain**: the metric ratio when the oracle also tries six ways of splitting each
   level (times of at most 7500, 3750, 1875, 938, 469 and 234 us, the rest gain). It shows what a split costs.
 * **Pair ratio**: what two successive frames are worth to each other, as localization uses them: the information of
-  the difference between them, from the true radiance ([scores.py](../../evaluation/arena/scores.py)), as a
+  the difference between them, from the true radiance ([scores.py](../../evaluation/arena/race.py)), as a
   share of the most that one setting for both gives. All policies are in the same unit, and none maximises it. **Lost
   pairs** have less than a tenth.
 * **Settled**: an objective ratio of at least 0.9 for 10 frames in a row. Frames count from the first one exposed

@@ -10,8 +10,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from evaluation.arena.race import Series, run_course
-from evaluation.arena.scores import CourseScore
+from evaluation.arena.race import CourseScore, Series, run_course
 from evaluation.arrays import Floats32
 from evaluation.committed import HELD_OUT_SEED
 from evaluation.pool import over_processes

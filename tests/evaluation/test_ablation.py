@@ -36,7 +36,7 @@ from evaluation.arena.altered_policy import (
     roll_out,
     run_altered,
 )
-from evaluation.arena.scores import CourseScore
+from evaluation.arena.race import CourseScore
 from evaluation.scenes.scenarios import SCENARIOS, WARM_UP_FRAMES
 from imaging.errors import AutoexposeError, ConfigurationError
 

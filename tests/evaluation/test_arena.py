@@ -14,8 +14,8 @@ from typer.testing import CliRunner
 from evaluation.arena import arena_app, runs
 from evaluation.arena.arena_app import arena_app as app
 from evaluation.arena.arena_report import mean_ratios, outcomes
+from evaluation.arena.race import CourseScore
 from evaluation.arena.runs import ArenaRun, Task, document, full_plan, quick_plan, results, run_plan, run_task
-from evaluation.arena.scores import CourseScore
 from evaluation.experiments.worth.matches.courses import courses
 from evaluation.scenes.scenarios import SCENARIOS, WARM_UP_FRAMES
 from imaging.errors import AutoexposeError, ConfigurationError

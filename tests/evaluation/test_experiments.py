@@ -94,9 +94,9 @@ def test_a_job_runs_again_when_code_that_it_reaches_changes(tmp_path: Path, monk
 
 def test_code_is_reached_through_imports() -> None:
     """A change of the renderer touches what is measured in the room, and not what computes statistics."""
-    sources = {module: cache._digest(module) for module in ("evaluation.arena.race", "evaluation.arena.scores")}
+    sources = {module: cache._digest(module) for module in ("evaluation.arena.runs", "evaluation.arena.race")}
     assert len(set(sources.values())) == 2
-    assert "evaluation.arena.scores" in cache._imports(Path("evaluation/arena/race.py"))
+    assert "evaluation.arena.race" in cache._imports(Path("evaluation/arena/runs.py"))
 
 
 def test_the_code_of_the_policies_that_run_counts_and_of_no_other(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -15,18 +15,16 @@ from autoexpose_daemon.control.policy import ExposurePolicy
 from evaluation.experiments.cache import ResultCache, run_jobs
 from evaluation.experiments.experiment import Experiment, Figure, ReportSection, Results, Verdict
 from evaluation.experiments.prediction import fig1, fig3, fig10, fig11, still_life
-from evaluation.experiments.prediction.step_response import (
+from evaluation.experiments.prediction.still_life import (
     CONTESTANTS,
     FRAMES,
+    GAINS_DB,
     WARM_UP_FRAMES,
     LeavesWhiteAndBlack,
-    WithoutFeedback,
-    frames_to_converge,
-)
-from evaluation.experiments.prediction.still_life import (
-    GAINS_DB,
     StillLife,
+    WithoutFeedback,
     coupling,
+    frames_to_converge,
     pairs_of,
     plateau_centre,
     rest_level,

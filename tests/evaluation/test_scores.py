@@ -5,14 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from evaluation.arena.race import course_of, run_course
-from evaluation.arena.scores import (
+from evaluation.arena.race import (
     LOG2_RADIANCES,
     CourseScore,
     SuccessiveFrames,
+    course_of,
     energy_by_radiance,
     frames_to_settle,
     information,
+    run_course,
     score,
     variances,
 )

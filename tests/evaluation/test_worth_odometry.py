@@ -13,7 +13,7 @@ import pytest
 from evaluation.committed import ROOMS
 from evaluation.experiments.worth import odometry_judge as closed_loop
 from evaluation.experiments.worth.contenders import CONTENDERS, HAND_TUNED
-from evaluation.experiments.worth.matches.pairs import PREPARATIONS
+from evaluation.experiments.worth.matches.judge import PREPARATIONS
 from evaluation.experiments.worth.odometry_judge import (
     CHOICE,
     CLOSEST,

@@ -12,10 +12,9 @@ from hypothesis import strategies as st
 
 from evaluation.arrays import Greys
 from evaluation.experiments.worth.matches.courses import Eyes, Film, MatchesRig
-from evaluation.experiments.worth.matches.pairs import (
+from evaluation.experiments.worth.matches.judge import (
     LOST_PX,
     SeenFrame,
-    TrueMotion,
     judged,
     klt_motion,
     orb_motion,
@@ -29,6 +28,7 @@ from evaluation.experiments.worth.matches.scenes import (
     MovingStill,
     Rotation,
     Similarity,
+    TrueMotion,
     TurningPanorama,
     found_motion,
 )

@@ -12,7 +12,7 @@ import numpy as np
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from evaluation.drawing import COLOURS, panels, save
 from evaluation.experiments.experiment import Claim, Experiment, Figure, Job, ReportSection, Results, Table, Verdict
-from evaluation.experiments.prediction.step_response import (
+from evaluation.experiments.prediction.still_life import (
     BAND_STOPS,
     CONTESTANTS,
     END_FRAMES,
@@ -20,7 +20,7 @@ from evaluation.experiments.prediction.step_response import (
     USEFUL_SHARE,
     WARM_UP_FRAMES,
     frames_to_converge,
-    measure,
+    measure_step,
 )
 from evaluation.experiments.statistics import Interval, mean_interval
 from evaluation.stage.camera import CameraResponse
@@ -60,7 +60,7 @@ def jobs(quick: bool) -> list[Job]:
     rises = [4.0, THE_PAPERS_RISE] if quick else [3.0, 4.0, 5.0, 6.0, THE_PAPERS_RISE]
     return [
         Job(
-            measure,
+            measure_step,
             {
                 "scene": scene, "seed": seed, "camera": [camera.curve, camera.gamma], "before_lux": BEFORE_LUX,
                 "rise_stops": rise,

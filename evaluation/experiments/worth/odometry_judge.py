@@ -14,7 +14,7 @@ from evaluation.arrays import Floats
 from evaluation.committed import REPORT_ROOM, ROOMS, TUNING_ROOM
 from evaluation.experiments.experiment import Job, Plain
 from evaluation.experiments.worth.contenders import CONTENDERS, Contender, medians
-from evaluation.experiments.worth.matches.pairs import PREPARATIONS
+from evaluation.experiments.worth.matches.judge import PREPARATIONS
 from evaluation.experiments.worth.tables import FIXED_IN_HINDSIGHT
 from evaluation.odometry.orb import in_house
 from evaluation.odometry.stereo import SUB_TRAJECTORY_M, relative_errors_mm

@@ -11,7 +11,6 @@ import cv2
 import numpy as np
 
 from evaluation.committed import PAINTINGS, REPORT_PAINTING, TUNING_PAINTING
-from evaluation.experiments.worth.matches.pairs import TrueMotion
 from evaluation.experiments.worth.matches.scenes import (
     CANVAS,
     DISPARITY_PX,
@@ -19,6 +18,7 @@ from evaluation.experiments.worth.matches.scenes import (
     WIDTH,
     MovingView,
     Radiance,
+    TrueMotion,
     is_panorama,
     moving_view,
 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Protocol
 
 import cv2
@@ -28,6 +29,14 @@ class MotionModel(Protocol):
 
     def fitted(self, here: Points, there: Points) -> Homography:
         """The homography (3, 3) of least squares for at least two matches (m, 2)."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TrueMotion:
+    """What is known of the motion between two frames."""
+
+    homography: Homography  # takes pixels of the first to those of the second, (3, 3)
+    model: MotionModel  # the family that it is from
 
 
 class Similarity:
