@@ -15,12 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
-from evaluation.experiments.navigation.lap import LIGHTS, Taught, taught
-from evaluation.experiments.navigation.scene import Scene
-from evaluation.experiments.teach.path import TaughtPath
-from evaluation.experiments.teach.replay import Robot
-from evaluation.stage.camera import SimulatedCamera
-from evaluation.stage.delayed_loop import Entrant
+from evaluation.experiments.navigation.laps import LIGHTS, Taught, taught
+from evaluation.experiments.navigation.seasons import ParkScene
+from evaluation.experiments.teach.park import ParkPath
+from evaluation.experiments.teach.replay import ExposingRobot
+from evaluation.stage.camera import Entrant, SimulatedCamera
 from navigation.views.detectors import FINDERS, AdaptiveFinder
 from navigation.views.registration import register
 
@@ -37,15 +36,15 @@ def brought(image: NDArray[np.uint8], stops: float) -> NDArray[np.uint8]:
 
 def compare(lesson: Taught, light: str, every: int) -> str:
     """Shares of views that register within `CORRECT_PX`, and median votes, as they are and brought."""
-    scene, camera = Scene(lesson.seed, LIGHTS[light]), SimulatedCamera(2 * lesson.seed + 1, 2 * lesson.seed + 1)
+    scene, camera = ParkScene(lesson.seed, LIGHTS[light]), SimulatedCamera(2 * lesson.seed + 1, 2 * lesson.seed + 1)
     finders: list[AdaptiveFinder] = [FINDERS["fast-orb"](), FINDERS["fast-orb"]()]
-    robot: Robot | None = None
+    robot: ExposingRobot | None = None
     errors_px: list[list[float]] = []
     votes: list[list[int]] = []
     for place in lesson.places[::every]:
         progress = min(place.distance_m / lesson.path.length_m, 1.0)
         radiance = scene.radiance(lesson.path.seen_from(*lesson.path.ground(place.distance_m)), progress)
-        robot = robot or Robot(camera, radiance, [Entrant.of(lesson.policy)])
+        robot = robot or ExposingRobot(camera, radiance, [Entrant.of(lesson.policy)])
         for _ in range(SETTLE_FRAMES):
             image = robot.step(radiance)[lesson.policy]
         stops = place.setting.level - robot.loops[lesson.policy].settings[-1].level
@@ -64,7 +63,7 @@ def main() -> None:
     parser.add_argument("--every", type=int, default=5, help="of so many taught places one is looked at")
     options = parser.parse_args()
     print(f"{'':34} within 5 px  brought      votes  brought")
-    path = TaughtPath(options.seed, 0.0)
+    path = ParkPath(options.seed, 0.0)
     lessons = {policy: taught(path, options.seed, policy, path.length_m) for policy in POLICIES}
     for (policy, lesson), light in product(lessons.items(), LIGHTS):
         print(f"{policy:19} {light:14} {compare(lesson, light, options.every)}", flush=True)

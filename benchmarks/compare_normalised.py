@@ -17,21 +17,20 @@ import numpy as np
 
 from autoexpose_daemon.client import ReceivedPair, alike
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
-from evaluation.experiments.worth.matches.motions import Similarity
-from evaluation.experiments.worth.matches.pairs import (
+from evaluation.experiments.worth.matches.judge import (
     FEWEST_INLIERS,
     PREPARATIONS,
-    Seen,
-    Truth,
+    SeenFrame,
     klt_motion,
     orb_motion,
     seen,
     sift_inliers,
 )
+from evaluation.experiments.worth.matches.scenes import Similarity, TrueMotion
 from evaluation.scenes.scenarios import RATE_HZ, SCENARIOS, Course, steady
 from evaluation.scenes.stills import PAINTERS
 from evaluation.scenes.views import CAMERA, Gaze, build_views
-from evaluation.stage.delayed_loop import Entrant
+from evaluation.stage.camera import Entrant
 from evaluation.stage.oracle import Oracle, best_start
 from evaluation.stage.rendering import Stage
 from imaging.exposure import ExposureSetting
@@ -62,7 +61,7 @@ LOOP_FRAMES, LOOP_PAIRS = 120, 6
 
 SEED, NOISE_SEED = 7, 3
 
-JUDGES: dict[str, Callable[[Seen, Seen, Truth], int]] = {
+JUDGES: dict[str, Callable[[SeenFrame, SeenFrame, TrueMotion], int]] = {
     "ORB": lambda first, second, truth: orb_motion(first, second, truth).inliers,
     "SIFT": sift_inliers,
     "KLT": lambda first, second, truth: klt_motion(first, second, truth).inliers,
@@ -86,7 +85,7 @@ class Taken:
     """A frame, with the light and the place in the middle of its exposure."""
 
     pair: ReceivedPair
-    raw: dict[str, Seen]
+    raw: dict[str, SeenFrame]
     lux: float
     at_px: float
 
@@ -96,7 +95,7 @@ class Taken:
         lux, at_px = stage.light.mean_lux(start_s, exposure_s), CAMERA.focal_px * gaze(start_s + exposure_s / 2)
         return cls(received(pair), seen(pair.frames["left"].grey8()), lux, at_px)
 
-    def brought_to(self, level: float) -> dict[str, Seen]:
+    def brought_to(self, level: float) -> dict[str, SeenFrame]:
         """What is seen in this frame at another exposure level."""
         return self.raw if level == self.pair.level else seen(np.asarray(self.pair.normalised(level).left, np.uint8))
 
@@ -110,7 +109,7 @@ class Inliers:
 
     def match(self, first: Taken, second: Taken) -> None:
         """Match two frames between which the scene has moved along the rows."""
-        truth = Truth(np.array([[1.0, 0.0, second.at_px - first.at_px], [0, 1, 0], [0, 0, 1]]), Similarity())
+        truth = TrueMotion(np.array([[1.0, 0.0, second.at_px - first.at_px], [0, 1, 0], [0, 0, 1]]), Similarity())
         brightest = max(first.pair.level, second.pair.level)
         raw = first.raw, second.raw
         brought = first.brought_to(brightest), second.brought_to(brightest)

@@ -18,13 +18,10 @@ import numpy as np
 from compare_normalised import Parts, longer, print_parts, received
 from numpy.typing import NDArray
 
-from evaluation.odometry.errors import relative_errors_mm
-from evaluation.odometry.lap import odometry_stage
 from evaluation.odometry.orb import in_house
-from evaluation.odometry.orb_slam3 import OrbSlam3
-from evaluation.odometry.stereo import StereoCamera, StereoOdometry, Tracked, images, prepared
-from evaluation.odometry.tracking import EVERY, true_pose
-from evaluation.odometry.vocabulary import write_vocabulary
+from evaluation.odometry.orb_slam3 import OrbSlam3, write_vocabulary
+from evaluation.odometry.stereo import StereoCamera, StereoOdometry, Tracked, images, prepared, relative_errors_mm
+from evaluation.odometry.tracking import EVERY, odometry_stage, true_pose
 from imaging.exposure import ExposureSetting
 
 CHANGES = (0.0, 0.5, 1.0, 2.0)

@@ -16,11 +16,9 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from evaluation.long_runs import LongProgress
 from evaluation.pool import over_processes
-from evaluation.progress import LongProgress
-from evaluation.sweeps.processing import PROCESSINGS
-from evaluation.sweeps.score import Stated, scored
-from evaluation.sweeps.simulated import Scene, simulated
+from evaluation.sweeps import PROCESSINGS, Scene, Stated, scored, simulated
 
 FIRST_SEED = {"tuning": 0, "report": 700_005}
 """The method was chosen on the tuning seeds; the report seeds are for the figures in docs/calibration-method.md."""

@@ -34,7 +34,7 @@ UNCLEAR = 0.2
 
 
 @dataclass(frozen=True, slots=True)
-class SeenFrame:
+class TrialFrame:
     """One frame around a write.
 
     Attributes
@@ -64,7 +64,7 @@ class WriteTrial:
 
     started_ns: int
     finished_ns: int
-    frames: tuple[SeenFrame, ...]
+    frames: tuple[TrialFrame, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -262,11 +262,11 @@ class _Watch:
             self.next_frame()
         return WriteTrial(started_ns, finished_ns, tuple(self._seen(frame, old, new) for frame in self._recent))
 
-    def _seen(self, frame: Frame, old: ExposureSetting, new: ExposureSetting) -> SeenFrame:
+    def _seen(self, frame: Frame, old: ExposureSetting, new: ExposureSetting) -> TrialFrame:
         says_new = None
         if frame.setting_source == "chunk":
             says_new = frame.setting.agrees_with(new) and not frame.setting.agrees_with(old)
-        return SeenFrame(
+        return TrialFrame(
             frame.frame_id, self._start_ns(frame), _grey(light_samples(frame.pixels, frame.layout)), says_new
         )
 

@@ -1,7 +1,6 @@
 """The picture in docs/ of what the policy `belief` knows and decides by, as a window comes into view.
 
-python -m evaluation.belief_picture docs/images/belief.png
-"""
+python -m evaluation.belief_picture docs/images/belief.png"""
 
 from __future__ import annotations
 
@@ -13,13 +12,12 @@ from PIL import Image
 from autoexpose_daemon.recording.belief_plot import Moment, draw
 from evaluation.arena.race import course_of
 from evaluation.scenes.scenarios import RATE_HZ
-from evaluation.stage.delayed_loop import Entrant
+from evaluation.stage.camera import Entrant
 from imaging.exposure import ExposureSetting
 
 COURSE = "pan", "room", 1
 DELAY_FRAMES, MOMENTS = 2, 4
-LEAP_STOPS = 2.0
-"""By so much the exposure falls when the window is looked at."""
+LEAP_STOPS = 2.0  # By so much the exposure falls when the window is looked at
 
 
 def moments() -> list[Moment]:

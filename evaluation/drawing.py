@@ -16,8 +16,8 @@ from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 from PIL import Image
 
+# Okabe and Ito's, distinct for colour-blind readers too.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
-"""Okabe and Ito's, distinct for colour-blind readers too."""
 
 
 def panels(rows: int, columns: int, height_in: float, **options: Any) -> tuple[Figure, Any]:

@@ -19,11 +19,9 @@ Result = TypeVar("Result")
 def over_processes(
     work: Callable[[Item], Result], items: Sequence[Item], processes: int
 ) -> Generator[tuple[Item, Result]]:
-    """Apply `work`, which must pickle, to every item; yields each item with its result, in order of completion.
-
-    The processes are spawned, not forked, so that they share none of OpenCV's state. They end when the caller stops
-    iterating, by Ctrl-C for example, and when this process ends in any way. OpenCV runs one thread in each.
-    """
+    """Apply `work`, which must pickle, to every item; yields each item with its result, in order of completion. The
+    processes are spawned, not forked, so that they share none of OpenCV's state. They end when the caller stops
+    iterating, by Ctrl-C for example, and when this process ends in any way. OpenCV runs one thread in each."""
     if processes == 1:
         threads = cv2.getNumThreads()
         cv2.setNumThreads(1)

@@ -1,4 +1,4 @@
-"""One word for one thing: no public class of the product has the name of another."""
+"""One word for one thing: no public class of product or evaluation has the name of another."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections import defaultdict
 
 from tests import REPOSITORY
 
-ROOMS = ("imaging", "documents", "drivers", "calibration", "autoexpose_daemon", "navigation")
+ROOMS = ("imaging", "documents", "drivers", "calibration", "autoexpose_daemon", "navigation", "evaluation")
 
 
 def test_no_two_classes_have_one_name() -> None:

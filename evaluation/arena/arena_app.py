@@ -16,28 +16,26 @@ from rich.console import Console
 from rich.table import Table
 
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY, POLICY_IDS, check_policy_id
-from evaluation.arena.ablation.ablation import ablate as ablate_policy
-from evaluation.arena.ablation.ablation import ablation_courses, policy_constants
-from evaluation.arena.ablation.ablation_report import ablation_document, print_ablation, write_ablation
-from evaluation.arena.ablation.course import Course
+from evaluation.arena.ablation import ablate as ablate_policy
+from evaluation.arena.ablation import (
+    ablation_courses,
+    ablation_document,
+    policy_constants,
+    print_ablation,
+    write_ablation,
+)
+from evaluation.arena.altered_policy import Course
 from evaluation.arena.arena_report import cells, mean_ratios, write_arena_report
 from evaluation.arena.count import count_policy, print_count
-from evaluation.arena.plan import Task, full_plan, quick_plan
-from evaluation.arena.results import document
-from evaluation.arena.runs import Run, run_plan
-from evaluation.effort import check_chosen, make_writable
-from evaluation.progress import LongProgress
+from evaluation.arena.runs import ArenaRun, Task, document, full_plan, quick_plan, run_plan
+from evaluation.long_runs import LongProgress, check_chosen, make_writable
 from evaluation.scenes.scenarios import SCENARIOS
 from fake_camera.world.scene.panorama import load_radiance
 from imaging.errors import AutoexposeError, ConfigurationError
 
 _FRAME_S = 0.005  # of one core per frame and policy, measured on full arenas of 14 policies
-
 _ALL_POLICIES = ",".join(POLICY_IDS)
-
-_ABLATIONS = Path("out/ablation")
-"""Where what is finished of an ablation is kept."""
-
+_ABLATIONS = Path("out/ablation")  # Where what is finished of an ablation is kept
 arena_app = typer.Typer(add_completion=False)
 
 
@@ -153,8 +151,8 @@ def _duration_s(plan: Sequence[Task], policies: Sequence[str], jobs: int) -> flo
     return sum(task.frames * len(task.delays) for task in plan) * len(policies) * _FRAME_S / jobs
 
 
-def _run(plan: Sequence[Task], policies: Sequence[str], jobs: int, console: Console) -> list[Run]:
-    runs: list[Run] = []
+def _run(plan: Sequence[Task], policies: Sequence[str], jobs: int, console: Console) -> list[ArenaRun]:
+    runs: list[ArenaRun] = []
     try:
         with LongProgress(console, 3600.0) as progress:
             bar = progress.add_task("arena", total=sum(task.frames * len(task.delays) for task in plan))

@@ -1,20 +1,122 @@
-"""The Markdown report of the arena, with its figures."""
+"""The Markdown report of the arena: targets, tables and figures."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import matplotlib.pyplot as plt
 import numpy as np
-from numpy.typing import NDArray
 
-from evaluation.arena.plan import HELD_OUT_SEEDS, MAIN_DELAY, OTHER_DELAYS, TUNE_SCENES
-from evaluation.arena.plots import plot_table, plot_traces
-from evaluation.arena.results import results
-from evaluation.arena.runs import Run
-from evaluation.arena.targets import outcomes
-from evaluation.scenes.scenarios import SCENARIOS
+from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
+from evaluation.arena.runs import HELD_OUT_SEEDS, MAIN_DELAY, OTHER_DELAYS, TUNE_SCENES, ArenaRun, results
+from evaluation.arrays import Floats
+from evaluation.drawing import save
+from evaluation.scenes.scenarios import RATE_HZ, SCENARIOS
+
+# With more lines than these, a plot is unreadable. The oracle shown is that of the first.
+SHOWN_POLICIES = (DEFAULT_POLICY, "begin2022-code", "neves2009", "zhang2024")
+
+
+def plot_table(policies: Sequence[str], scenarios: Sequence[str], values: Floats, title: str, file: Path) -> None:
+    """A heat map of shares 0..1, float64 (policies, scenarios), with the numbers in its cells."""
+    figure, axes = plt.subplots(figsize=(1.6 + 1.05 * len(scenarios), 1.2 + 0.36 * len(policies)), layout="constrained")
+    axes.imshow(values, vmin=0, vmax=1, cmap="viridis", aspect="auto")
+    axes.set_xticks(range(len(scenarios)), scenarios, rotation=30, ha="right")
+    axes.set_yticks(range(len(policies)), policies)
+    for row, column in np.ndindex(values.shape):
+        value = values[row, column]
+        if np.isfinite(value):
+            axes.text(column, row, f"{value:.2f}", ha="center", va="center", color="white" if value < 0.6 else "black")
+    axes.set_title(title)
+    save(figure, file, dpi=110)
+
+
+def plot_traces(runs: Sequence[ArenaRun], folder: Path) -> Mapping[str, str]:
+    """One figure per scenario of the runs that carry a trace; returns file names by scenario."""
+    traced = [run for run in runs if run.trace is not None and run.delay_frames == MAIN_DELAY]
+    known = [run for run in traced if run.policy in SHOWN_POLICIES]
+    shown = sorted(known, key=lambda run: SHOWN_POLICIES.index(run.policy)) or traced
+    files = {}
+    for scenario in dict.fromkeys(run.scenario for run in shown):
+        files[scenario] = f"{scenario}.png"
+        _plot_scenario(scenario, [run for run in shown if run.scenario == scenario], folder / files[scenario])
+    return files
+
+
+def _plot_scenario(scenario: str, runs: Sequence[ArenaRun], file: Path) -> None:
+    figure, (upper, lower) = plt.subplots(2, 1, sharex=True, figsize=(9, 5), layout="constrained")
+    for index, run in enumerate(runs):
+        if run.trace is None:
+            continue
+        time_s = (np.arange(len(run.trace.levels)) - run.trace.first_scored) / RATE_HZ
+        if index == 0:
+            style = {"color": "black", "linewidth": 2.5, "alpha": 0.4}
+            upper.plot(time_s, run.trace.oracle_levels, label=f"oracle of {run.policy}", **style)
+        upper.plot(time_s, run.trace.levels, label=run.policy, linewidth=1.2)
+        lower.plot(time_s, run.trace.ratios, linewidth=1.2)
+    title = f"{scenario}: {runs[0].scene}, seed {runs[0].seed}, delay {MAIN_DELAY} frames"
+    upper.set(title=title, ylabel="exposure level E (stops)")
+    upper.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8)
+    lower.set(xlabel="time since the first scored frame (s)", ylabel="objective / oracle's", ylim=(0, 1.05))
+    for axes in (upper, lower):
+        axes.grid(alpha=0.3)
+        axes.axvline(0.0, color="grey", linewidth=0.8)
+    save(figure, file, dpi=110)
+
+
+@dataclass(frozen=True, slots=True)
+class ArenaTarget:
+    """A figure of held-out runs of one scenario, the least it must reach (None: no bound), and the least it should."""
+
+    scenario: str
+    what: str
+    figure: Callable[[Sequence[ArenaRun]], float]
+    must: float | None
+    stretch: float
+
+
+def mean_of(figure: Callable[[ArenaRun], float]) -> Callable[[Sequence[ArenaRun]], float]:
+    """The mean of a figure of runs."""
+    return lambda runs: float(np.mean([figure(run) for run in runs]))
+
+
+def settled_within(per_delay: int, more: int) -> Callable[[Sequence[ArenaRun]], float]:
+    """Share of the runs that settle within `per_delay` D + `more` frames."""
+
+    def settled(run: ArenaRun) -> bool:
+        settle = run.score.settle_frames
+        return settle is not None and settle <= per_delay * run.delay_frames + more
+
+    return mean_of(settled)
+
+
+_ratio = mean_of(lambda run: run.score.objective_ratio_mean)
+_worst = mean_of(lambda run: run.score.objective_ratio_p05)
+_calm = mean_of(lambda run: run.score.steady_std_stops <= 0.1)
+TARGETS = (
+    ArenaTarget("step_up", "settled within 3D+2 frames, share of runs", settled_within(3, 2), 0.85, 0.95),
+    ArenaTarget("step_up", "settled within 3D frames, share of runs", settled_within(3, 0), None, 0.95),
+    ArenaTarget("step_down", "settled within 3D frames, share of runs", settled_within(3, 0), 0.95, 0.95),
+    ArenaTarget("step_down", "settled within 2D frames, share of runs", settled_within(2, 0), None, 0.95),
+    ArenaTarget("tunnel", "objective ratio, mean", _ratio, 0.95, 0.985),
+    ArenaTarget("pan", "objective ratio, mean", _ratio, 0.93, 0.97),
+    ArenaTarget("lowlight_fast", "objective ratio, mean", _ratio, 0.93, 0.97),
+    ArenaTarget("tunnel", "objective ratio, worst 5 % of frames", _worst, 0.80, 0.92),
+    ArenaTarget("pan", "objective ratio, worst 5 % of frames", _worst, 0.50, 0.80),
+    ArenaTarget("step_up", "spread of E at most 0.1 stop at the end, share of runs", _calm, 0.90, 1.0),
+    ArenaTarget("step_down", "spread of E at most 0.1 stop at the end, share of runs", _calm, 0.90, 1.0),
+    ArenaTarget("flicker", "objective ratio, mean", _ratio, 0.88, 0.95),
+)
+
+
+def outcomes(runs: Sequence[ArenaRun]) -> list[tuple[ArenaTarget, float]]:
+    """What `runs` reached of each target whose scenario was run; all are held out, of one policy and one delay."""
+    grouped = [(target, [run for run in runs if run.scenario == target.scenario]) for target in TARGETS]
+    return [(target, target.figure(group)) for target, group in grouped if group]
+
 
 _PAINTED = " and ".join(f"`{scene}`" for scene in sorted({*HELD_OUT_SEEDS} - {*TUNE_SCENES}))
 
@@ -34,7 +136,7 @@ applies from frame k + D; D = {MAIN_DELAY} unless stated otherwise.
 * **Metric ratio to the best time and gain**: the metric ratio when the oracle also tries six ways of splitting each
   level (times of at most 7500, 3750, 1875, 938, 469 and 234 us, the rest gain). It shows what a split costs.
 * **Pair ratio**: what two successive frames are worth to each other, as localization uses them: the information of
-  the difference between them, from the true radiance ([successive.py](../../evaluation/arena/successive.py)), as a
+  the difference between them, from the true radiance ([scores.py](../../evaluation/arena/race.py)), as a
   share of the most that one setting for both gives. All policies are in the same unit, and none maximises it. **Lost
   pairs** have less than a tenth.
 * **Settled**: an objective ratio of at least 0.9 for 10 frames in a row. Frames count from the first one exposed
@@ -61,6 +163,22 @@ writes the table. Constants of which the C extension has a copy cannot be altere
 """
 
 
+SECTIONS = (
+    ("Objective ratio, worst 5 % of frames", "objective_ratio_p05", "{:.3f}"),
+    ("Metric ratio, mean", "metric_ratio_mean", "{:.3f}"),
+    ("Metric ratio, worst 5 % of frames", "metric_ratio_p05", "{:.3f}"),
+    ("Metric ratio to the best time and gain, mean", "any_split_ratio_mean", "{:.3f}"),
+    ("Pair ratio, mean", "pair_ratio_mean", "{:.3f}"),
+    ("Lost pairs, share", "lost_pair_share", "{:.3f}"),
+    ("Frames to settle, median", "settle_frames", "{:.0f}"),
+    ("Stuck, share of runs", "stuck_share", "{:.2f}"),
+    ("Overshoot (stops)", "overshoot_stops", "{:.2f}"),
+    ("Spread of E at the end (stops)", "steady_std_stops", "{:.2f}"),
+    ("Bad frames, share", "bad_frame_share", "{:.2f}"),
+    ("Gain, mean (dB)", "gain_db_mean", "{:.1f}"),
+)
+
+
 def mean_ratios(rows: Sequence[dict[str, Any]]) -> list[tuple[str, float]]:
     """Policies with their `objective_ratio_mean` averaged over scenarios, best first."""
     policies = sorted({row["policy"] for row in rows})
@@ -68,7 +186,7 @@ def mean_ratios(rows: Sequence[dict[str, Any]]) -> list[tuple[str, float]]:
     return sorted(averages, key=lambda item: -item[1])
 
 
-def write_arena_report(runs: Sequence[Run], default_policy: str, folder: Path) -> Path:
+def write_arena_report(runs: Sequence[ArenaRun], default_policy: str, folder: Path) -> Path:
     """Write `arena.md` and its figures into a folder; returns the report's path."""
     folder.mkdir(parents=True, exist_ok=True)
     held_out = [run for run in runs if run.split == "heldout"]
@@ -84,45 +202,27 @@ def write_arena_report(runs: Sequence[Run], default_policy: str, folder: Path) -
         return [f"## {title}", _table(policies, scenarios, cells(rows, policies, scenarios, key), form)]
 
     parts = [
-        "# The arena",
-        HOW_TO_READ,
-        _counts(runs),
-        "## Objective ratio, mean",
+        "# The arena", HOW_TO_READ, _counts(runs), "## Objective ratio, mean",
         _table(policies, [*scenarios, "mean"], np.column_stack([ratios, [mean for _, mean in ranking]]), "{:.3f}"),
         "![Objective ratio by policy and scenario](table.png)",
-        *section("Objective ratio, worst 5 % of frames", "objective_ratio_p05", "{:.3f}"),
-        *section("Metric ratio, mean", "metric_ratio_mean", "{:.3f}"),
-        *section("Metric ratio, worst 5 % of frames", "metric_ratio_p05", "{:.3f}"),
-        *section("Metric ratio to the best time and gain, mean", "any_split_ratio_mean", "{:.3f}"),
-        *section("Pair ratio, mean", "pair_ratio_mean", "{:.3f}"),
-        *section("Lost pairs, share", "lost_pair_share", "{:.3f}"),
-        *section("Frames to settle, median", "settle_frames", "{:.0f}"),
-        *section("Stuck, share of runs", "stuck_share", "{:.2f}"),
-        *section("Overshoot (stops)", "overshoot_stops", "{:.2f}"),
-        *section("Spread of E at the end (stops)", "steady_std_stops", "{:.2f}"),
-        *section("Bad frames, share", "bad_frame_share", "{:.2f}"),
-        *section("Gain, mean (dB)", "gain_db_mean", "{:.1f}"),
+        *(text for title, key, form in SECTIONS for text in section(title, key, form)),
         *_targets([run for run in held_out if run.policy == default_policy], default_policy),
-        *_delays(held_out, policies),
-        *_splits(runs, policies),
-        "## One course of every scenario",
+        *_delays(held_out, policies), *_splits(runs, policies), "## One course of every scenario",
         *(f"![{scenario} over time]({file})" for scenario, file in pictures.items()),
-    ]
+    ]  # fmt: skip
     path = folder / "arena.md"
     path.write_text("\n\n".join(part.strip() for part in parts) + "\n", encoding="utf-8")
     return path
 
 
-def cells(
-    rows: Sequence[dict[str, Any]], policies: Sequence[str], scenarios: Sequence[str], key: str
-) -> NDArray[np.float64]:
+def cells(rows: Sequence[dict[str, Any]], policies: Sequence[str], scenarios: Sequence[str], key: str) -> Floats:
     """One score of the results as a table, float64 (policies, scenarios); NaN where it is missing."""
     known = {(row["policy"], row["scenario"]): row[key] for row in rows}
     table = [[known.get((policy, scenario)) for scenario in scenarios] for policy in policies]
     return np.array([[np.nan if value is None else value for value in row] for row in table], np.float64)
 
 
-def _table(names: Sequence[str], heads: Sequence[str], values: NDArray[np.float64], form: str) -> str:
+def _table(names: Sequence[str], heads: Sequence[str], values: Floats, form: str) -> str:
     lines = ["| policy | " + " | ".join(heads) + " |", "|---|" + "---:|" * len(heads)]
     for name, row in zip(names, values, strict=True):
         figures = (form.format(value) if np.isfinite(value) else "-" for value in row)
@@ -130,7 +230,7 @@ def _table(names: Sequence[str], heads: Sequence[str], values: NDArray[np.float6
     return "\n".join(lines)
 
 
-def _counts(runs: Sequence[Run]) -> str:
+def _counts(runs: Sequence[ArenaRun]) -> str:
     courses = {(run.scenario, run.scene, run.seed, run.split) for run in runs}
     parts = []
     for split, name in (("heldout", "held out"), ("tune", "used for tuning")):
@@ -141,23 +241,22 @@ def _counts(runs: Sequence[Run]) -> str:
     return f"{len(runs)} runs over {'; '.join(parts)}. The tables show the held-out ones."
 
 
-def _targets(runs: Sequence[Run], policy: str) -> list[str]:
+def _targets(runs: Sequence[ArenaRun], policy: str) -> list[str]:
     if not runs:
         return []
     lines = ["| scenario | figure | D | reached | must | stretch |", "|---|---|---:|---:|---:|---:|"]
     for delay in (MAIN_DELAY, *OTHER_DELAYS):
-        for outcome in outcomes([run for run in runs if run.delay_frames == delay]):
-            target = outcome.target
-            verdict = "" if target.must is None or outcome.reached >= target.must else " **missed**"
+        for target, reached in outcomes([run for run in runs if run.delay_frames == delay]):
+            verdict = "" if target.must is None or reached >= target.must else " **missed**"
             must = "-" if target.must is None else f"{target.must:g}"
             lines.append(
-                f"| {target.scenario} | {target.what} | {delay} | {outcome.reached:.3f}{verdict} "
+                f"| {target.scenario} | {target.what} | {delay} | {reached:.3f}{verdict} "
                 f"| {must} | {target.stretch:g} |"
             )
     return [f"## Targets of `{policy}`", "\n".join(lines)]
 
 
-def _delays(runs: Sequence[Run], policies: Sequence[str]) -> list[str]:
+def _delays(runs: Sequence[ArenaRun], policies: Sequence[str]) -> list[str]:
     """Compares only courses that were run with all delays."""
     delays = sorted({MAIN_DELAY, *OTHER_DELAYS})
     common = set.intersection(*({(r.scenario, r.scene, r.seed) for r in runs if r.delay_frames == d} for d in delays))
@@ -172,7 +271,7 @@ def _delays(runs: Sequence[Run], policies: Sequence[str]) -> list[str]:
     return ["## Objective ratio by delay, mean over scenarios", table]
 
 
-def _splits(runs: Sequence[Run], policies: Sequence[str]) -> list[str]:
+def _splits(runs: Sequence[ArenaRun], policies: Sequence[str]) -> list[str]:
     tune = [run for run in runs if run.split == "tune" and run.delay_frames == MAIN_DELAY]
     if not tune:
         return []

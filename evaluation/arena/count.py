@@ -17,7 +17,7 @@ from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.policies.ids import PLACES
 from autoexpose_daemon.control.snapshot import Plain
 from evaluation.arena.race import course_of
-from evaluation.stage.delayed_loop import Entrant
+from evaluation.stage.camera import Entrant
 from evaluation.stage.oracle import Oracle, best_start
 from imaging.errors import ConfigurationError
 from imaging.frames import SIDES
@@ -34,9 +34,8 @@ ROOT = Path(__file__).resolve().parents[2]
 LOOP = "autoexpose_daemon.control.loop"
 SCOPE = ("autoexpose_daemon.control", "imaging.exposure", "imaging.response")
 NATIVE = "autoexpose_daemon/control/native"
-
+# Frames before the snapshot: enough to fill what a frame leaves behind, and what its decision's outcome does.
 FRAMES = 12
-"""Frames before the snapshot: enough to fill what a frame leaves behind, and what its decision's outcome does."""
 
 _C = re.compile(
     r"""//[^\n]* | /\*.*?\*/ | L?"(?:\\.|[^"\\\n])*" | '(?:\\.|[^'\\\n])*'

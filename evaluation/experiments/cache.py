@@ -1,4 +1,4 @@
-"""Results of jobs on disk, found by a hash of what made them."""
+"""Jobs whose results are not kept yet are run; each result is kept by a hash of what made it."""
 
 from __future__ import annotations
 
@@ -6,6 +6,9 @@ import ast
 import hashlib
 import importlib.metadata
 import json
+import time
+from collections.abc import Callable, Sequence
+from contextlib import closing
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
@@ -14,26 +17,18 @@ from typing import Any
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY, PLACES
 from evaluation.arena.count import c_files
 from evaluation.experiments.experiment import Job, Plain
-from evaluation.kept import KeptResults
+from evaluation.long_runs import KeptResults
+from evaluation.pool import over_processes
 
 _OURS = (
-    "autoexpose_daemon",
-    "calibration",
-    "documents",
-    "drivers",
-    "evaluation",
-    "fake_camera",
-    "imaging",
-    "navigation",
-)
+    "autoexpose_daemon", "calibration", "documents", "drivers", "evaluation", "fake_camera", "imaging", "navigation"
+)  # fmt: skip
 _LIBRARIES = ("numpy", "opencv-python-headless", "numba", "evo")
 
 
 class ResultCache:
-    """One file for each job, named by a hash of its function, its arguments and all of our code that it can reach.
-
-    So a stopped run resumes where it was, and after a change of code only what that code affects is measured again.
-    """
+    """One file for each job, named by a hash of its function, its arguments and all of our code that it can reach. So a
+    stopped run resumes where it was, and after a change of code only what that code affects is measured again."""
 
     def __init__(self, folder: Path) -> None:
         self._kept = KeptResults(folder)
@@ -54,19 +49,15 @@ class ResultCache:
         return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
 
 
+# Loads policies by their names, so no import statement leads to them.
 _TABLE = "autoexpose_daemon.control.policies.table"
-"""Loads policies by their names, so no import statement leads to them."""
-
-_IDS = "autoexpose_daemon.control.policies.ids"
-"""Lists them: another policy in it changes no result of the others."""
+_IDS = "autoexpose_daemon.control.policies.ids"  # Lists them: another policy in it changes no result of the others
 
 
 @cache
 def _digest(module: str, policies: tuple[str, ...] = tuple(PLACES)) -> str:
-    """Of the sources that a module reaches, and of the versions of the libraries that produce numbers.
-
-    It reaches what it imports, the C that this calls and, where it reaches the table of policies, those with these ids.
-    """
+    """Of the sources that a module reaches, and of the versions of the libraries that produce numbers. It reaches what
+    it imports, the C that this calls and, where it reaches the table of policies, those with these ids."""
     reached: dict[str, Path] = {}
     ahead = [module]
     while ahead:
@@ -126,3 +117,35 @@ def plain(value: Any) -> Plain:
     """A result as it will be read from disk, so that fresh and kept results are the same."""
     kept: Plain = json.loads(json.dumps(value))
     return kept
+
+
+# Called with each finished job and how long it took (s; 0 when its result was kept).
+Advance = Callable[[Job, float], None]
+
+
+def run_jobs(jobs: Sequence[Job], kept: ResultCache, processes: int, advance: Advance) -> list[Plain]:
+    """The results of all jobs, in their order; each is saved when it is ready, and equal jobs run once."""
+    results: dict[int, Plain] = {}
+    missing: dict[str, list[int]] = {}
+    for place, job in enumerate(jobs):
+        known = kept.get(job)
+        if known is None:
+            missing.setdefault(kept.key(job), []).append(place)
+        else:
+            results[place] = known[0]
+            advance(job, 0.0)
+    entries = [(places, jobs[places[0]]) for places in missing.values()]
+    entries.sort(key=lambda entry: -entry[1].cost_s)
+    with closing(over_processes(_measure, entries, min(processes, max(len(entries), 1)))) as finished:
+        for (places, job), (result, took_s) in finished:
+            kept.put(job, result)
+            for place in places:
+                results[place] = plain(result)
+                advance(jobs[place], took_s if place == places[0] else 0.0)
+    return [results[place] for place in range(len(jobs))]
+
+
+def _measure(entry: tuple[list[int], Job]) -> tuple[Plain, float]:
+    begun_s = time.perf_counter()
+    result = entry[1].measure(**entry[1].arguments)
+    return result, time.perf_counter() - begun_s

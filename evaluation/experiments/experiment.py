@@ -9,29 +9,18 @@ from typing import Any, TypeAlias
 
 from imaging.python310 import StrEnum
 
-Plain: TypeAlias = "bool | int | float | str | list[Any] | dict[str, Any] | None"
-"""What JSON can hold, NaN included."""
+Plain: TypeAlias = "bool | int | float | str | list[Any] | dict[str, Any] | None"  # What JSON can hold, NaN included
 
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """One piece of work, done in one process, whose result is kept.
+    """One piece of work, done in one process, whose result is kept."""
 
-    Attributes
-    ----------
-    measure
-        A module-level function, called with `arguments` by name. Its result must depend on nothing else.
-    arguments
-        Names, seeds and numbers.
-    cost_s
-        Approximate duration (s of one core): decides the order of jobs and the time left.
-    policies
-        Ids of the policies that it runs: its result is kept until their code changes. None: any policy.
-    """
-
+    # A module-level function, called with `arguments` by name. Its result must depend on nothing else.
     measure: Callable[..., Plain]
-    arguments: Mapping[str, Plain]
-    cost_s: float = 1.0
+    arguments: Mapping[str, Plain]  # names, seeds and numbers
+    cost_s: float = 1.0  # approximate duration (s of one core): decides the order of jobs and the time left
+    # Ids of the policies that it runs: its result is kept until their code changes. None: any policy.
     policies: tuple[str, ...] | None = None
 
 
@@ -43,33 +32,27 @@ class Verdict(StrEnum):
     NOT_REPRODUCED = "not reproduced"
     UNDECIDED = "undecided"
 
+    @classmethod
+    def of(cls, holds: bool) -> Verdict:
+        """On a claim that holds or does not."""
+        return cls.REPRODUCED if holds else cls.NOT_REPRODUCED
+
 
 @dataclass(frozen=True, slots=True)
 class Claim:
-    """A claim of a paper, and what we saw.
+    """A claim of a paper, and what we saw."""
 
-    Attributes
-    ----------
-    source
-        Where the paper says it: "B&H Fig. 10".
-    claim
-        What it says, with its numbers, in our words.
-    ours
-        Our numbers, with their spread or interval.
-    verdict
-        By a rule that the code fixes before it sees the numbers.
-    condition
-        Under which conditions it holds, or by which number it does not.
-    counted
-        Whether it counts in the tally: a claim of the papers, and only once.
-    """
+    source: str  # where the paper says it: "B&H Fig. 10".
+    claim: str  # what it says, with its numbers, in our words
+    ours: str  # our numbers, with their spread or interval
+    verdict: Verdict  # by a rule that the code fixes before it sees the numbers
+    condition: str = ""  # under which conditions it holds, or by which number it does not
+    counted: bool = True  # whether it counts in the tally: a claim of the papers, and only once
 
-    source: str
-    claim: str
-    ours: str
-    verdict: Verdict
-    condition: str = ""
-    counted: bool = True
+    @classmethod
+    def of_this_project(cls, claim: str, ours: str, *, holds: bool) -> Claim:
+        """One of ours, which counts in no tally."""
+        return cls("this project", claim, ours, Verdict.of(holds), counted=False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,27 +73,18 @@ class Figure:
 
 
 @dataclass(frozen=True, slots=True)
-class Section:
-    """An experiment's part of the report.
+class ReportSection:
+    """An experiment's part of the report."""
 
-    Attributes
-    ----------
-    setting
-        How it was measured, and how that differs from the paper: short paragraphs.
-    claims
-        The paper's claims, each with its verdict.
-    parts
-        Tables and figures, in their order. No prose: a conclusion must follow from the numbers by a rule, as verdicts
-        do, or it stands in docs/experiments/discussion.md.
-    """
-
-    setting: str
-    claims: Sequence[Claim]
+    setting: str  # how it was measured, and how that differs from the paper: short paragraphs
+    claims: Sequence[Claim]  # the paper's claims, each with its verdict
+    # Tables and figures, in their order. No prose: a conclusion must follow from the numbers by a rule, as verdicts do,
+    # or it stands in docs/experiments/discussion.md.
     parts: Sequence[Table | Figure]
 
 
+# Arguments and result of each job, in the order of the jobs.
 Results: TypeAlias = "Sequence[tuple[Mapping[str, Plain], Any]]"
-"""Arguments and result of each job, in the order of the jobs."""
 
 
 def jobs_and_results(results: Results) -> Plain:
@@ -120,27 +94,12 @@ def jobs_and_results(results: Results) -> Plain:
 
 @dataclass(frozen=True, slots=True)
 class Experiment:
-    """One of the papers' experiments.
+    """One of the papers' experiments."""
 
-    Attributes
-    ----------
-    name
-        As in `autoexpose experiments run fig1`.
-    title
-        One line.
-    jobs
-        The jobs of a quick run (True: minutes in total, for CI) or of the full run.
-    section
-        Judges the results; draws its figures into the folder that it is given.
-    data
-        What `--json` writes of the results.
-    in_all
-        Whether `autoexpose experiments run all` includes it.
-    """
-
-    name: str
-    title: str
-    jobs: Callable[[bool], list[Job]]
-    section: Callable[[Results, Path], Section]
-    data: Callable[[Results], Plain] = jobs_and_results
-    in_all: bool = True
+    name: str  # as in `autoexpose experiments run fig1`
+    title: str  # one line
+    jobs: Callable[[bool], list[Job]]  # the jobs of a quick run (True: minutes in total, for CI) or of the full run
+    # Judges the results; draws its figures into the folder that it is given.
+    section: Callable[[Results, Path], ReportSection]
+    data: Callable[[Results], Plain] = jobs_and_results  # what `--json` writes of the results
+    in_all: bool = True  # whether `autoexpose experiments run all` includes it

@@ -2,30 +2,20 @@
 
 from __future__ import annotations
 
-from evaluation.experiments.drives import fig7, fig12, fig13_orb_slam3
+from evaluation.experiments import steering
+from evaluation.experiments.drives import fig7, fig12
 from evaluation.experiments.experiment import Experiment
-from evaluation.experiments.navigation.navigation import EXPERIMENT as NAVIGATION
-from evaluation.experiments.navigation.second_lap import EXPERIMENT as SECOND_LAP
+from evaluation.experiments.navigation import navigation, second_lap
 from evaluation.experiments.prediction import fig1, fig3, fig10, fig11
-from evaluation.experiments.rejudge.ranking import EXPERIMENT as REJUDGE
-from evaluation.experiments.steering.steering import EXPERIMENT as STEERING
-from evaluation.experiments.teach.teach_repeat import EXPERIMENT as TEACH
+from evaluation.experiments.rejudge import ranking
+from evaluation.experiments.teach import teach_repeat
 from evaluation.experiments.worth import worth
 
+_FIGURES = (fig1, fig3, fig7, fig10, fig11, fig12)
+_OTHERS = (teach_repeat, navigation, second_lap, steering, ranking, worth)
 EXPERIMENTS: tuple[Experiment, ...] = (
-    fig1.EXPERIMENT,
-    fig3.EXPERIMENT,
-    fig7.EXPERIMENT,
-    fig10.EXPERIMENT,
-    fig11.EXPERIMENT,
-    fig12.EXPERIMENT,
-    fig13_orb_slam3.EXPERIMENT,
-    TEACH,
-    NAVIGATION,
-    SECOND_LAP,
-    STEERING,
-    REJUDGE,
-    worth.EXPERIMENT,
+    *(module.EXPERIMENT for module in _FIGURES),
+    fig12.WITH_ORB_SLAM3,
+    *(module.EXPERIMENT for module in _OTHERS),
     worth.TUNING,
 )
-"""In the order of the papers, then our own."""

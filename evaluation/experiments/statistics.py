@@ -1,19 +1,20 @@
-"""Intervals and correlations for small samples."""
+"""Intervals and correlations for small samples, and the verdicts that intervals allow."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.stats import t
 
-_DRAWS = 10_000
+from evaluation.arrays import Flags, Floats, Ints
+from evaluation.experiments.experiment import Verdict
 
-FEWEST = 10
-"""Clusters from which on a bootstrap of them is to be believed: of six, 95 % intervals cover 87 %."""
+_DRAWS = 10_000
+FEWEST = 10  # Clusters from which on a bootstrap of them is to be believed: of six, 95 % intervals cover 87 %
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,24 +44,11 @@ def mean_interval(values: ArrayLike, seed: int = 0) -> Interval:
 
 
 def clustered(
-    clusters: ArrayLike,
-    statistic: Callable[[NDArray[np.float64]], NDArray[np.float64]],
-    seed: int = 0,
-    percent: float = 95.0,
+    clusters: ArrayLike, statistic: Callable[[Floats], Floats], seed: int = 0, percent: float = 95.0
 ) -> Interval:
-    """A statistic with its percentile bootstrap interval, which draws whole clusters.
-
-    Parameters
-    ----------
-    clusters
-        Shape (clusters, ...): clusters are independent, what is in one need not be.
-    statistic
-        From (draws, clusters, ...) to (draws,); draws for which it is NaN do not count.
-    seed
-        Of the draws.
-    percent
-        Of the interval.
-    """
+    """A statistic with its percentile bootstrap interval, which draws whole clusters. `clusters`: shape (clusters,
+    ...): clusters are independent, what is in one need not be. `statistic`: from (draws, clusters, ...) to (draws,);
+    draws for which it is NaN do not count. `seed`: of the draws. `percent`: of the interval."""
     sample = np.asarray(clusters, np.float64)
     tail = (100.0 - percent) / 2
     low, high = np.nanpercentile(statistic(sample[_draws(len(sample), seed)]), [tail, 100.0 - tail])
@@ -70,11 +58,9 @@ def clustered(
 def over_places(
     values: ArrayLike, places: Sequence[str], weights: ArrayLike | None = None, percent: float = 95.0
 ) -> Interval:
-    """Sum of values over the sum of weights, their mean without, with its interval over places.
-
-    Values of one place are alike, and drawn together. With fewer than `FEWEST` places draws say too little about the
-    spread between them: then it is Student's interval.
-    """
+    """Sum of values over the sum of weights, their mean without, with its interval over places. Values of one place are
+    alike, and drawn together. With fewer than `FEWEST` places draws say too little about the spread between them: then
+    it is Student's interval."""
     names, of = np.unique(np.asarray(places), return_inverse=True)
     sums = np.bincount(of, np.asarray(values, np.float64))
     totals = np.bincount(of, None if weights is None else np.asarray(weights, np.float64))
@@ -87,31 +73,22 @@ def over_places(
     return Interval(middle, middle - half, middle + half)
 
 
-def _ratio(sums: NDArray[np.float64]) -> NDArray[np.float64]:
+def _ratio(sums: Floats) -> Floats:
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.asarray(np.where(sums[:, 1] > 0, sums[:, 0] / sums[:, 1], np.nan))
 
 
 @dataclass(frozen=True, slots=True)
-class Comparison:
-    """How much worse one policy is than another, paired by place.
+class PolicyComparison:
+    """How much worse one policy is than another, paired by place."""
 
-    Attributes
-    ----------
-    worse, narrow
-        As a share of the other's, below 0 for better; with its intervals of 95 % and 90 %.
-    left_out
-        Courses that do not count here, because one of both failed.
-    """
-
+    # worse, narrow: as a share of the other's, below 0 for better; with its intervals of 95 % and 90 %.
     worse: Interval
     narrow: Interval
-    left_out: int = 0
+    left_out: int = 0  # courses that do not count here, because one of both failed
 
     @classmethod
-    def of_errors(
-        cls, own: NDArray[np.float64], other: NDArray[np.float64], failed: NDArray[np.bool_], places: Sequence[str]
-    ) -> Comparison:
+    def of_errors(cls, own: Floats, other: Floats, failed: Flags, places: Sequence[str]) -> PolicyComparison:
         """By the geometric mean of the ratio of errors, over courses in which neither failed; no room can set it."""
         kept = np.flatnonzero(~failed)
         if not kept.size:
@@ -122,9 +99,7 @@ class Comparison:
         return cls(_of_logs(wide), _of_logs(narrow), len(failed) - len(kept))
 
     @classmethod
-    def of_means(
-        cls, losses: NDArray[np.float64], other: NDArray[np.float64] | None, places: Sequence[str]
-    ) -> Comparison:
+    def of_means(cls, losses: Floats, other: Floats | None, places: Sequence[str]) -> PolicyComparison:
         """By what is lost to the other over what the other has; None: by what is lost, for values that are shares."""
         wide, narrow = (over_places(losses, places, other, percent) for percent in (95.0, 90.0))
         return cls(wide, narrow)
@@ -151,19 +126,60 @@ def _of_logs(logs: Interval) -> Interval:
 def pearson(first: ArrayLike, second: ArrayLike, seed: int = 0) -> Interval:
     """Linear correlation of the points of two arrays (clusters, points), see `clustered`."""
 
-    def correlation(drawn: NDArray[np.float64]) -> NDArray[np.float64]:
+    def correlation(drawn: Floats) -> Floats:
         return _correlation(*(drawn[..., side].reshape(len(drawn), -1) for side in (0, 1)))
 
     return clustered(np.stack([np.asarray(first), np.asarray(second)], axis=-1), correlation, seed)
 
 
-def _draws(size: int, seed: int) -> NDArray[np.int64]:
+def _draws(size: int, seed: int) -> Ints:
     return np.random.default_rng(seed).integers(0, size, (_DRAWS, size))
 
 
-def _correlation(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+def _correlation(a: Floats, b: Floats) -> Floats:
     """Row by row; NaN where a row is constant."""
     a = a - a.mean(axis=1, keepdims=True)
     b = b - b.mean(axis=1, keepdims=True)
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.asarray((a * b).sum(axis=1) / np.sqrt((a**2).sum(axis=1) * (b**2).sum(axis=1)))
+
+
+def below(apart: Interval, margin: float) -> Verdict:
+    """On "the first is lower", from first minus second: not so when it is higher, or alike within the margin."""
+    if apart.low > 0 or apart.within(margin):
+        return Verdict.NOT_REPRODUCED
+    return Verdict.REPRODUCED if apart.high < 0 else Verdict.UNDECIDED
+
+
+def above(apart: Interval, margin: float) -> Verdict:
+    """On "the first is higher", likewise."""
+    return below(Interval(-apart.value, -apart.high, -apart.low), margin)
+
+
+def alike(apart: Interval, margin: float) -> Verdict:
+    """On "the two hardly differ": so when the whole interval is within the margin, not so when it is beyond."""
+    if apart.within(margin):
+        return Verdict.REPRODUCED
+    return Verdict.NOT_REPRODUCED if apart.low > margin or apart.high < -margin else Verdict.UNDECIDED
+
+
+def not_above(apart: Interval, margin: float) -> Verdict:
+    """On "the first is at most `margin` higher"."""
+    if apart.high <= margin:
+        return Verdict.REPRODUCED
+    return Verdict.NOT_REPRODUCED if apart.low > margin else Verdict.UNDECIDED
+
+
+def together(parts: Mapping[str, Verdict]) -> tuple[Verdict, str]:
+    """The verdict on a claim of several parts, and the condition: which of them hold, and which are undecided.
+    Conditionally when some hold; if none does, not reproduced as soon as one part is not."""
+    held, undecided = (
+        [name for name, verdict in parts.items() if verdict is which]
+        for which in (Verdict.REPRODUCED, Verdict.UNDECIDED)
+    )
+    if len(held) == len(parts):
+        return Verdict.REPRODUCED, ""
+    if not held:
+        return (Verdict.UNDECIDED if len(undecided) == len(parts) else Verdict.NOT_REPRODUCED), ""
+    doubt = f"; undecided: {', '.join(undecided)}" if undecided else ""
+    return Verdict.CONDITIONALLY, f"holds: {', '.join(held)}{doubt}"

@@ -1,56 +1,167 @@
-"""All policies through one drive, and which of them to take."""
+"""All policies in closed loop through one drive, what their frames are worth, and which policy to take."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from autoexpose_daemon.control.decision import Decision
+from autoexpose_daemon.control.loop import REFERENCE_RATE_HZ, ControlLoop, ControlSetup
 from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
-from evaluation.rejudge.camera import RecordedCameras
+from autoexpose_daemon.control.step import StepInputs
+from evaluation.arrays import Greys
+from evaluation.odometry.features import StereoMatcher
+from evaluation.rejudge.camera import FAR_STOPS, Exposer, Made, RecordedCameras, Rectifier
 from evaluation.rejudge.drive import Drive
-from evaluation.rejudge.exposing import Exposer
-from evaluation.rejudge.following import Following
-from evaluation.rejudge.rectify import Rectifier
-from evaluation.rejudge.run import Figures, Judge, PolicyRun
-from evaluation.rejudge.trajectory import Reference, Trajectory
+from evaluation.rejudge.following import Followed, Follower, Following, ReferenceTrajectory, Trajectory
 from imaging.errors import AutoexposeError
 from imaging.exposure import ExposureLimits, ExposureSetting
-from imaging.frames import Side
+from imaging.frames import Side, StereoPair
 
+FOCAL_LENGTH_PX = 1000.0  # Control is told the speed of the image as an angular rate and a focal length; any will do
+FEWEST_BETWEEN = 2  # Odometry gets at most every second pair
+
+
+class InstantCameras(Protocol):
+    """Cameras that show what there was at an instant, whatever the exposure."""
+
+    def take(self, setting: ExposureSetting) -> Made:
+        """The pair of the present instant."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Figures:
+    """What the frames of a policy are worth; None: not known, for lack of a geometry, a second camera, or motion."""
+
+    policy: str  # its id
+    metric: float  # mean M_g of the reference frames
+    # saturated_share, black_share: their mean shares.
+    saturated_share: float
+    black_share: float
+    matches: float | None  # good stereo matches (B&H section 3.1), mean over the pairs that odometry gets
+    # rpe_mm, rpe_parts_mm: mean translation RPE of the odometry, mm; and that of each part of the drive, None where
+    # nothing moved.
+    rpe_mm: float | None
+    rpe_parts_mm: list[float | None]
+    lost_share: float | None  # share of the pairs that it could not follow
+    # exposure_time_us, gain_db: medians of the settings.
+    exposure_time_us: float
+    gain_db: float
+    far_share: float  # share of the pairs for which the bracket has no shot within a stop
+    blur_ratio: float  # how much longer the shots were exposed than the frames they stand for, mean over the pairs
+
+
+@dataclass(slots=True, eq=False)
+class PairJudge:
+    """Judges pairs for what odometry could do with them."""
+
+    rectifier: Rectifier | None  # of the cameras; None: their geometry is not known
+    follower: Follower | None  # None: nobody follows
+    matches: list[int] = field(default_factory=list)
+    _matcher: StereoMatcher = field(default_factory=StereoMatcher)
+
+    def look(self, pair: StereoPair, time_s: float) -> None:
+        """The next pair, and when its reference frame was taken."""
+        if self.rectifier is None or len(pair.frames) < 2:
+            return
+        left, right = self.rectifier.images(pair)
+        self.matches.append(self._matcher.match(left, right).count)
+        if self.follower is not None:
+            self.follower.look(left, right, time_s)
+
+    def end(self) -> Followed | None:
+        """After the last pair."""
+        return self.follower.end() if self.follower is not None and self.matches else None
+
+
+class PolicyRun:
+    """One policy on its way through a drive. `setup`: what its loop is built from, with a start. `delay_frames`: a
+    decision shows this many pairs later. `judge`: judges some of its pairs. `told_motion`: whether it is told how fast
+    the image moves; else it finds out by flow."""
+
+    def __init__(self, setup: ControlSetup, delay_frames: int, judge: PairJudge, *, told_motion: bool = True) -> None:
+        parameters = replace(setup.parameters, focal_length_px=FOCAL_LENGTH_PX)
+        self.loop: ControlLoop = replace(setup, parameters=parameters).loop()
+        self.loop.metric_asked = True
+        self.judge = judge
+        self._told = told_motion
+        self.settings = [setup.start] * delay_frames
+        self.decisions: list[Decision] = []
+        self._far = 0
+        self._blur: list[float] = []
+        self._judged = -FEWEST_BETWEEN
+        self._shown = -1
+
+    def step(self, number: int, cameras: InstantCameras, motion_px: float, *, due: bool) -> Made:
+        """Take the pair of an instant, decide on it, and have it judged if it shows something new. `number`: of the
+        instant. `cameras`: at that instant. `motion_px`: speed of the image, pixels per 1/60 s. `due`: whether to judge
+        a pair that shows nothing new in motion, since several shots were fused."""
+        made = cameras.take(self.settings[len(self.decisions)])
+        rate_rad_s = motion_px * REFERENCE_RATE_HZ / FOCAL_LENGTH_PX if self._told else None
+        self.decisions.append(self.loop.step(StepInputs(made.pair, rate_rad_s)))
+        self.settings.append(self.decisions[-1].setting)
+        self._far += abs(made.off_stops) > FAR_STOPS
+        self._blur.append(made.blur_ratio)
+        if made.shot > self._shown and number >= self._judged + FEWEST_BETWEEN and (due or not made.fused):
+            self._judged, self._shown = number, made.shot
+            self.judge.look(made.pair, made.time_s)
+        return made
+
+    @property
+    def levels(self) -> list[float]:
+        """Exposure level of each pair so far, stops."""
+        return [setting.level for setting in self.settings[: len(self.decisions)]]
+
+    def end(self, reference: ReferenceTrajectory | None) -> Figures:
+        """What became of it, after the last pair; without a reference, errors are not known."""
+        followed = self.judge.end()
+        errors_mm = [] if reference is None or followed is None else reference.errors_mm(followed.trajectory)
+        known_mm = [error_mm for error_mm in errors_mm if math.isfinite(error_mm)]
+        taken = self.settings[: len(self.decisions)]
+        return Figures(
+            self.loop.setup.policy_id,
+            metric=_mean(self.decisions, "metric"),
+            saturated_share=_mean(self.decisions, "saturated_share"),
+            black_share=_mean(self.decisions, "black_share"),
+            matches=float(np.mean(self.judge.matches)) if self.judge.matches else None,
+            rpe_mm=float(np.mean(known_mm)) if known_mm else None,
+            rpe_parts_mm=[error_mm if math.isfinite(error_mm) else None for error_mm in errors_mm],
+            lost_share=None if followed is None else followed.lost_share,
+            exposure_time_us=float(np.median([setting.exposure_time_us for setting in taken])),
+            gain_db=float(np.median([setting.gain_db for setting in taken])),
+            far_share=self._far / len(taken),
+            blur_ratio=float(np.mean(self._blur)),
+        )
+
+
+def _mean(decisions: list[Decision], name: str) -> float:
+    values: NDArray[Any] = np.array([getattr(decision, name) for decision in decisions])
+    return float(values.mean())
+
+
+# An error is greater than the least one if they differ by so many standard errors, by the parts of the drive; those
+# that are not are alike, and more matches decide.
 SURE = 2.0
-"""An error is greater than the least one if they differ by so many standard errors, by the parts of the drive; those
-that are not are alike, and more matches decide."""
-
-LOST_MORE = 0.05
-"""A policy that loses a larger share of the pairs than the best one by this is not recommended."""
-
-PICTURES = 6
-"""Instants at which pictures are kept for the report."""
+LOST_MORE = 0.05  # A policy that loses a larger share of the pairs than the best one by this is not recommended
+PICTURES = 6  # Instants at which pictures are kept for the report
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Round:
-    """Policies that go through the drive side by side, so that what is read of it is read once.
-
-    Attributes
-    ----------
-    policies
-        Their ids.
-    reference
-        The true trajectory, or that on the best shots; None: errors are not known.
-    """
+    """Policies that go through the drive side by side, so that what is read of it is read once."""
 
     drive: Drive
-    policies: Sequence[str]
+    policies: Sequence[str]  # their ids
     odometry: str
-    reference: Reference | None
+    reference: ReferenceTrajectory | None  # the true trajectory, or that on the best shots; None: errors are not known
     folder: Path
 
 
@@ -60,7 +171,7 @@ class Outcome:
 
     figures: Figures
     levels: Sequence[float]
-    pictures: Sequence[NDArray[np.uint8]]
+    pictures: Sequence[Greys]
     captions: Sequence[str]
 
 
@@ -75,7 +186,7 @@ def play(one: Round) -> list[Outcome]:
         for policy in one.policies
     ]
     shown = set(np.linspace(0, len(timeline.glimpses) - 1, PICTURES + 2).round().astype(int)[1:-1].tolist())
-    pictures: list[list[NDArray[np.uint8]]] = [[] for _ in runs]
+    pictures: list[list[Greys]] = [[] for _ in runs]
     captions: list[list[str]] = [[] for _ in runs]
     cameras = RecordedCameras(timeline, exposers(drive))
     for number, pair_at in drive.pairs():
@@ -99,10 +210,8 @@ def exposers(drive: Drive) -> dict[Side, Exposer]:
 
 
 def follow_best_shots(drive: Drive, odometry: str, folder: Path) -> Trajectory | None:
-    """Where odometry says the camera was, on the best shot of each cycle by M_g, as it was recorded.
-
-    None where nothing can follow, for lack of a geometry; raises AutoexposeError where odometry is lost altogether.
-    """
+    """Where odometry says the camera was, on the best shot of each cycle by M_g, as it was recorded. None where nothing
+    can follow, for lack of a geometry; raises AutoexposeError where odometry is lost altogether."""
     judge = _judge(drive, odometry, folder, "best shots")
     if judge.follower is None:
         return None
@@ -123,10 +232,8 @@ def follow_best_shots(drive: Drive, odometry: str, folder: Path) -> Trajectory |
 
 
 def recommended(figures: Sequence[Figures]) -> str:
-    """The policy of the least error of odometry; among those alike, or where there is none, of the most matches.
-
-    Where nothing was matched, that of the largest metric.
-    """
+    """The policy of the least error of odometry; among those alike, or where there is none, of the most matches. Where
+    nothing was matched, that of the largest metric."""
     least_lost = min((one.lost_share for one in figures if one.lost_share is not None), default=0.0)
     kept = [one for one in figures if (one.lost_share or 0.0) <= least_lost + LOST_MORE]
     followed = [one for one in kept if one.rpe_mm is not None]
@@ -161,12 +268,12 @@ def first_setting(drive: Drive) -> ExposureSetting:
     return drive.setup.limits.nearest(max(first, key=lambda glimpse: glimpse.metric).setting)
 
 
-def _judge(drive: Drive, odometry: str, folder: Path, name: str) -> Judge:
+def _judge(drive: Drive, odometry: str, folder: Path, name: str) -> PairJudge:
     if len(drive.geometries) < 2:
-        return Judge(None, None)
+        return PairJudge(None, None)
     rectifier = Rectifier(drive.geometries, drive.shape)
     following = Following(odometry, rectifier.camera, drive.timeline.cycle_s, folder)
-    return Judge(rectifier, following.begin(name))
+    return PairJudge(rectifier, following.begin(name))
 
 
 def document(figures: Sequence[Figures], limits: ExposureLimits, start: ExposureSetting) -> dict[str, Any]:

@@ -1,37 +1,74 @@
-"""The command `autoexpose rejudge`."""
+"""The command `autoexpose rejudge`, and the page that it writes."""
 
 from __future__ import annotations
 
+import base64
 import json
 import math
 import os
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
+import cv2
 import typer
 from rich.console import Console
 from rich.table import Table
 
 from autoexpose_daemon.control.policies.ids import POLICY_IDS, check_policy_id
 from documents.files import check_writable
+from documents.text import readable
+from evaluation.arrays import Greys
+from evaluation.long_runs import LongProgress
 from evaluation.pool import over_processes
-from evaluation.progress import LongProgress
-from evaluation.rejudge.contest import Outcome, Round, document, first_setting, follow_best_shots, play
+from evaluation.rejudge.contest import Figures, Outcome, Round, document, first_setting, follow_best_shots, play
 from evaluation.rejudge.drive import Drive
-from evaluation.rejudge.folder import read_folder
-from evaluation.rejudge.following import IN_HOUSE, check_odometry
-from evaluation.rejudge.recorded import read_recording
-from evaluation.rejudge.report import write_report
-from evaluation.rejudge.run import Figures
-from evaluation.rejudge.trajectory import Reference, Trajectory, read_tum
+from evaluation.rejudge.following import IN_HOUSE, ReferenceTrajectory, Trajectory, check_odometry, read_tum
+from evaluation.rejudge.sources import read_folder, read_recording
 from imaging.errors import AutoexposeError, ConfigurationError
 
-SIDE_BY_SIDE = 3
-"""Policies in one round: reading is shared, and progress still shows."""
+WIDTH = 240  # Of a picture, pixels
+
+
+def write_report(drive: Drive, outcomes: Sequence[Outcome], result: Mapping[str, Any], page: Path) -> None:
+    """Write the page; an existing one is replaced. `drive`, `outcomes`: what was judged. `result`: as
+    `contest.document` returns it. `page`: the HTML file. Raises AutoexposeError when it cannot be written, or packages
+    are missing."""
+    try:
+        import jinja2  # noqa: PLC0415  an extra, which only reports need
+    except ImportError as error:
+        raise AutoexposeError("jinja2 is missing: pip install 'autoexpose-daemon[calibration]'") from error
+    loaders = [jinja2.PackageLoader(package, "") for package in ("evaluation.rejudge", "calibration.report")]
+    environment = jinja2.Environment(loader=jinja2.ChoiceLoader(loaders), autoescape=True)
+    rows = [
+        {
+            "figures": outcome.figures,
+            "pictures": [
+                {"jpeg": _jpeg(picture), "caption": caption}
+                for picture, caption in zip(outcome.pictures, outcome.captions, strict=True)
+            ],
+        }
+        for outcome in outcomes
+    ]
+    text = environment.get_template("report.html").render(
+        title=f"Policies on {Path(drive.name).name}", drive=drive, rows=rows, **result
+    )
+    try:
+        page.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise AutoexposeError(f"{page} cannot be written: {readable(str(error.strerror))}") from error
+
+
+def _jpeg(picture: Greys) -> str:
+    height = round(WIDTH * picture.shape[0] / picture.shape[1])
+    small = cv2.resize(picture, (WIDTH, height), interpolation=cv2.INTER_AREA)
+    return base64.b64encode(cv2.imencode(".jpg", small)[1].tobytes()).decode()
+
+
+SIDE_BY_SIDE = 3  # Policies in one round: reading is shared, and progress still shows
 
 
 def rejudge(
@@ -67,7 +104,7 @@ def rejudge(
                 truth = follow_best_shots(recorded, odometry, Path(folder))
         else:
             _check_fits(truth, recorded, trajectory)
-        reference = None if truth is None else Reference.of(truth, recorded.timeline.cycle_s)
+        reference = None if truth is None else ReferenceTrajectory.of(truth, recorded.timeline.cycle_s)
         outcomes = _play(Round(recorded, chosen, odometry, reference, Path(folder)), jobs, console)
     figures = [outcome.figures for outcome in outcomes]
     limits = recorded.setup.limits
@@ -153,20 +190,10 @@ def _play(everyone: Round, jobs: int, console: Console) -> list[Outcome]:
 
 def _print(figures: Sequence[Figures], best: str, console: Console) -> None:
     table = Table(box=None, padding=(0, 1, 0, 0), pad_edge=False)
-    heads = (
-        "policy",
-        "RPE\nmm",
-        "lost",
-        "matches",
-        "M_g",
-        "satu-\nrated",
-        "black",
-        "time\nms",
-        "gain\ndB",
-        "far",
-        "blur",
-    )
-    for place, head in enumerate(heads):
+    figures_shown = [
+        "RPE\nmm", "lost", "matches", "M_g", "satu-\nrated", "black", "time\nms", "gain\ndB", "far", "blur",
+    ]  # fmt: skip
+    for place, head in enumerate(["policy", *figures_shown]):
         table.add_column(head, justify="right" if place else "left", no_wrap=True)
     for one in sorted(figures, key=_rank):
         table.add_row(

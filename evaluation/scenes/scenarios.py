@@ -12,55 +12,30 @@ from evaluation.scenes.views import Gaze
 from fake_camera.world.lighting import Change, Flicker, LightScript
 
 RATE_HZ = 60.0
+# Not scored: half a second from the best exposure of the first frame to the one that a policy prefers.
 WARM_UP_FRAMES = 30
-"""Not scored: half a second from the best exposure of the first frame to the one that a policy prefers."""
-
-STEP_FACTOR = 150.0
-"""Ratio of the light before and after a step."""
+STEP_FACTOR = 150.0  # Ratio of the light before and after a step
 
 
 @dataclass(frozen=True, slots=True)
 class Course:
-    """One random instance of a scenario.
+    """One random instance of a scenario."""
 
-    Attributes
-    ----------
-    light
-        Illumination over time.
-    gaze
-        Where the camera looks over time.
-    first_scored
-        The first frame that is scored; with a step, the first one exposed entirely after it.
-    lamp
-        Light of the lamp that only the right camera sees; None for no lamp.
-    """
-
-    light: LightScript
-    gaze: Gaze
-    first_scored: int
-    lamp: LightScript | None = None
+    light: LightScript  # illumination over time
+    gaze: Gaze  # where the camera looks over time
+    first_scored: int  # the first frame that is scored; with a step, the first one exposed entirely after it
+    lamp: LightScript | None = None  # light of the lamp that only the right camera sees; None for no lamp
 
 
 @dataclass(frozen=True, slots=True)
 class Scenario:
-    """A kind of course.
+    """A kind of course."""
 
-    Attributes
-    ----------
-    frames
-        Length.
-    draw
-        Makes a course from random numbers.
-    at_window
-        Whether angle 0 of the gaze is a window.
-    oracle_every
-        The oracle is asked about every nth frame, and interpolated in between. Compared with asking about every frame,
-        the mean ratio errs by less than 0.003. 2 and 4 have no common factor with the 3 frames of flicker's beat.
-    """
-
-    frames: int
-    draw: Callable[[np.random.Generator], Course]
-    at_window: bool = False
+    frames: int  # length
+    draw: Callable[[np.random.Generator], Course]  # makes a course from random numbers
+    at_window: bool = False  # whether angle 0 of the gaze is a window
+    # The oracle is asked about every nth frame, and interpolated in between. Compared with asking about every frame,
+    # the mean ratio errs by less than 0.003. 2 and 4 have no common factor with the 3 frames of flicker's beat.
     oracle_every: int = 4
 
 
@@ -142,12 +117,8 @@ def _lamp_right(rng: np.random.Generator) -> Course:
 
 
 SCENARIOS = {
-    "step_up": Scenario(120, _step(up=True)),
-    "step_down": Scenario(120, _step(up=False)),
-    "tunnel": Scenario(220, _tunnel),
-    "pan": Scenario(270, _pan, at_window=True, oracle_every=2),
-    "flicker": Scenario(180, _flicker),
-    "lowlight_fast": Scenario(150, _lowlight_fast, oracle_every=2),
-    "sun_shadow": Scenario(150, _sun_shadow),
-    "lamp_right": Scenario(110, _lamp_right),
-}
+    "step_up": Scenario(120, _step(up=True)), "step_down": Scenario(120, _step(up=False)),
+    "tunnel": Scenario(220, _tunnel), "pan": Scenario(270, _pan, at_window=True, oracle_every=2),
+    "flicker": Scenario(180, _flicker), "lowlight_fast": Scenario(150, _lowlight_fast, oracle_every=2),
+    "sun_shadow": Scenario(150, _sun_shadow), "lamp_right": Scenario(110, _lamp_right),
+}  # fmt: skip

@@ -1,17 +1,22 @@
-"""Randomly painted stills with the contrasts of places where robots work."""
+"""Stills: painted at random with the contrasts of places where robots work, and photographs of real radiance."""
 
 from __future__ import annotations
 
+import hashlib
+import os
 from collections.abc import Callable
-from functools import lru_cache
+from functools import cache, lru_cache
+from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-Still = NDArray[np.float32]
+from evaluation.arrays import Floats32
+from fake_camera.world.scene.panorama import load_radiance
+
+Still = Floats32
+# (rng, width, height) -> radiance per lux, float32, (height, width), mostly around 0.2.
 Painter = Callable[[np.random.Generator, int, int], Still]
-"""(rng, width, height) -> radiance per lux, float32, (height, width), mostly around 0.2."""
 
 
 def leaves(rng: np.random.Generator, width: int, height: int) -> Still:
@@ -110,3 +115,28 @@ def painting(painter: str, seed: int, width: int, height: int) -> Still:
     still = PAINTERS[painter](np.random.default_rng([seed, 78]), width, height)
     still.flags.writeable = False
     return still
+
+
+# Where the photographs are (docs/experiments.md).
+DATA = Path(os.environ.get("AUTOEXPOSE_DATA", Path(__file__).parents[3] / "shared" / "data"))
+PAINTED_SIZE = (1000, 640)  # Width and height of painted stills
+_STILLS = {"tuning": ("Carrots", "CrissyField"), "report": ("Desk", "GoldenGate", "MtTamWest")}
+
+
+def stills(name: str) -> list[str]:
+    """The photographed stills of the tuning or the report set; none where there are no data."""
+    return [scene for still in _STILLS[name] if (DATA / (scene := f"hdr_stills_bsd/{still}.hdr")).exists()]
+
+
+@cache
+def digest(scene: str) -> str:
+    """SHA-256 of a photograph's file, so that results are kept only for the same picture; "" for a painting."""
+    return "" if ":" in scene else hashlib.sha256((DATA / scene).read_bytes()).hexdigest()
+
+
+def picture(scene: str) -> Still:
+    """Its radiance per lux, (rows, columns)."""
+    painter, _, seed = scene.partition(":")
+    if seed:
+        return painting(painter, int(seed), *PAINTED_SIZE)
+    return load_radiance(DATA / scene)

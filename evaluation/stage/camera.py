@@ -1,39 +1,34 @@
-"""The simulated camera of the evaluation: from radiance to the frames that control gets."""
+"""The simulated camera, from radiance to the frames that control gets, and a control loop with a delay before it."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cache, partial
 
 import numpy as np
-from numpy.typing import NDArray
 
+from autoexpose_daemon.control.decision import Decision
+from autoexpose_daemon.control.loop import ControlLoop
+from evaluation.arrays import Floats32, Greys
 from fake_camera.imaging import ImageSettings
+from fake_camera.world.response import CURVES
 from fake_camera.world.sensor import DEFAULT_F_NUMBER, Sensor, SensorModel
 from fake_camera.world.simulation import Side
 from imaging.exposure import ExposureLimits, ExposureSetting
 from imaging.frames import Frame, StereoPair
 from imaging.python310 import exp2
+from imaging.response import ResponseFunction
 
 LIMITS = ExposureLimits(min_time_us=20.0, max_time_us=7500.0, min_gain_db=0.0, max_gain_db=30.0)
-
-Image = NDArray[np.uint8]
-Radiance = NDArray[np.float32]
+Image = Greys
+Radiance = Floats32
 
 
 class SimulatedCamera:
-    """A camera whose noise in a frame is the same whatever the exposure.
-
-    Parameters
-    ----------
-    seed
-        Of what is fixed in the sensor.
-    noise_seed
-        Of the noise in its frames.
-    response, gamma
-        Name of the sensor's response function, and the camera's Gamma node, a power law on top of it.
-    lens_f_number
-        Of its lens.
-    """
+    """A camera whose noise in a frame is the same whatever the exposure. `seed`: of what is fixed in the sensor.
+    `noise_seed`: of the noise in its frames. `response`, `gamma`: name of the sensor's response function, and the
+    camera's Gamma node, a power law on top of it. `lens_f_number`: of its lens."""
 
     def __init__(
         self,
@@ -65,3 +60,81 @@ def pair_of(images: Mapping[Side, Image], setting: ExposureSetting, number: int,
 def time_first(level: float) -> ExposureSetting:
     """The setting of an exposure level (stops) that takes time before gain."""
     return LIMITS.realise(level, exp2(level))
+
+
+@dataclass(frozen=True, slots=True)
+class CameraResponse:
+    """A sensor's response function and the camera's Gamma node on top of it, a power law."""
+
+    curve: str = "linear"  # name of the sensor's response (`fake_camera.world.response.CURVES`)
+    gamma: float = 1.0  # the Gamma node; below 1 it brightens
+
+    @property
+    def function(self) -> ResponseFunction:
+        """What an error-free calibration would find."""
+        return _function(self.curve, self.gamma)
+
+    def __str__(self) -> str:
+        return self.curve.replace("_", "-") + (f"^{self.gamma:g}" if self.gamma != 1.0 else "")
+
+
+FAKE_CAMERAS = tuple(CameraResponse(curve) for curve in CURVES)  # Those available to fake cameras
+
+
+@cache
+def _function(curve: str, gamma: float) -> ResponseFunction:
+    light = np.concatenate([[0.0], np.logspace(-14, 0, 500_001)])
+    greys = 255.0 * CURVES[curve](light) ** gamma
+    # As in `ResponseFunction.linear`, black stands for half a grey level of light.
+    inverse = np.interp(np.maximum(np.arange(256.0), 0.5), greys, light)
+    return ResponseFunction(np.log2(inverse / inverse[-1]), 0, 255)
+
+
+class DelayedLoop:
+    """Takes each frame with the setting decided `delay_frames` earlier, and decides on it. `loop`: decides. The first
+    `delay_frames` frames are taken with its start. `delay_frames`: a decision on frame k applies from frame k +
+    delay_frames, which is at least 1. `decisions`: one for each frame so far, with M_g."""
+
+    def __init__(self, loop: ControlLoop, delay_frames: int) -> None:
+        self.loop = loop
+        self.loop.metric_asked = True
+        self.decisions: list[Decision] = []
+        self._settings = [loop.setup.start] * delay_frames
+
+    @property
+    def metrics(self) -> list[float]:
+        """M_g of each frame so far."""
+        return [decision.metric for decision in self.decisions if decision.metric is not None]
+
+    @property
+    def settings(self) -> list[ExposureSetting]:
+        """The setting of each frame so far."""
+        return self._settings[: len(self.decisions)]
+
+    def step(self, take: Callable[[ExposureSetting], StereoPair]) -> StereoPair:
+        """Take the next frame with `take`, decide on it, and return it."""
+        pair = take(self._settings[len(self.decisions)])
+        self.decisions.append(self.loop.step(pair))
+        self._settings.append(self.decisions[-1].setting)
+        return pair
+
+
+MakeLoop = Callable[[ResponseFunction, ExposureLimits, ExposureSetting], ControlLoop]
+
+
+@dataclass(frozen=True, slots=True)
+class Entrant:
+    """A participant: its name, its delay (see `DelayedLoop`), and how its control loop is made."""
+
+    name: str
+    delay_frames: int
+    make_loop: MakeLoop
+
+    @classmethod
+    def of(cls, policy_id: str, delay_frames: int = 2) -> Entrant:
+        """A policy by its id."""
+        return cls(policy_id, delay_frames, partial(ControlLoop, policy_id))
+
+    def enter(self, start: ExposureSetting) -> DelayedLoop:
+        """A fresh loop for linear cameras that starts from a setting."""
+        return DelayedLoop(self.make_loop(ResponseFunction.linear(), LIMITS, start), self.delay_frames)

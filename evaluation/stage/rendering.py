@@ -7,8 +7,8 @@ from collections.abc import Sequence
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from evaluation.arrays import Floats
 from evaluation.scenes.scenarios import RATE_HZ, Course
 from evaluation.scenes.views import Scene
 from evaluation.stage.camera import LIMITS, Image, Radiance, SimulatedCamera, pair_of
@@ -19,12 +19,9 @@ from imaging.exposure import ExposureSetting
 from imaging.frames import StereoPair
 
 BOTH: tuple[Side, Side] = ("left", "right")
-
-LAMP_RADIANCE = 2500.0
-"""In lux times reflectance: 8 to 10 stops above a wall in the light of `lamp_right`."""
-
+LAMP_RADIANCE = 2500.0  # In lux times reflectance: 8 to 10 stops above a wall in the light of `lamp_right`
+# An exposure of a moving camera is rendered as one instant for every 1.5 pixels that the image moves.
 BLUR_STEP_PX = 1.5
-"""An exposure of a moving camera is rendered as one instant for every 1.5 pixels that the image moves."""
 
 
 class Stage:
@@ -35,28 +32,16 @@ class Stage:
     the light of that instant; an exposure is the mean over the instants it spans. Both are rendered on demand, once
     for all runs and oracles.
 
-    Parameters
-    ----------
-    views
-        What the cameras see.
-    course
-        Light over time.
-    seed
-        Of the noise.
-    start_times_s
-        When exposures start; None for every 1/60 s from 0.
-    response, gamma
-        Name of the sensors' response function, and the cameras' Gamma node, a power law on top of it.
-    lens_f_number
-        Of the cameras' lenses.
-    """
+    `views`: what the cameras see. `course`: light over time. `seed`: of the noise. `start_times_s`: when exposures
+    start; None for every 1/60 s from 0. `response`, `gamma`: name of the sensors' response function, and the cameras'
+    Gamma node, a power law on top of it. `lens_f_number`: of the cameras' lenses."""
 
     def __init__(
         self,
         views: dict[Side, Scene],
         course: Course,
         seed: int,
-        start_times_s: NDArray[np.float64] | None = None,
+        start_times_s: Floats | None = None,
         *,
         response: str = "linear",
         gamma: float = 1.0,

@@ -7,57 +7,36 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from autoexpose_daemon.control.policies.learned.berthold2013 import MEAN_TARGET, Berthold2013
 from autoexpose_daemon.control.policies.learned.learned_policy import Sight
-from evaluation.training.babbling import babbled_levels, sights_of
-from evaluation.training.episode import Episode
-from evaluation.training.pictures import Picture, tuning_pictures
-from evaluation.training.weights_file import Arrays, net_arrays
+from evaluation.arrays import Floats
+from evaluation.training.episode import Episode, TrainingPicture, babbled_levels, sights_of, tuning_pictures
+from evaluation.training.training import Arrays, net_arrays
 
 UNITS = 200
-
-SPREAD = 0.8
-"""Standard deviation of what goes into a unit: where tanh begins to bend."""
-
+SPREAD = 0.8  # Standard deviation of what goes into a unit: where tanh begins to bend
+# Of an input: figures that hardly change, such as black shares, are not blown up to the size of others.
 LEAST_DEVIATION = 0.15
-"""Of an input: figures that hardly change, such as black shares, are not blown up to the size of others."""
-
-RIDGE = 1e-4
-"""Per sample: what keeps the read-out small."""
-
-FRAMES = 60
-"""Of an episode."""
-
+RIDGE = 1e-4  # Per sample: what keeps the read-out small
+FRAMES = 60  # Of an episode
+# Of a change that is asked for: the read-out is linear, and rare large ones should not pull at all others.
 LARGEST_STOPS = 8.0
-"""Of a change that is asked for: the read-out is linear, and rare large ones should not pull at all others."""
-
 INPUTS = 147
-
-KEPT = 40
-"""Inputs that each round keeps for the range of what was learnt."""
+KEPT = 40  # Inputs that each round keeps for the range of what was learnt
 
 
 @dataclass(frozen=True)
 class TrainingOfBerthold:
-    """`Training` of `berthold2013`.
+    """`Training` of `berthold2013`."""
 
-    Attributes
-    ----------
-    rounds
-        Of `episodes` each.
-    pictures
-        Seeds of pictures.
-    """
-
-    rounds: int = 80
+    rounds: int = 80  # of `episodes` each
     episodes: int = 16
-    pictures: int = 8
+    pictures: int = 8  # seeds of pictures
     policy_id: str = "berthold2013"
 
     @cached_property
-    def _pictures(self) -> list[Picture]:
+    def _pictures(self) -> list[TrainingPicture]:
         return tuning_pictures(self.pictures)
 
     def begin(self, rng: np.random.Generator) -> Arrays:
@@ -95,7 +74,7 @@ class TrainingOfBerthold:
         layers = [(state["matrix"], state["offsets"]), (solved[None, :-1], solved[-1:])]
         return net_arrays(layers, state["kept"], seed)
 
-    def _samples(self, rng: np.random.Generator) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def _samples(self, rng: np.random.Generator) -> tuple[Floats, Floats]:
         """Inputs (rows, INPUTS) and wanted changes of level (rows,), stops, of one episode under random exposures."""
         episode = Episode(self._pictures, rng, FRAMES)
         right = [episode.level_of_mean(frame, MEAN_TARGET) for frame in range(FRAMES)]

@@ -12,7 +12,7 @@ import typer
 from rich.console import Console
 
 from autoexpose_daemon.control.policies.ids import LEARNED, check_policy_id
-from evaluation.progress import LongProgress
+from evaluation.long_runs import LongProgress
 from imaging.errors import AutoexposeError, ConfigurationError
 
 if TYPE_CHECKING:
@@ -32,8 +32,8 @@ def train_command(
     file = out or Path("out", "training", f"{policy}.npz")
     # Before numpy is loaded: its sums, and so the bytes, must not depend on how many cores there are.
     os.environ["OPENBLAS_NUM_THREADS"] = "1"
+    from evaluation.training.training import make_writable  # noqa: PLC0415
     from evaluation.training.trainings import committed_weights, training_of  # noqa: PLC0415
-    from evaluation.training.weights_file import make_writable  # noqa: PLC0415
 
     make_writable(file)
     begun_s = time.monotonic()

@@ -1,4 +1,4 @@
-"""Trains `zhang2024`: an actor that earns Zhang's reward in random episodes."""
+"""Trains `zhang2024`: an actor, with two critics, that earns Zhang's reward in random episodes."""
 
 from __future__ import annotations
 
@@ -12,51 +12,96 @@ import numpy as np
 from autoexpose_daemon.control.policies.learned.learned_policy import Sight
 from autoexpose_daemon.control.policies.learned.zhang2024 import LARGEST_STEP_STOPS, MEAN_TARGET, Zhang2024
 from autoexpose_daemon.control.policy import Look
-from evaluation.training.actor_critic import LAST_RATE, RATE, ActorCritic, Transitions
-from evaluation.training.backprop import Batch
-from evaluation.training.episode import Episode
-from evaluation.training.pictures import Picture, tuning_pictures
-from evaluation.training.weights_file import Arrays, net_arrays
+from evaluation.training.episode import Episode, TrainingPicture, tuning_pictures
+from evaluation.training.training import Arrays, Batch, TrainedNet, net_arrays
 from imaging.exposure import ExposureSetting
 
+UNITS = 64
+DISCOUNT = 0.9  # Per decision. Theirs is 0.99; here what a frame is worth hardly depends on decisions ten before it.
+RATE, LAST_RATE = 1e-3, 1e-4  # Of Adam, at the beginning and at the end of a training
+FOLLOWING = 0.01  # How far the slow nets move with each update
+SMOOTHING, MOST_SMOOTHING = 0.1, 0.3  # Noise added to actions that targets are computed for
+ACTOR_EVERY = 2  # Updates of the critics for each of the actor
+BENDING = 1e-3  # What the square of the actor's output before tanh costs: keeps it where tanh still has a slope
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Transitions:
+    """What was seen, done, earned and seen then: float32, (rows, inputs), (rows, 1), (rows, 1), (rows, inputs)."""
+
+    before: Batch
+    actions: Batch
+    rewards: Batch
+    after: Batch
+
+
+class ActorCritic:
+    """Learns actions -1..1 that earn most. `state`: holds all nets, as `begin` made them."""
+
+    def __init__(self, state: Arrays) -> None:
+        self.actor = TrainedNet(state, "actor")
+        self._critics = [TrainedNet(state, f"critic{place}") for place in range(2)]
+        self.slow_actor = TrainedNet(state, "slow_actor")
+        self._slow_critics = [TrainedNet(state, f"slow_critic{place}") for place in range(2)]
+
+    @classmethod
+    def begin(cls, state: Arrays, inputs: int, rng: np.random.Generator) -> ActorCritic:
+        """New nets in a state."""
+        TrainedNet.begin(state, "actor", (inputs, UNITS, UNITS, 1), rng).copy_to("slow_actor")
+        for place in range(2):
+            critic = TrainedNet.begin(state, f"critic{place}", (inputs + 1, UNITS, UNITS, 1), rng)
+            critic.copy_to(f"slow_critic{place}")
+        return cls(state)
+
+    def act(self, inputs: Batch) -> Batch:
+        """Actions (rows, 1) for inputs (rows, inputs)."""
+        return np.tanh(self.actor.forward(inputs))
+
+    def update(self, batch: Transitions, number: int, rate: float, rng: np.random.Generator) -> None:
+        """One step of the critics towards what actions earn and, at every other one, of the actor."""
+        noise = np.clip(SMOOTHING * rng.standard_normal(batch.actions.shape), -MOST_SMOOTHING, MOST_SMOOTHING)
+        later = np.clip(np.tanh(self.slow_actor.forward(batch.after)) + noise.astype(np.float32), -1.0, 1.0)
+        promised = [critic.forward(np.hstack([batch.after, later])) for critic in self._slow_critics]
+        wanted = np.asarray(batch.rewards + np.float32(DISCOUNT) * np.minimum(*promised), np.float32)
+        judged = np.hstack([batch.before, batch.actions])
+        rows = np.float32(len(judged))
+        for critic, slow in zip(self._critics, self._slow_critics, strict=True):
+            gradients, _ = critic.backward((critic.forward(judged) - wanted) / rows)
+            critic.descend(gradients, rate)
+            slow.follow(critic, FOLLOWING)
+        if number % ACTOR_EVERY == 0:
+            output = self.actor.forward(batch.before)
+            actions = np.tanh(output)
+            critic = self._critics[0]
+            critic.forward(np.hstack([batch.before, actions]))
+            _, slopes = critic.backward(np.full((len(judged), 1), -1.0 / rows, np.float32))
+            slopes = slopes[:, -1:] * (1.0 - actions * actions) + np.float32(BENDING) * output / rows
+            gradients, _ = self.actor.backward(slopes)
+            self.actor.descend(gradients, rate)
+            self.slow_actor.follow(self.actor, FOLLOWING)
+
+
 INPUTS = 130
-
-FLICKER_WEIGHT = 0.2
-"""Of the change of the mean, as theirs."""
-
+FLICKER_WEIGHT = 0.2  # Of the change of the mean, as theirs
 BATCH = 128
-
-EXPLORING = 0.25
-"""Standard deviation of what is added to actions, at first; it falls to a fifth."""
-
-REMEMBERED = 40_000
-"""Transitions; older ones are forgotten."""
-
-KEPT = 40
-"""Inputs that each round keeps for the range of what was learnt."""
+EXPLORING = 0.25  # Standard deviation of what is added to actions, at first; it falls to a fifth
+REMEMBERED = 40_000  # Transitions; older ones are forgotten
+KEPT = 40  # Inputs that each round keeps for the range of what was learnt
 
 
 @dataclass(frozen=True)
 class TrainingOfZhang:
-    """`Training` of `zhang2024`.
+    """`Training` of `zhang2024`."""
 
-    Attributes
-    ----------
-    rounds
-        Each of `episodes` episodes of `frames` frames, then `updates` of the nets.
-    pictures
-        Seeds of pictures.
-    """
-
-    rounds: int = 80
+    rounds: int = 80  # each of `episodes` episodes of `frames` frames, then `updates` of the nets
     episodes: int = 24
     frames: int = 100
     updates: int = 600
-    pictures: int = 8
+    pictures: int = 8  # seeds of pictures
     policy_id: str = "zhang2024"
 
     @cached_property
-    def _pictures(self) -> list[Picture]:
+    def _pictures(self) -> list[TrainingPicture]:
         return tuning_pictures(self.pictures)
 
     def begin(self, rng: np.random.Generator) -> Arrays:

@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 
 from evaluation.pool import over_processes
-from evaluation.sweeps.processing import PROCESSINGS
-from evaluation.sweeps.score import Stated, scored
-from evaluation.sweeps.simulated import simulated
+from evaluation.sweeps import PROCESSINGS, Stated, scored, simulated
 
 pytestmark = pytest.mark.timeout(900)
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from calibration.latency import SeenFrame, WriteTrial, write_effect
+from calibration.latency import TrialFrame, WriteTrial, write_effect
 
 PERIOD_NS = 16_000_000
 OLD, NEW = 100.0, 50.0
@@ -16,7 +16,7 @@ OLD, NEW = 100.0, 50.0
 def trial(latency: int, *, lead_ns: int = 2_000_000, took_ns: int = 500_000, told: int | None = None) -> WriteTrial:
     """Frames 10 to 20; the write comes in the exposure of frame 12 and shows `latency` frames later."""
     frames = tuple(
-        SeenFrame(
+        TrialFrame(
             number,
             number * PERIOD_NS,
             NEW if number - 12 >= latency else OLD,

@@ -6,7 +6,7 @@ from autoexpose_daemon.control.loop import ControlLoop
 from calibration.solver.solve import solve_response
 from evaluation.arena.race import course_of, race
 from evaluation.scenes.scenarios import SCENARIOS
-from evaluation.stage.delayed_loop import Entrant
+from evaluation.stage.camera import Entrant
 from evaluation.stage.oracle import Oracle
 from imaging.exposure import ExposureLimits, ExposureSetting
 from imaging.response import ResponseFunction

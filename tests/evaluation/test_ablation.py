@@ -14,13 +14,29 @@ import pytest
 from rich.console import Console
 
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
-from evaluation.arena.ablation import ablation as ablation_module
-from evaluation.arena.ablation.ablation import ALL, ablate, ablation_courses, policy_constants
-from evaluation.arena.ablation.ablation_report import ablation_document, print_ablation, write_ablation
-from evaluation.arena.ablation.altered import AlteredModule, Request, run_altered
-from evaluation.arena.ablation.constants import constants_in_c, constants_of
-from evaluation.arena.ablation.course import Course, Decisions, judge, roll_out, start_of
-from evaluation.arena.scores import Score
+from evaluation.arena import ablation as ablation_module
+from evaluation.arena.ablation import (
+    ALL,
+    ablate,
+    ablation_courses,
+    ablation_document,
+    judge,
+    policy_constants,
+    print_ablation,
+    start_of,
+    write_ablation,
+)
+from evaluation.arena.altered_policy import (
+    AlteredModule,
+    AlteredRequest,
+    Course,
+    Decisions,
+    constants_in_c,
+    constants_of,
+    roll_out,
+    run_altered,
+)
+from evaluation.arena.race import CourseScore
 from evaluation.scenes.scenarios import SCENARIOS, WARM_UP_FRAMES
 from imaging.errors import AutoexposeError, ConfigurationError
 
@@ -54,7 +70,6 @@ NEUTRAL = {"STEP": math.inf, "Rule.GAIN": 0.0, "NONE": 9}
 
 def test_constants_have_value_reason_and_alterations() -> None:
     found = {constant.name: constant for constant in constants_of("m", SOURCE)}
-
     assert {name: constant.value for name, constant in found.items()} == {
         **{"STEP": 0.4, "NEAR": 0.125, "FAR": -3, "FIRST": 12, "SECOND": 1, "LONE": 1e3, "NONE": 0},
         **{"Rule.GAIN": 0.25, "Rule.PROBES.worth": 5},
@@ -112,7 +127,7 @@ def test_a_fresh_process_runs_what_is_altered() -> None:
     source = Path(importlib.import_module(module).__file__ or "").read_text(encoding="utf-8")
     (alteration, *_) = constants_of(module, source)[0].alterations.values()
     broken = replace(alteration, text="unheard_of")
-    answer = run_altered(Request(broken, "begin2022", [("step_down", "room", 0)], [(100.0, 0.0)], frames=1))
+    answer = run_altered(AlteredRequest(broken, "begin2022", [("step_down", "room", 0)], [(100.0, 0.0)], frames=1))
     assert answer == "NameError: name 'unheard_of' is not defined"
 
 
@@ -141,7 +156,6 @@ def test_a_course_taken_again_has_the_same_scores() -> None:
     decisions = roll_out(DEFAULT_POLICY, course, start_of(course), frames)
     darker = [{**each, "setting": {"exposure_time_us": 20.0, "gain_db": 0.0}} for each in decisions]
     scores = judge(DEFAULT_POLICY, course, {"again": decisions, "darker": darker}, frames)
-
     assert scores["again"] == scores[DEFAULT_POLICY]
     assert scores["darker"].objective_ratio_mean < 0.5 * scores["again"].objective_ratio_mean
 
@@ -150,7 +164,7 @@ COURSES: list[Course] = [("step_up", "room", 0), ("pan", "leaves", 0)]
 CONSTANTS = constants_of("autoexpose_daemon.control.made_up", 'IDLE = 4.0\n"""Frames | idle."""\nBUSY = 3.0\nBAD = 5.0')
 
 
-def fake_run(request: Request) -> list[Decisions] | str:
+def fake_run(request: AlteredRequest) -> list[Decisions] | str:
     """Decides by what is altered, as if a policy had these constants."""
     text = request.alteration.text if request.alteration else ""
     if text == "10.0":
@@ -159,12 +173,12 @@ def fake_run(request: Request) -> list[Decisions] | str:
     return [[{"level": level}] for _ in request.courses]
 
 
-def fake_judge(policy: str, course: Course, taken: dict[str, Decisions], frames: int | None) -> dict[str, Score]:
+def fake_judge(policy: str, course: Course, taken: dict[str, Decisions], frames: int | None) -> dict[str, CourseScore]:
     """The more, the better; at level 8 the pan is stuck."""
     scores = {}
     for name, level in [(policy, 5), *((name, decisions[0]["level"]) for name, decisions in taken.items())]:
         settle = None if (level, course[0]) == (8, "pan") else 3
-        scores[name] = Score(settle, *[0.0] * 6, level / 10, level / 20, *[0.0] * 3)
+        scores[name] = CourseScore(settle, *[0.0] * 6, level / 10, level / 20, *[0.0] * 3)
     return scores
 
 
@@ -179,7 +193,6 @@ def made_up(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_table_has_a_row_for_each_alteration(tmp_path: Path) -> None:
     console = Console(record=True, width=200)
     ablation = ablate(DEFAULT_POLICY, CONSTANTS, COURSES, 1, tmp_path, console=console)
-
     trials = {(trial.constant.name, trial.what): trial for trial in ablation.trials}
     assert [trial.idle for trial in ablation.trials] == [True, True, False, False, False, True]
     assert ablation.unaltered[ALL]["objective_ratio_mean"] == pytest.approx(0.5)
@@ -191,7 +204,6 @@ def test_table_has_a_row_for_each_alteration(tmp_path: Path) -> None:
         3,
     )
     assert trials["BAD", "x 2"].error == "ZeroDivisionError: no frames"
-
     lines = write_ablation(ablation, tmp_path).read_text().splitlines()
     rows = {line.split(" | ")[0]: line for line in lines if line.startswith("| ")}
     assert all(line.replace("\\|", "").count("|") == rows["| constant"].count("|") for line in rows.values())
@@ -211,7 +223,7 @@ def test_an_interrupted_ablation_goes_on(tmp_path: Path, monkeypatch: pytest.Mon
 
     asked: list[str] = []
 
-    def counted(request: Request) -> list[Decisions] | str:
+    def counted(request: AlteredRequest) -> list[Decisions] | str:
         asked.append(request.alteration.text if request.alteration else "")
         return fake_run(request)
 

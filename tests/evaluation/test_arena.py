@@ -11,38 +11,29 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from evaluation.arena import arena_app, plan, runs
+from evaluation.arena import arena_app, runs
 from evaluation.arena.arena_app import arena_app as app
-from evaluation.arena.arena_report import mean_ratios
-from evaluation.arena.plan import Task, full_plan, quick_plan
-from evaluation.arena.results import document, results
-from evaluation.arena.runs import Run, run_plan, run_task
-from evaluation.arena.scores import Score
-from evaluation.arena.targets import outcomes
+from evaluation.arena.arena_report import mean_ratios, outcomes
+from evaluation.arena.race import CourseScore
+from evaluation.arena.runs import ArenaRun, Task, document, full_plan, quick_plan, results, run_plan, run_task
 from evaluation.experiments.worth.matches.courses import courses
 from evaluation.scenes.scenarios import SCENARIOS, WARM_UP_FRAMES
 from imaging.errors import AutoexposeError, ConfigurationError
 
 FIGURES = {
-    "settle_frames": (int, float, type(None)),
-    "overshoot_stops": float,
-    "steady_std_stops": float,
-    "metric_ratio_mean": float,
-    "metric_ratio_p05": float,
-    "bad_frame_share": float,
-    "gain_db_mean": float,
-    "objective_ratio_mean": float,
-    "objective_ratio_p05": float,
-    "any_split_ratio_mean": float,
-    "pair_ratio_mean": float,
-    "lost_pair_share": float,
-}
+    "settle_frames": (int, float, type(None)), "overshoot_stops": float, "steady_std_stops": float,
+    "metric_ratio_mean": float, "metric_ratio_p05": float, "bad_frame_share": float, "gain_db_mean": float,
+    "objective_ratio_mean": float, "objective_ratio_p05": float, "any_split_ratio_mean": float,
+    "pair_ratio_mean": float, "lost_pair_share": float,
+}  # fmt: skip
 COMMON = {"policy": str, "scenario": str, "delay_frames": int, "split": str, **FIGURES}
 
 
-def made_up(policy: str, scenario: str, settle: int | None, ratio: float, *, delay: int = 2, seed: int = 1000) -> Run:
-    score = Score(settle, 0.1, 0.05, ratio, ratio / 2, 0.0, 12.0, ratio, ratio / 2, ratio, ratio, 0.0)
-    return Run(policy, scenario, "room", seed, delay, "heldout", score)
+def made_up(
+    policy: str, scenario: str, settle: int | None, ratio: float, *, delay: int = 2, seed: int = 1000
+) -> ArenaRun:
+    score = CourseScore(settle, 0.1, 0.05, ratio, ratio / 2, 0.0, 12.0, ratio, ratio / 2, ratio, ratio, 0.0)
+    return ArenaRun(policy, scenario, "room", seed, delay, "heldout", score)
 
 
 SHORT = {name: replace(SCENARIOS[name], frames=WARM_UP_FRAMES + 10) for name in ("step_up", "step_down")}
@@ -52,7 +43,7 @@ SHORT = {name: replace(SCENARIOS[name], frames=WARM_UP_FRAMES + 10) for name in 
 def short_scenarios(monkeypatch: pytest.MonkeyPatch) -> None:
     for name, scenario in SHORT.items():
         monkeypatch.setitem(SCENARIOS, name, scenario)
-    monkeypatch.setattr(plan, "HELD_OUT_SEEDS", {"shelves": 1, "street": 1})
+    monkeypatch.setattr(runs, "HELD_OUT_SEEDS", {"shelves": 1, "street": 1})
 
 
 @pytest.mark.usefixtures("short_scenarios")
@@ -60,7 +51,6 @@ def test_quick_arena_writes_json_and_report(tmp_path: Path) -> None:
     out, folder = tmp_path / "out.json", tmp_path / "report"
     options = ["--quick", "--jobs", "1", "--policies", "begin2022,fixed", "--scenarios", "step_up,step_down"]
     result = CliRunner().invoke(app, [*options, "--json", str(out), "--report", str(folder)])
-
     assert result.exit_code == 0, result.output
     figures = json.loads(out.read_text())
     assert set(figures) == {"default_policy", "runs", "results"}
@@ -82,7 +72,7 @@ def check(entry: dict[str, object], schema: dict[str, object]) -> None:
         assert isinstance(entry[key], kind), key  # type: ignore[arg-type]
 
 
-def run_shortened(task: Task, policies: Sequence[str]) -> list[Run]:
+def run_shortened(task: Task, policies: Sequence[str]) -> list[ArenaRun]:
     """`run_task` in a process of its own, which does not have what is patched here."""
     SCENARIOS.update(SHORT)
     return run_task(task, policies)
@@ -95,7 +85,6 @@ def test_processes_give_what_one_process_gives(monkeypatch: pytest.MonkeyPatch) 
     tasks = [Task("step_down", scene, 1, (2,), "tune") for scene in ("leaves", "shelves")]
     alone = dict(run_plan(tasks, ["fixed"], 1))
     spread = dict(run_plan(tasks, ["fixed"], 2))
-
     assert alone == spread
 
 
@@ -167,23 +156,23 @@ def test_results_are_of_held_out_runs_with_two_frames_of_delay() -> None:
         made_up("a", "pan", 3, 0.8),
         made_up("a", "pan", 3, 0.6, seed=1001),
         made_up("a", "pan", 3, 0.1, delay=3),
-        Run("a", "pan", "room", 7, 2, "tune", Score(1, 0.0, 0.0, 0.2, 0.2, 0.0, 0.0, 0.2, 0.2, 0.2, 0.2, 0.0)),
+        ArenaRun(
+            "a", "pan", "room", 7, 2, "tune", CourseScore(1, 0.0, 0.0, 0.2, 0.2, 0.0, 0.0, 0.2, 0.2, 0.2, 0.2, 0.0)
+        ),
     ]
     figures = document(runs, "a")
-
     assert len(figures["runs"]) == 4
     assert [row["metric_ratio_mean"] for row in figures["results"]] == [pytest.approx(0.7)]
 
 
 def test_ranking_is_by_the_mean_over_scenarios() -> None:
     runs = [made_up(p, s, 3, r) for p, s, r in (("a", "pan", 0.9), ("a", "tunnel", 0.1), ("b", "pan", 0.6))]
-
     assert mean_ratios(results(runs)) == [("b", pytest.approx(0.6)), ("a", pytest.approx(0.5))]
 
 
 def test_targets_depend_on_the_delay() -> None:
     def share(settle: int | None, delay: int) -> float:
-        return outcomes([made_up("a", "step_up", settle, 0.9, delay=delay)])[0].reached
+        return outcomes([made_up("a", "step_up", settle, 0.9, delay=delay)])[0][1]
 
     assert [share(8, 2), share(9, 2), share(11, 3), share(None, 2)] == [1.0, 0.0, 1.0, 0.0]
 
@@ -192,7 +181,6 @@ def test_the_full_plan_keeps_tuning_and_judging_apart() -> None:
     tasks = full_plan(list(SCENARIOS))
     tuned = {task.scene for task in tasks if task.split == "tune"}
     held_out = {task.scene for task in tasks if task.split == "heldout"}
-
     assert all((task.seed >= 1000) == (task.split == "heldout") for task in tasks)
     assert all(task.seed < 100 or task.split == "heldout" for task in tasks)
     assert len(held_out - tuned) >= 2

@@ -84,7 +84,6 @@ def decide():
     for name, source in sources.items():
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text(source)
-
     python = python_files(DEFAULT_POLICY, tmp_path)
     assert set(python) == {
         "autoexpose_daemon.control.loop",
@@ -95,7 +94,7 @@ def decide():
         "imaging.exposure",
     }
     assert [path.name for path in c_files(list(python.values()), tmp_path)] == [
-        *("bindings.c", "image.h", "sums.c", "sums.h"),
+        *("bindings.c", "image.h", "sums.c", "sums.h")
     ]
     with pytest.raises(ConfigurationError, match="checkout"):
         c_files([], tmp_path / "installed")
@@ -121,7 +120,6 @@ def test_a_snapshot_is_of_the_policy() -> None:
 def test_command_counts_the_default_policy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(count, "snapshot_of", lambda policy: {"level": 1.0, "target": None})
     result = CliRunner().invoke(app, ["--count", "--json", str(tmp_path / "count.json")])
-
     assert result.exit_code == 0, result.output
     counts = json.loads((tmp_path / "count.json").read_text())
     assert (counts["policy"], counts["snapshot_fields"]) == (DEFAULT_POLICY, 2)

@@ -13,12 +13,21 @@ import pytest
 from typer.testing import CliRunner
 
 from evaluation.experiments import cache, experiments_app
-from evaluation.experiments.cache import ResultCache
-from evaluation.experiments.drives.policy_drives import measure as measure_policies
-from evaluation.experiments.experiment import Claim, Experiment, Figure, Job, Plain, Results, Section, Table, Verdict
+from evaluation.experiments.cache import ResultCache, run_jobs
+from evaluation.experiments.drives.drives import measure_policies
+from evaluation.experiments.experiment import (
+    Claim,
+    Experiment,
+    Figure,
+    Job,
+    Plain,
+    ReportSection,
+    Results,
+    Table,
+    Verdict,
+)
+from evaluation.experiments.experiments_app import count_of_verdicts, write_experiments_report
 from evaluation.experiments.experiments_app import experiments_app as app
-from evaluation.experiments.experiments_report import count_of_verdicts, write_experiments_report
-from evaluation.experiments.jobs import run_jobs
 from evaluation.experiments.statistics import clustered, mean_interval, pearson
 from imaging.errors import AutoexposeError
 
@@ -85,9 +94,9 @@ def test_a_job_runs_again_when_code_that_it_reaches_changes(tmp_path: Path, monk
 
 def test_code_is_reached_through_imports() -> None:
     """A change of the renderer touches what is measured in the room, and not what computes statistics."""
-    sources = {module: cache._digest(module) for module in ("evaluation.arena.race", "evaluation.arena.scores")}
+    sources = {module: cache._digest(module) for module in ("evaluation.arena.runs", "evaluation.arena.race")}
     assert len(set(sources.values())) == 2
-    assert "evaluation.arena.scores" in cache._imports(Path("evaluation/arena/race.py"))
+    assert "evaluation.arena.race" in cache._imports(Path("evaluation/arena/runs.py"))
 
 
 def test_the_code_of_the_policies_that_run_counts_and_of_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -177,13 +186,13 @@ def _jobs(_quick: bool) -> list[Job]:
     return []
 
 
-def _section(_results: list[tuple[Mapping[str, Plain], Plain]], _folder: Path) -> Section:
+def _section(_results: list[tuple[Mapping[str, Plain], Plain]], _folder: Path) -> ReportSection:
     raise NotImplementedError
 
 
 def test_the_report_gives_the_verdicts_first_in_both_forms(tmp_path: Path) -> None:
     claim = Claim("B&H Fig. 0", "a < b", "|1| < 2", Verdict.CONDITIONALLY, "only `here`")
-    section = Section(
+    section = ReportSection(
         "As in the paper, but for `x`.", [claim], [Table("Plain & simple", ["a", "b"], [["1", "2"]]),
         Figure("fig0.png", "The figure")]
     )  # fmt: skip
@@ -199,7 +208,7 @@ def test_the_report_gives_the_verdicts_first_in_both_forms(tmp_path: Path) -> No
 
 def test_only_claims_of_the_papers_are_counted() -> None:
     theirs = Claim("B&H Fig. 0", "a < b", "1 < 2", Verdict.REPRODUCED)
-    section = Section("", [theirs, replace(theirs, counted=False), replace(theirs, counted=False)], [])
+    section = ReportSection("", [theirs, replace(theirs, counted=False), replace(theirs, counted=False)], [])
     said = count_of_verdicts([(Experiment("fig0", "Title", _jobs, _section), section)])
     assert said.startswith("1 claim: 1 reproduced, 0 reproduced under conditions, 0 not reproduced. Not counted: 2 ")
 
@@ -220,9 +229,9 @@ def test_the_command_refuses_bad_arguments_before_it_starts_work(tmp_path: Path)
 def test_the_command_writes_the_report_and_again_from_kept_results(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def section(results: Results, _folder: Path) -> Section:
+    def section(results: Results, _folder: Path) -> ReportSection:
         seen = ", ".join(str(result["square"]) for _, result in results)
-        return Section("Setting.", [Claim("Us", "squares", seen, Verdict.REPRODUCED)], [])
+        return ReportSection("Setting.", [Claim("Us", "squares", seen, Verdict.REPRODUCED)], [])
 
     made = Experiment("squares", "Squares", lambda _quick: [Job(square, {"number": n}) for n in (2, 3)], section)
     monkeypatch.setattr(experiments_app, "EXPERIMENTS", (made,))
@@ -237,8 +246,8 @@ def test_the_command_writes_the_report_and_again_from_kept_results(
 def test_json_has_the_numbers_of_one_experiment_or_of_several_by_name(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def section(_results: Results, _folder: Path) -> Section:
-        return Section("Setting.", [], [])
+    def section(_results: Results, _folder: Path) -> ReportSection:
+        return ReportSection("Setting.", [], [])
 
     def names(_results: Results) -> Plain:
         return {"own": "form"}

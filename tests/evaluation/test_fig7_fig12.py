@@ -12,17 +12,15 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY, POLICY_IDS
-from evaluation.experiments.cache import ResultCache
-from evaluation.experiments.drives import fig7, fig12, fig12_claims, fixed_drives, policy_drives
-from evaluation.experiments.drives.courses import FEWEST_ROOMS, over_rooms
-from evaluation.experiments.drives.policy_runs import LOW, SCENES, UNEVEN, PolicyRuns
-from evaluation.experiments.drives.verdicts import above, alike, below, not_above, together
-from evaluation.experiments.experiment import Experiment, Figure, Results, Section, Verdict
-from evaluation.experiments.jobs import run_jobs
-from evaluation.experiments.statistics import Interval
+from evaluation.arrays import Greys
+from evaluation.experiments.cache import ResultCache, run_jobs
+from evaluation.experiments.drives import drives, fig7, fig12
+from evaluation.experiments.drives.drives import FEWEST_ROOMS, over_rooms
+from evaluation.experiments.drives.fig12 import LOW, SCENES, UNEVEN, PolicyRuns
+from evaluation.experiments.experiment import Experiment, Figure, ReportSection, Results, Verdict
+from evaluation.experiments.statistics import Interval, above, alike, below, not_above, together
 from evaluation.odometry.stereo import Tracked
 from tests.evaluation.sections import check_no_prose
 
@@ -33,12 +31,12 @@ FRAMES = 90
 class Unmoved:
     """Odometry that finds itself where it began."""
 
-    def track(self, _left: NDArray[np.uint8], _right: NDArray[np.uint8]) -> Tracked:
+    def track(self, _left: Greys, _right: Greys) -> Tracked:
         return Tracked(np.eye(4), lost=False)
 
 
 @contextmanager
-def quick(experiment: Experiment, folder: Path, last: int = 1) -> Iterator[tuple[Any, Section]]:
+def quick(experiment: Experiment, folder: Path, last: int = 1) -> Iterator[tuple[Any, ReportSection]]:
     """The section, and results of the last quick jobs, which stand for those of all in turn; all figures are there."""
     jobs = [replace(job, arguments={**job.arguments, "frames": FRAMES}) for job in experiment.jobs(True)]
     measured = run_jobs(jobs[-last:], ResultCache(folder / "jobs"), 1, lambda _job, _took_s: None)
@@ -56,8 +54,8 @@ def quick(experiment: Experiment, folder: Path, last: int = 1) -> Iterator[tuple
 @pytest.mark.long
 @pytest.mark.timeout(300)
 def test_longer_exposures_cost_odometry_more(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    extremes = fixed_drives.SETTINGS[:: len(fixed_drives.SETTINGS) - 1]
-    for module in (fixed_drives, fig7):
+    extremes = drives.SETTINGS[:: len(drives.SETTINGS) - 1]
+    for module in (drives, fig7):
         monkeypatch.setattr(module, "SETTINGS", extremes)
     with quick(fig7.EXPERIMENT, tmp_path) as (results, section):
         runs = results[0][1]
@@ -78,7 +76,7 @@ def test_laws_by_gradients_blur_less_than_the_built_in_exposure_and_both_reading
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """By their exposures; odometry, the same as in fig7, takes most of the time and is left out here."""
-    monkeypatch.setattr(policy_drives, "in_house", Unmoved)
+    monkeypatch.setattr(drives, "in_house", Unmoved)
     with quick(fig12.EXPERIMENT, tmp_path, last=4) as (results, section):
         runs = PolicyRuns(results)
         (ours,), (coded,), (printed,), (built_in,) = (runs.of(LOW, policy) for policy in runs.policies)
@@ -169,7 +167,7 @@ def test_claims_are_judged_by_their_rules() -> None:
         for room in range(FEWEST_ROOMS)
     ]  # fmt: skip
     runs = PolicyRuns(results)
-    judged = fig12_claims.claims(runs)
+    judged = fig12.claims(runs)
     counted = [claim for claim in judged if claim.counted]
     assert [claim.verdict.value for claim in counted] == [
         "reproduced",  # more gradient information than both
@@ -185,8 +183,8 @@ def test_claims_are_judged_by_their_rules() -> None:
     assert printed[0].verdict is printed[1].verdict is Verdict.NOT_REPRODUCED
     assert f"failed {FEWEST_ROOMS} of {FEWEST_ROOMS} runs" in printed[1].ours
     assert printed[5].verdict is Verdict.NOT_REPRODUCED  # Mehta's level is the higher one here
-    assert fig12_claims._ours(runs, LOW, "begin2022-code").verdict is Verdict.REPRODUCED
+    assert fig12._ours(runs, LOW, "begin2022-code").verdict is Verdict.REPRODUCED
     for _, of_room in results:
         of_room[0]["failed"] = True
-    failing = fig12_claims._ours(runs, LOW, "begin2022-code")
+    failing = fig12._ours(runs, LOW, "begin2022-code")
     assert failing.verdict is Verdict.NOT_REPRODUCED and failing.condition == "more runs fail"

@@ -6,16 +6,15 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.loop import ControlLoop
 from evaluation.arena.race import run_course
-from evaluation.odometry.lap import odometry_stage
+from evaluation.arrays import Greys
 from evaluation.odometry.stereo import Tracked, prepared
-from evaluation.odometry.tracking import TrackedRun, track_entrants
+from evaluation.odometry.tracking import TrackedRun, odometry_stage, track_entrants
 from evaluation.scenes.scenarios import Course
-from evaluation.stage.delayed_loop import Entrant
+from evaluation.stage.camera import Entrant
 from evaluation.stage.rendering import Stage
 from fake_camera.world.sensor import DEFAULT_F_NUMBER
 from fake_camera.world.simulation import RoomView
@@ -69,7 +68,7 @@ class Ladder:
 class Nowhere:
     """Odometry that sees nothing."""
 
-    def track(self, _left: NDArray[np.uint8], _right: NDArray[np.uint8]) -> Tracked:
+    def track(self, _left: Greys, _right: Greys) -> Tracked:
         return Tracked(np.eye(4), lost=True)
 
 

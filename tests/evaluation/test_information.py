@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from autoexpose_daemon.control.metrics.contrast import Contrast, GreyBins, contrast
 from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
-from evaluation.stage.information import FRONT_END_DN, QUANTISATION, Information
+from evaluation.arrays import Floats, Greys
+from evaluation.stage.oracle import FRONT_END_DN, QUANTISATION, Information
 from imaging.response import ResponseFunction
 
 LINEAR = ResponseFunction.linear()
@@ -16,7 +16,7 @@ NOISE = SensorNoise(10_500.0, 3.0)
 INFORMATION = Information(LINEAR, NOISE)
 
 
-def texture(seed: int = 1, height: int = 96, width: int = 128) -> NDArray[np.float64]:
+def texture(seed: int = 1, height: int = 96, width: int = 128) -> Floats:
     """Light between 0.02 and 1 of full scale, softly varying."""
     rng = np.random.default_rng(seed)
     coarse = rng.random((height // 8 + 1, width // 8 + 1))
@@ -26,9 +26,7 @@ def texture(seed: int = 1, height: int = 96, width: int = 128) -> NDArray[np.flo
     return np.asarray(0.02 + 0.4 * smooth**2)
 
 
-def expose(
-    light: NDArray[np.float64], stops: float, gain: float = 1.0, noise: SensorNoise = NOISE, seed: int = 0
-) -> NDArray[np.uint8]:
+def expose(light: Floats, stops: float, gain: float = 1.0, noise: SensorNoise = NOISE, seed: int = 0) -> Greys:
     """A frame of the sensor: shot and read noise, then 8 bits; `light` is the share of full scale at 0 stops."""
     electrons = light * 2.0**stops * noise.full_well_e / gain
     spread = np.sqrt(electrons + noise.read_noise_e**2)
@@ -36,14 +34,12 @@ def expose(
     return np.clip(np.rint(taken * gain / noise.full_well_e * 255), 0, 255).astype(np.uint8)
 
 
-def seen_in(
-    image: NDArray[np.uint8], weights: NDArray[np.uint8] | None = None, response: ResponseFunction = LINEAR
-) -> Contrast:
+def seen_in(image: Greys, weights: Greys | None = None, response: ResponseFunction = LINEAR) -> Contrast:
     """As control collects it."""
     return contrast(image, GreyBins(response), weights)
 
 
-def worth(image: NDArray[np.uint8], gain: float = 1.0, weights: NDArray[np.uint8] | None = None) -> float:
+def worth(image: Greys, gain: float = 1.0, weights: Greys | None = None) -> float:
     return INFORMATION.measure(seen_in(image, weights), 1.0, gain)
 
 

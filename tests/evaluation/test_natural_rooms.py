@@ -11,8 +11,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from evaluation.odometry.lap import PERIOD_S, lap
-from evaluation.scenes.natural_rooms import (
+from evaluation.odometry.tracking import PERIOD_S, lap
+from evaluation.scenes.stills import Still
+from evaluation.scenes.views import (
     BRIGHTEST,
     CARTONS,
     DARKEST,
@@ -24,7 +25,6 @@ from evaluation.scenes.natural_rooms import (
     Feature,
     natural_room,
 )
-from evaluation.scenes.stills import Still
 from fake_camera.world.render.renderer import Surface
 from fake_camera.world.scene.path import right_of
 

@@ -12,15 +12,30 @@ import numpy as np
 import pytest
 
 from evaluation.experiments.experiment import Verdict
-from evaluation.experiments.navigation.claims import CLAIMED, claims
-from evaluation.experiments.navigation.lap import LIGHTS
-from evaluation.experiments.navigation.laps import POLICIES
-from evaluation.experiments.navigation.looks import FINDERS, Look
-from evaluation.experiments.navigation.months import STRATEGIES, THRESHOLDS, Maps, measure_hours
-from evaluation.experiments.navigation.navigation import BETTER, LAP_PARKS, PARKS, data, jobs, section
-from evaluation.experiments.navigation.scene import LAMP_LUX_M2, Lamp
-from evaluation.experiments.navigation.seasons import DARK_SHARE, DRIVES, Night, When, months, nightfall, sun_deg
-from evaluation.experiments.navigation.upkeep import MODELS_COMPARED, Remembered, foretold
+from evaluation.experiments.navigation.laps import LIGHTS, POLICIES
+from evaluation.experiments.navigation.months import (
+    FINDERS,
+    MODELS_COMPARED,
+    STRATEGIES,
+    THRESHOLDS,
+    MapLook,
+    Maps,
+    Remembered,
+    foretold,
+    measure_hours,
+)
+from evaluation.experiments.navigation.navigation import BETTER, CLAIMED, LAP_PARKS, PARKS, claims, data, jobs, section
+from evaluation.experiments.navigation.seasons import (
+    DARK_SHARE,
+    DRIVES,
+    LAMP_LUX_M2,
+    Lamp,
+    Night,
+    When,
+    months,
+    nightfall,
+    sun_deg,
+)
 from evaluation.experiments.teach.park import park
 from fake_camera.world.scene.shapes import upright
 from navigation.views.features import Features
@@ -88,10 +103,10 @@ def test_what_stays_in_view_keeps_every_map_registered() -> None:
     random = np.random.default_rng(0)
     taught = _features(random, 300)
     finders = dict.fromkeys(FINDERS, taught)
-    maps = Maps([Look(finders, 0.0)] * 2, STRATEGIES | THRESHOLDS)
+    maps = Maps([MapLook(finders, 0.0)] * 2, STRATEGIES | THRESHOLDS)
     for shift in (12.0, -7.0):
         seen = dict.fromkeys(FINDERS, taught.moved(shift))
-        maps.drive([Look(seen, shift)] * 2, scored=shift < 0)
+        maps.drive([MapLook(seen, shift)] * 2, scored=shift < 0)
     assert all(rows == [[pytest.approx(-7.0)] * 2] for of in maps.shifts.values() for rows in of.values())
     assert set(maps.shifts) == set(RULES)
 
@@ -177,12 +192,12 @@ def test_a_few_drives_into_the_night_end_in_the_dark(monkeypatch: pytest.MonkeyP
     driven: list[When] = []
 
     class Seen:
-        taught: tuple[Look, ...] = ()
+        taught: tuple[MapLook, ...] = ()
 
         def __init__(self, *_: Any) -> None:
             driven.clear()
 
-        def drive(self, _number: int, when: When) -> list[Look]:
+        def drive(self, _number: int, when: When) -> list[MapLook]:
             driven.append(when)
             return []
 

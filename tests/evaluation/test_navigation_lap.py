@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
-from evaluation.experiments.navigation.lap import Repeater, Taught, Wanderer, taught
-from evaluation.experiments.teach.path import TaughtPath
+from evaluation.experiments.navigation.laps import LapRepeater, Taught, Wanderer, taught
+from evaluation.experiments.teach.park import ParkPath
 from navigation.drive.steering import Stop, Velocity
 
 SEED = 31
@@ -20,7 +20,7 @@ def lesson() -> Taught:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("evaluation.experiments.teach.park.MEADOW_TEXELS", 1024)
         patch.setattr("evaluation.experiments.teach.park.HEDGES", 2)
-        return taught(TaughtPath(SEED, 12.0), SEED, DEFAULT_POLICY, LENGTH_M)
+        return taught(ParkPath(SEED, 12.0), SEED, DEFAULT_POLICY, LENGTH_M)
 
 
 def test_a_lesson_has_a_local_map_every_0_2_m(lesson: Taught) -> None:
@@ -30,7 +30,7 @@ def test_a_lesson_has_a_local_map_every_0_2_m(lesson: Taught) -> None:
 
 
 def test_a_robot_that_starts_aside_and_turned_comes_closer_and_to_the_end(lesson: Taught) -> None:
-    robot = Repeater(lesson, "as taught", DEFAULT_POLICY, aside_m=0.3, turned_rad=math.radians(5.0))
+    robot = LapRepeater(lesson, "as taught", DEFAULT_POLICY, aside_m=0.3, turned_rad=math.radians(5.0))
     lap = robot.lap()
     assert lap.completed and lap.registered.mean() > 0.9
     assert lap.aside_m[0] == pytest.approx(0.3, abs=0.02)
@@ -38,7 +38,7 @@ def test_a_robot_that_starts_aside_and_turned_comes_closer_and_to_the_end(lesson
 
 
 def test_without_what_it_sees_a_robot_stops_within_two_metres(lesson: Taught) -> None:
-    robot = Repeater(lesson, "as taught", DEFAULT_POLICY, aside_m=0.0, turned_rad=math.pi)  # it looks the other way
+    robot = LapRepeater(lesson, "as taught", DEFAULT_POLICY, aside_m=0.0, turned_rad=math.pi)  # it looks the other way
     lap = robot.lap()
     assert lap.stop is Stop.LOST and not lap.completed
 

@@ -1,4 +1,4 @@
-"""Odometry on known motions and images."""
+"""Odometry, its errors, and the matches of a stereo pair."""
 
 from __future__ import annotations
 
@@ -7,15 +7,12 @@ import itertools
 import cv2
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
-from evaluation.odometry.errors import relative_errors_mm
-from evaluation.odometry.lap import lap, odometry_stage
-from evaluation.odometry.orb import OrbOdometry
-from evaluation.odometry.patches import place
-from evaluation.odometry.pose import project, refined_pose, rough_pose, transform, triangulate
-from evaluation.odometry.stereo import StereoCamera, images
-from evaluation.odometry.tracking import FAILED_PAIRS, lost_for_good
+from evaluation.arrays import Floats, Greys
+from evaluation.odometry.features import StereoMatcher, StereoMatches, place
+from evaluation.odometry.orb import OrbOdometry, project, refined_pose, rough_pose, transform, triangulate
+from evaluation.odometry.stereo import StereoCamera, images, relative_errors_mm
+from evaluation.odometry.tracking import FAILED_PAIRS, lap, lost_for_good, odometry_stage
 from evaluation.stage.rendering import Stage
 from fake_camera.world.simulation import RoomView
 from imaging.exposure import ExposureSetting
@@ -23,13 +20,13 @@ from imaging.exposure import ExposureSetting
 CAMERA = StereoCamera.simulated()
 
 
-def moved(turn_rad: tuple[float, float, float], shift_m: tuple[float, float, float]) -> NDArray[np.float64]:
+def moved(turn_rad: tuple[float, float, float], shift_m: tuple[float, float, float]) -> Floats:
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = cv2.Rodrigues(np.array(turn_rad, np.float64))[0], shift_m
     return pose
 
 
-def cloud(count: int = 200) -> NDArray[np.float64]:
+def cloud(count: int = 200) -> Floats:
     return np.random.default_rng(3).uniform((-0.6, -0.4, 0.7), (0.6, 0.4, 2.5), (count, 3))
 
 
@@ -144,3 +141,57 @@ def test_the_lap_starts_from_rest_and_keeps_to_its_speeds() -> None:
     turns = [np.linalg.norm(cv2.Rodrigues(a[:3, :3].T @ b[:3, :3])[0]) / 0.02 for a, b in itertools.pairwise(poses)]
     assert speeds[0] < 1e-3 and speeds.max() == pytest.approx(0.0855, abs=0.001)
     assert 80 < np.degrees(max(turns)) < 90
+
+
+SHIFT = 12
+
+
+def scene(seed: int = 0) -> Greys:
+    rng = np.random.default_rng(seed)
+    blocks = np.kron(rng.integers(20, 230, (34, 52)), np.ones((8, 8)))
+    return np.asarray(cv2.GaussianBlur(blocks, (0, 0), 1.0), np.float64).astype(np.uint8)
+
+
+def views(rows_apart: int = 0) -> tuple[Greys, Greys]:
+    whole = scene()
+    return whole[4:264, 4:364].copy(), whole[4 + rows_apart : 264 + rows_apart, 4 + SHIFT : 364 + SHIFT].copy()
+
+
+def slow_matches(left: Greys, right: Greys) -> StereoMatches:
+    """Section 3.1's rule with every distance counted bit by bit."""
+    orb = cv2.ORB.create(500)
+    left_points, left_descriptors = orb.detectAndCompute(left, None)
+    right_points, right_descriptors = orb.detectAndCompute(right, None)
+    left_bits, right_bits = np.unpackbits(left_descriptors, axis=1), np.unpackbits(right_descriptors, axis=1)
+    ratios = []
+    for point, bits in zip(left_points, left_bits, strict=True):
+        distances = (bits != right_bits).sum(axis=1)
+        nearest = int(np.argmin(distances))
+        second = int(np.sort(distances)[1])
+        if abs(point.pt[1] - right_points[nearest].pt[1]) < 1 and distances[nearest] < 0.7 * second:
+            ratios.append(distances[nearest] / second)
+    return StereoMatches(len(ratios), float(np.median(ratios)))
+
+
+def test_matches_equal_the_slow_ones() -> None:
+    left, right = views()
+    fast, slow = StereoMatcher().match(left, right), slow_matches(left, right)
+    assert fast.count == slow.count > 50
+    assert fast.median_lowe_ratio == pytest.approx(slow.median_lowe_ratio)
+
+
+def test_points_on_other_rows_are_no_good_matches() -> None:
+    assert StereoMatcher().match(*views(rows_apart=3)).count < 0.1 * StereoMatcher().match(*views()).count
+
+
+def test_what_has_no_weight_is_not_matched() -> None:
+    left, right = views()
+    weights = np.zeros_like(left)
+    weights[:130] = 255
+    assert 0 < StereoMatcher().match(left, right, weights).count < StereoMatcher().match(left, right).count
+    assert StereoMatcher().match(left, right, None, np.zeros_like(right)) == StereoMatches(0, None)
+
+
+def test_nothing_to_see_is_no_match() -> None:
+    black = np.zeros((100, 120), np.uint8)
+    assert StereoMatcher().match(black, black) == StereoMatches(0, None)

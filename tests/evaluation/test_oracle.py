@@ -10,8 +10,7 @@ import pytest
 from autoexpose_daemon.control.balance import Balance, BlurNoiseBalance, ExposurePriority, FixedGain, FixedRatio
 from evaluation.arena.race import course_of, race
 from evaluation.scenes.scenarios import SCENARIOS
-from evaluation.stage.camera import LIMITS
-from evaluation.stage.delayed_loop import Entrant
+from evaluation.stage.camera import LIMITS, Entrant
 from evaluation.stage.oracle import LEVELS, Oracle, rounded_motion
 from evaluation.stage.rendering import Stage
 from fake_camera.world.simulation import Side
@@ -42,7 +41,6 @@ def test_search_finds_what_trying_everything_finds(
     stage = stage_at(scenario, scene, seed, frame)
     quick = Oracle(stage).best(balance, 7.3)
     exhaustive = Oracle(stage, exhaustive=True).best(balance, 7.3)
-
     assert quick is not None and exhaustive is not None
     assert quick.metrics[0] == pytest.approx(exhaustive.metrics[0], rel=0.005)
     assert quick.level == pytest.approx(exhaustive.level, abs=0.3)
@@ -68,7 +66,6 @@ def test_two_cameras_share_one_exposure() -> None:
     assert quick is not None and exhaustive is not None
     assert quick.joint == pytest.approx(exhaustive.joint, rel=0.005)
     assert quick.joint < 0.99
-
     judge = Oracle(stage, sides)
     ratios = []
     for level in LEVELS:
@@ -93,7 +90,6 @@ def test_interpolating_the_oracle_changes_ratios_little() -> None:
             best = exact.best(series.delayed.loop.balance, series.delayed.decisions[frame].motion_px)
             assert best is not None
             ratios[series.entrant.name].append(series.metrics[frame, 0] / best.metrics[0])
-
     for series in runs:
         assert series.ratios[between].mean() == pytest.approx(np.mean(ratios[series.entrant.name]), abs=0.008)
 

@@ -8,13 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from evaluation.experiments.drives import fig13_orb_slam3
-from evaluation.odometry.errors import relative_errors_mm
-from evaluation.odometry.lap import odometry_stage
-from evaluation.odometry.orb_slam3 import OrbSlam3
-from evaluation.odometry.stereo import StereoCamera, images
-from evaluation.odometry.taught_vocabulary import TAUGHT_ROOM
-from evaluation.odometry.vocabulary import BRANCHES, LEVELS, write_vocabulary
+from evaluation.experiments.drives import fig12
+from evaluation.odometry.orb_slam3 import BRANCHES, LEVELS, TAUGHT_ROOM, OrbSlam3, write_vocabulary
+from evaluation.odometry.stereo import StereoCamera, images, relative_errors_mm
+from evaluation.odometry.tracking import odometry_stage
 from fake_camera.world.simulation import RoomView
 from imaging.exposure import ExposureSetting
 
@@ -39,23 +36,23 @@ def test_a_vocabulary_is_a_tree_whose_words_are_near_its_descriptors(tmp_path: P
 
 
 def test_without_it_the_report_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(fig13_orb_slam3, "installed", lambda: False)
-    assert fig13_orb_slam3.jobs(quick=False) == []
-    section = fig13_orb_slam3.section([], tmp_path)
+    monkeypatch.setattr(fig12, "installed", lambda: False)
+    assert fig12.slam_jobs(quick=False) == []
+    section = fig12.slam_section([], tmp_path)
     assert "not installed" in section.setting
     assert not section.parts
 
 
 def test_no_room_is_the_one_that_its_vocabulary_is_from(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(fig13_orb_slam3, "installed", lambda: True)
-    monkeypatch.setattr(fig13_orb_slam3, "version", lambda _package: "1")
+    monkeypatch.setattr(fig12, "installed", lambda: True)
+    monkeypatch.setattr(fig12, "version", lambda _package: "1")
     for quick in (True, False):
-        assert TAUGHT_ROOM not in {job.arguments["room"] for job in fig13_orb_slam3.jobs(quick)}
+        assert TAUGHT_ROOM not in {job.arguments["room"] for job in fig12.slam_jobs(quick)}
 
 
 @pytest.mark.orbslam3
 def test_it_follows_a_camera(tmp_path: Path) -> None:
-    assert fig13_orb_slam3.installed(), "orbslam3-python is not installed"
+    assert fig12.installed(), "orbslam3-python is not installed"
     stage = odometry_stage("even", 1, 0, 0)
     view = stage.views["left"]
     assert isinstance(view, RoomView)

@@ -12,29 +12,31 @@ import pytest
 from PIL import Image
 
 from autoexpose_daemon.control.policy import ExposurePolicy
-from evaluation.experiments.cache import ResultCache
-from evaluation.experiments.experiment import Experiment, Figure, Results, Section, Verdict
-from evaluation.experiments.jobs import run_jobs
+from evaluation.experiments.cache import ResultCache, run_jobs
+from evaluation.experiments.experiment import Experiment, Figure, ReportSection, Results, Verdict
 from evaluation.experiments.prediction import fig1, fig3, fig10, fig11, still_life
-from evaluation.experiments.prediction.noise_coupling import GAINS_DB, coupling, pairs_of
-from evaluation.experiments.prediction.predicted_optimum import rest_level, summary
-from evaluation.experiments.prediction.step_response import (
+from evaluation.experiments.prediction.still_life import (
     CONTESTANTS,
     FRAMES,
+    GAINS_DB,
     WARM_UP_FRAMES,
     LeavesWhiteAndBlack,
+    StillLife,
     WithoutFeedback,
+    coupling,
     frames_to_converge,
+    pairs_of,
+    plateau_centre,
+    rest_level,
+    summary,
 )
-from evaluation.experiments.prediction.still_life import StillLife, plateau_centre
-from evaluation.scenes.responses import FAKE_CAMERAS, CameraResponse
 from evaluation.scenes.views import build_views
-from evaluation.stage.camera import LIMITS, time_first
+from evaluation.stage.camera import FAKE_CAMERAS, LIMITS, CameraResponse, time_first
 from imaging.exposure import ExposureSetting
 from imaging.frames import Frame, StereoPair
 from tests.evaluation.sections import check_no_prose
 
-Quick = tuple[list[tuple[dict[str, Any], Any]], Section]
+Quick = tuple[list[tuple[dict[str, Any], Any]], ReportSection]
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -10,8 +10,7 @@ from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from evaluation.arena.race import Series, course_of, run_course
 from evaluation.scenes.scenarios import SCENARIOS, WARM_UP_FRAMES
 from evaluation.scenes.stills import PAINTERS
-from evaluation.stage.camera import LIMITS
-from evaluation.stage.delayed_loop import Entrant
+from evaluation.stage.camera import LIMITS, Entrant
 from evaluation.stage.rendering import BLUR_STEP_PX
 from fake_camera.imaging import ImageSettings
 from fake_camera.world.lighting import LightScript
@@ -25,7 +24,6 @@ def alone(entrant: Entrant, scenario: str, seed: int, frames: int) -> Series:
 
 def test_the_same_course_twice_is_the_same_to_the_bit() -> None:
     first, second = (alone(Entrant.of("begin2022"), "step_down", 3, 35) for _ in range(2))
-
     assert np.array_equal(first.levels, second.levels)
     assert np.array_equal(first.ratios, second.ratios)
 
@@ -33,7 +31,6 @@ def test_the_same_course_twice_is_the_same_to_the_bit() -> None:
 def test_the_result_of_one_does_not_depend_on_the_others() -> None:
     together = run_course("pan", "leaves", 3, [Entrant.of("neves2009"), Entrant.of("begin2022", 3)], frames=15)[1]
     single = alone(Entrant.of("begin2022", 3), "pan", 3, 15)
-
     assert np.array_equal(together.levels, single.levels)
     assert np.array_equal(together.metrics, single.metrics)
     assert np.array_equal(together.ratios, single.ratios)
@@ -43,7 +40,6 @@ def test_the_result_of_one_does_not_depend_on_the_others() -> None:
 def test_a_decision_on_frame_k_applies_from_frame_k_plus_d(delay: int) -> None:
     series = alone(Entrant.of("majer2018-full", delay), "step_down", 3, 35)
     change = series.first_scored + int(np.argmax(np.abs(np.diff(series.levels[series.first_scored - 1 :])) > 0.5))
-
     # It decides on every fifth frame, of which frame 30, the first after the step, is one.
     assert series.first_scored == WARM_UP_FRAMES
     assert change == WARM_UP_FRAMES + delay
@@ -52,7 +48,6 @@ def test_a_decision_on_frame_k_applies_from_frame_k_plus_d(delay: int) -> None:
 def test_any_maker_of_loops_may_enter() -> None:
     by_id = alone(Entrant.of("neves2009"), "step_up", 1, 35)
     own = alone(Entrant("own", 2, lambda *args: ControlLoop("neves2009", *args)), "step_up", 1, 35)
-
     assert np.array_equal(by_id.levels, own.levels)
 
 
@@ -69,7 +64,6 @@ def test_the_tunnel_is_8_stops_deep_and_a_second_long() -> None:
     light = SCENARIOS["tunnel"].draw(np.random.default_rng(0)).light
     start_s = light.changes[1].at_s
     stops = np.log2([light.lux(start_s + s) / light.lux(0.0) for s in (0.5, 1.0, 1.7, 2.75)])
-
     assert np.allclose(stops, [-4.0, -8.0, -8.0, 0.0], atol=0.05)
 
 
@@ -99,7 +93,6 @@ def test_a_frame_at_rest_is_that_of_the_fake_camera() -> None:
     )
     settings = ImageSettings(setting.exposure_time_us, setting.gain_db, 0.0, 1.0, "Mono8", 0, 0, 720, 540, 1, 1)
     expected = Sensor(SensorModel(), 4).expose(radiance, settings, 2 * 100_000 + 11)
-
     difference = np.abs(stage.expose("left", setting).astype(int) - expected)
     assert difference.max() <= 1
     assert (difference > 0).mean() < 0.001
@@ -126,7 +119,6 @@ def test_only_the_right_camera_sees_the_lamp() -> None:
     for frame in (first - 5, first):
         stage.go_to(frame)
         means[frame] = [float(stage.expose(side, setting).mean()) for side in ("left", "right")]
-
     assert means[first][0] == pytest.approx(means[first - 5][0], rel=0.01)
     assert means[first][1] > 1.2 * means[first - 5][1]
 
@@ -142,7 +134,6 @@ def test_the_oracle_is_asked_about_both_sides_of_the_lamps_step() -> None:
 def test_light_that_repeats_is_seen_by_the_stage() -> None:
     stage, _ = course_of("sun_shadow", "leaves", 2)
     lux = [stage.glimpse_lux(frame)[0] for frame in range(60)]
-
     assert isinstance(stage.light, LightScript)
     assert max(lux) / min(lux) == pytest.approx(2**3.5, rel=0.01)
 

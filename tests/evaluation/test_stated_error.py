@@ -7,9 +7,7 @@ import pytest
 
 from calibration.judges.stillness import moved_share
 from calibration.solver.solve import solve_response
-from evaluation.sweeps.processing import Processing
-from evaluation.sweeps.score import scored
-from evaluation.sweeps.simulated import KINDS, Kind, simulated
+from evaluation.sweeps import KINDS, Kind, Processing, scored, simulated
 
 
 def test_a_seed_gives_the_same_sweep_again() -> None:

@@ -7,11 +7,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from evaluation.experiments import steering
 from evaluation.experiments.experiment import Results, Table
-from evaluation.experiments.steering import steering
-from evaluation.experiments.steering.consumers import HALVES, Caring, Liar, Orb
-from evaluation.experiments.steering.halves import PARTS, Judge, stage_of
-from evaluation.experiments.steering.steering import EXPERIMENT, NOBODY, measure_halves
+from evaluation.experiments.steering import (
+    EXPERIMENT,
+    HALVES,
+    NOBODY,
+    PARTS,
+    Caring,
+    HalvesJudge,
+    Liar,
+    Orb,
+    measure_halves,
+    stage_of,
+)
 from evaluation.stage.camera import time_first
 from tests.evaluation.sections import check_no_prose
 
@@ -29,7 +38,7 @@ def test_a_short_course_fills_the_section(tmp_path: Path, monkeypatch: pytest.Mo
 
 
 def test_sun_and_shade_swap_and_the_judge_sees_it() -> None:
-    stage, judge, setting = stage_of("leaves", 3, 6.0, 0.1), Judge(), time_first(11.0)
+    stage, judge, setting = stage_of("leaves", 3, 6.0, 0.1), HalvesJudge(), time_first(11.0)
     worth = []
     for frame in (0, 12):
         stage.go_to(frame)

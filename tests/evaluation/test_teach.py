@@ -12,20 +12,24 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
-from evaluation.experiments.cache import ResultCache
+from evaluation.arrays import Floats32, Greys
+from evaluation.experiments.cache import ResultCache, run_jobs
 from evaluation.experiments.experiment import Figure, Verdict
-from evaluation.experiments.jobs import run_jobs
-from evaluation.experiments.teach.cases import FIXED, FULL, STANDARD, cases_of, errors_of
-from evaluation.experiments.teach.daylight import REPLAYS, TEACHING, Daylight
-from evaluation.experiments.teach.judge import LOST_PX, Errors, better_everywhere, compare, paired_t
-from evaluation.experiments.teach.operator_setting import BRIGHTNESS, at_half
-from evaluation.experiments.teach.park import park
-from evaluation.experiments.teach.path import MAPS, TaughtPath
-from evaluation.experiments.teach.registration import Truth
-from evaluation.experiments.teach.replay import IMAGES_PER_MAP
-from evaluation.experiments.teach.sweep import OFFSETS, sweep
+from evaluation.experiments.teach.judge import (
+    FIXED,
+    FULL,
+    LOST_PX,
+    STANDARD,
+    Errors,
+    better_everywhere,
+    cases_of,
+    compare,
+    errors_of,
+    paired_t,
+)
+from evaluation.experiments.teach.park import MAPS, REPLAYS, TEACHING, Daylight, ParkPath, park
+from evaluation.experiments.teach.replay import BRIGHTNESS, IMAGES_PER_MAP, OFFSETS, TrueShifts, at_half, measure_sweep
 from evaluation.experiments.teach.teach_repeat import EXPERIMENT
 from evaluation.scenes.stills import leaves
 from evaluation.scenes.views import CAMERA
@@ -43,8 +47,7 @@ def parks() -> Iterator[Callable[[int, Daylight], list[Surface]]]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("evaluation.experiments.teach.park.MEADOW_TEXELS", 1024)
         patch.setattr("evaluation.experiments.teach.park.HEDGES", 2)
-        for module in ("replay", "sweep"):
-            patch.setattr(f"evaluation.experiments.teach.{module}.park", kept)
+        patch.setattr("evaluation.experiments.teach.replay.park", kept)
         yield kept
 
 
@@ -54,7 +57,7 @@ def surfaces(parks: Callable[[int, Daylight], list[Surface]]) -> list[Surface]:
 
 
 def test_the_true_shift_is_that_of_the_heading(surfaces: list[Surface]) -> None:
-    truth, pose = Truth(surfaces), TaughtPath(0, 0.0).taught(9)
+    truth, pose = TrueShifts(surfaces), ParkPath(0, 0.0).taught(9)
     assert truth.shift(pose, pose) == pytest.approx(0.0, abs=1e-6)
     for turn_deg in (-3.0, 1.0):
         cos, sin = math.cos(math.radians(turn_deg)), math.sin(math.radians(turn_deg))
@@ -66,7 +69,7 @@ def test_the_true_shift_is_that_of_the_heading(surfaces: list[Surface]) -> None:
 
 
 def test_images_without_noise_are_registered_by_the_true_shift(surfaces: list[Surface]) -> None:
-    truth, path, detector = Truth(surfaces), TaughtPath(0, 0.0), OrbPyramid()
+    truth, path, detector = TrueShifts(surfaces), ParkPath(0, 0.0), OrbPyramid()
     renderer = Renderer(surfaces, CAMERA)
     errors = []
     for index in (5, 30, 60):
@@ -81,7 +84,7 @@ def test_images_without_noise_are_registered_by_the_true_shift(surfaces: list[Su
     assert max(errors) < 5.0 and np.median(errors) < 2.0
 
 
-def _grey(radiance: NDArray[np.float32]) -> NDArray[np.uint8]:
+def _grey(radiance: Floats32) -> Greys:
     return np.clip(radiance * 400.0, 0, 255).astype(np.uint8)
 
 
@@ -104,7 +107,7 @@ def test_the_top_half_alone_can_be_held_at_one_half() -> None:
 @pytest.mark.long
 def test_images_that_are_far_too_bright_are_not_registered() -> None:
     """From the exposure of `standard`, votes fall to both sides."""
-    result: Any = sweep(0, 0.0, "sunset", 2)
+    result: Any = measure_sweep(0, 0.0, "sunset", 2)
     votes = np.array(result["votes"]).mean(axis=0)
     assert len(votes) == len(OFFSETS)
     assert votes[OFFSETS.index(4)] < 0.5 * votes[OFFSETS.index(0)]

@@ -11,30 +11,36 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY, POLICY_IDS
+from evaluation.arrays import Floats
 from evaluation.committed import PAINTINGS
 from evaluation.experiments.experiment import Figure, Table
-from evaluation.experiments.statistics import Comparison, over_places
-from evaluation.experiments.worth import matches_judge, odometry_judge, worth
+from evaluation.experiments.statistics import PolicyComparison, over_places
+from evaluation.experiments.worth import odometry_judge, worth
 from evaluation.experiments.worth.contenders import CONTENDERS
-from evaluation.experiments.worth.matches import courses, hindsight
-from evaluation.experiments.worth.matches.closed_loop import START
-from evaluation.experiments.worth.matches.courses import Course
-from evaluation.experiments.worth.matches.groups import SHOWN
-from evaluation.experiments.worth.matches.hindsight import best, measure_bounds
-from evaluation.experiments.worth.matches.scenes import StillView
-from evaluation.experiments.worth.matches.scoring import CHOICE_SEED, JUDGES, PAIR_JUDGES, SCORING_SEEDS
-from evaluation.experiments.worth.matches_judge import measure_contender
-from evaluation.experiments.worth.names import BOUNDS
-from evaluation.experiments.worth.odometry.drives import LUX, PERIODS_S, Drive, drives
-from evaluation.experiments.worth.tables import MARGINS, Verdicts, claims_tables
+from evaluation.experiments.worth.matches import courses
+from evaluation.experiments.worth.matches import judge as matches_judge
+from evaluation.experiments.worth.matches.courses import MatchesCourse
+from evaluation.experiments.worth.matches.judge import (
+    CHOICE_SEED,
+    JUDGES,
+    PAIR_JUDGES,
+    SCORING_SEEDS,
+    START,
+    best,
+    measure_bounds,
+    measure_contender,
+)
+from evaluation.experiments.worth.matches.scenes import MovingStill
+from evaluation.experiments.worth.odometry_judge import LUX, PERIODS_S, RoomDrive, drives
+from evaluation.experiments.worth.tables import BOUNDS, MARGINS, Verdicts, claims_tables
+from evaluation.experiments.worth.worth import SHOWN
 from evaluation.stage.camera import LIMITS
 from imaging.exposure import ExposureSetting
 from tests.evaluation.sections import check_no_prose
 
-COURSE = Course("leaves:1", 50.0, "steady", 3.0)
+COURSE = MatchesCourse("leaves:1", 50.0, "steady", 3.0)
 GRID = (ExposureSetting(1200.0, 0.0), ExposureSetting(75.0, 0.0))
 
 
@@ -42,15 +48,15 @@ GRID = (ExposureSetting(1200.0, 0.0), ExposureSetting(75.0, 0.0))
 def short(monkeypatch: pytest.MonkeyPatch) -> None:
     """Courses of four pairs, a grid of two settings, and one noise to score on."""
     monkeypatch.setattr(courses, "STEADY_FRAMES", courses.WARM_UP + 10)
-    monkeypatch.setattr(hindsight, "GRID", GRID)
-    monkeypatch.setattr(hindsight, "SCORING_SEEDS", (1,))
+    monkeypatch.setattr(matches_judge, "GRID", GRID)
+    monkeypatch.setattr(matches_judge, "SCORING_SEEDS", (1,))
 
 
 @pytest.mark.usefixtures("short")
 def test_hindsight_is_chosen_on_one_noise_and_scored_on_others(monkeypatch: pytest.MonkeyPatch) -> None:
     assert CHOICE_SEED not in SCORING_SEEDS
     first = {row["judge"]: row for row in measure_bounds(course=COURSE.plain()) if "time_us" in row}
-    monkeypatch.setattr(hindsight, "SCORING_SEEDS", (7,))
+    monkeypatch.setattr(matches_judge, "SCORING_SEEDS", (7,))
     other = {row["judge"]: row for row in measure_bounds(course=COURSE.plain()) if "time_us" in row}
     assert set(first) == set(PAIR_JUDGES)
     for judge, row in first.items():
@@ -118,7 +124,7 @@ def test_worse_is_worse_whichever_way_a_judge_counts() -> None:
     assert down and down.worse.value == pytest.approx(0.2) and down.worse.low > 0.1
 
 
-def errors_of(policy: str, errors: NDArray[np.float64], failed: set[int]) -> list[dict[str, Any]]:
+def errors_of(policy: str, errors: Floats, failed: set[int]) -> list[dict[str, Any]]:
     return [
         row | {"failed": place in failed} for place, row in enumerate(rows_of({policy: list(errors)}, "odometry-raw"))
     ]
@@ -158,7 +164,7 @@ def test_where_all_runs_failed_nothing_is_said_of_errors() -> None:
 def test_noninferiority_is_shown_by_the_interval_not_by_its_width(worse: float, verdict: str) -> None:
     values = worse + 0.2 * np.random.default_rng(5).normal(0.0, 1.0, 72)
     values += worse - values.mean()
-    found = Comparison.of_means(values, np.ones(72), [str(place) for place in range(72)])
+    found = PolicyComparison.of_means(values, np.ones(72), [str(place) for place in range(72)])
     assert found.noninferior(0.1) == verdict
     assert found.seen == pytest.approx(1.645 * 0.2 / 72**0.5, rel=0.1)
 
@@ -168,7 +174,7 @@ def test_a_loss_is_a_share_of_what_the_other_has() -> None:
     rng = np.random.default_rng(6)
     for places in (8, 40):
         other = rng.uniform(0.5, 1.5, places)
-        found = Comparison.of_means(0.1 * other, other, [str(place) for place in range(places)])
+        found = PolicyComparison.of_means(0.1 * other, other, [str(place) for place in range(places)])
         assert found.worse.value == pytest.approx(0.1) and found.seen < 1e-6
 
 
@@ -202,7 +208,7 @@ def test_everyone_takes_part() -> None:
         for job in jobs:
             course = job.arguments["course"]
             assert isinstance(course, dict)
-            by_course.setdefault(Course(**course).name, set()).add(str(job.arguments.get("contender", "bounds")))
+            by_course.setdefault(MatchesCourse(**course).name, set()).add(str(job.arguments.get("contender", "bounds")))
         assert all(taking_part == {*names, "bounds"} for taking_part in by_course.values())
 
 
@@ -212,7 +218,7 @@ def test_odometry_screens_everyone_in_all_kinds_of_rooms_at_all_speeds() -> None
         group = job.arguments["drives"]
         assert isinstance(group, list)
         driven.setdefault(str(job.arguments.get("contender", "bounds")), set()).update(
-            Drive.of(one).name for one in group
+            RoomDrive.of(one).name for one in group
         )
     every = {drive.name: drive for drive in drives("report")}
     assert set(driven) == {*CONTENDERS, "bounds"}
@@ -251,14 +257,14 @@ def test_a_pan_shows_one_side_of_a_still_and_then_the_other() -> None:
     still = np.repeat(np.linspace(0.1, 1.0, 1000, dtype=np.float32)[None], 640, axis=0)
     means = []
     for pan in (False, True):
-        view = StillView(still, 10.0, 1, pan=pan)
+        view = MovingStill(still, 10.0, 1, pan=pan)
         seen = [float(view.radiance(time_s).mean()) for time_s in np.linspace(0.0, 4.0, 25)]
         means.append(max(seen) - min(seen))
     assert means[1] > 1.3 * means[0] and means[1] > 0.4
 
 
 def test_light_steps_where_the_course_says() -> None:
-    up, down = (Course("leaves:1", 2.0, light, 3.0) for light in ("up", "down"))
+    up, down = (MatchesCourse("leaves:1", 2.0, light, 3.0) for light in ("up", "down"))
     at = courses.STEP_AT
     assert [up.lux_at(at - 1), up.lux_at(at)] == [2.0, 200.0] and [down.lux_at(at - 1), down.lux_at(at)] == [200.0, 2.0]
     assert at in up.scored

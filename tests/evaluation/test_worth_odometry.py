@@ -11,30 +11,35 @@ import numpy as np
 import pytest
 
 from evaluation.committed import ROOMS
-from evaluation.experiments.worth.contender import HAND_TUNED
-from evaluation.experiments.worth.contenders import CONTENDERS
-from evaluation.experiments.worth.matches.pairs import PREPARATIONS
-from evaluation.experiments.worth.names import FIXED_IN_HINDSIGHT
-from evaluation.experiments.worth.odometry import closed_loop
-from evaluation.experiments.worth.odometry.closed_loop import hindsight
-from evaluation.experiments.worth.odometry.drives import CHOICE, LUX, PERIODS_S, SCORED, SEEN, Drive, drives
-from evaluation.experiments.worth.odometry.follower import WORST_MM, Follower
+from evaluation.experiments.worth import odometry_judge as closed_loop
+from evaluation.experiments.worth.contenders import CONTENDERS, HAND_TUNED
+from evaluation.experiments.worth.matches.judge import PREPARATIONS
 from evaluation.experiments.worth.odometry_judge import (
+    CHOICE,
     CLOSEST,
     GROUP,
     JUDGES,
+    LUX,
+    PERIODS_S,
+    SCORED,
     SCREENED_EVERY,
+    SEEN,
+    WORST_MM,
+    RoomDrive,
+    RunFollower,
+    drives,
+    hindsight,
     jobs_of,
     measure_contender,
 )
+from evaluation.experiments.worth.tables import FIXED_IN_HINDSIGHT
 from evaluation.odometry.tracking import EVERY, FAILED_PAIRS
-from evaluation.scenes.natural_rooms import WINDOW_AWAY_M
-from evaluation.scenes.views import CAMERA
+from evaluation.scenes.views import CAMERA, WINDOW_AWAY_M
 from evaluation.stage.camera import Image
 from evaluation.stage.rendering import Stage
 from imaging.exposure import ExposureSetting
 
-DRIVE = Drive(("shelves:1",), 8, "plain", 20.0, "fast", 1.0)
+DRIVE = RoomDrive(("shelves:1",), 8, "plain", 20.0, "fast", 1.0)
 GOOD, BLACK = ExposureSetting(4000.0, 18.0), ExposureSetting(20.0, 0.0)
 
 
@@ -43,13 +48,13 @@ def one_stage() -> Iterator[Stage]:
     """Built once."""
     stage = DRIVE.stage()
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Drive, "stage", lambda _drive: stage)
+        patch.setattr(RoomDrive, "stage", lambda _drive: stage)
         yield stage
 
 
 def test_odometry_gets_frames_with_other_noise_than_policies(one_stage: Stage, monkeypatch: pytest.MonkeyPatch) -> None:
     tracked: list[Image] = []
-    follower = {repeat: Follower(one_stage, DRIVE, repeat) for repeat in (SEEN, SCORED[0])}
+    follower = {repeat: RunFollower(one_stage, DRIVE, repeat) for repeat in (SEEN, SCORED[0])}
     one_stage.go_to(4)
     for repeat in (SEEN, SCORED[0]):
         odometry = follower[repeat]._odometry["raw"]
@@ -64,7 +69,7 @@ def test_odometry_gets_frames_with_other_noise_than_policies(one_stage: Stage, m
 
 
 def test_a_run_that_sees_nothing_fails(one_stage: Stage) -> None:
-    follower = Follower(one_stage, DRIVE, SCORED[0])
+    follower = RunFollower(one_stage, DRIVE, SCORED[0])
     for frame in range(0, (FAILED_PAIRS + 1) * EVERY, EVERY):
         assert {follower.failed(name) for name in PREPARATIONS} == {frame >= FAILED_PAIRS * EVERY}
         one_stage.go_to(frame)
@@ -77,7 +82,7 @@ class FakeFollower:
 
     shown: ClassVar[list[tuple[int, ExposureSetting]]] = []
 
-    def __init__(self, stage: Stage, _drive: Drive, repeat: int) -> None:
+    def __init__(self, stage: Stage, _drive: RoomDrive, repeat: int) -> None:
         self._stage, self._repeat, self._last = stage, repeat, GOOD
         assert repeat in (CHOICE, *SCORED)
 
@@ -148,7 +153,7 @@ def test_the_window_comes_into_view_within_each_drive() -> None:
 
 def test_jobs_hold_plain_data_and_a_quick_run_is_short() -> None:
     drive = drives("report")[0]
-    assert Drive.of(json.loads(json.dumps(drive.plain()))) == drive
+    assert RoomDrive.of(json.loads(json.dumps(drive.plain()))) == drive
     (given,) = {json.dumps(job.arguments["drives"]) for job in jobs_of("tuning", True)}
     assert [one["seconds"] for one in json.loads(given)] == [1.25]
     full, groups = jobs_of("report", False), ROOMS // GROUP

@@ -9,22 +9,30 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
-from evaluation.experiments.worth import pictures
-from evaluation.experiments.worth.matches.motions import Rotation, Similarity, found_motion
-from evaluation.experiments.worth.matches.pairs import (
+from evaluation.arrays import Greys
+from evaluation.experiments.worth.matches.courses import Eyes, Film, MatchesRig
+from evaluation.experiments.worth.matches.judge import (
     LOST_PX,
-    Seen,
-    Truth,
+    SeenFrame,
     judged,
     klt_motion,
     orb_motion,
     repeatability,
     seen,
 )
-from evaluation.experiments.worth.matches.rig import Eyes, Film, Rig
-from evaluation.experiments.worth.matches.scenes import CANVAS, HEIGHT, WIDTH, PanoramaView, StillView
+from evaluation.experiments.worth.matches.scenes import (
+    CANVAS,
+    HEIGHT,
+    WIDTH,
+    MovingStill,
+    Rotation,
+    Similarity,
+    TrueMotion,
+    TurningPanorama,
+    found_motion,
+)
+from evaluation.scenes import stills as pictures
 from evaluation.scenes.stills import leaves
 from fake_camera.world.sensor import SensorModel
 from imaging.exposure import ExposureSetting
@@ -33,17 +41,17 @@ STILL = leaves(np.random.default_rng(5), 1000, 640)
 PANORAMA = leaves(np.random.default_rng(6), 1024, 512)
 
 
-def sharp(view: StillView | PanoramaView, time_s: float) -> NDArray[np.uint8]:
+def sharp(view: MovingStill | TurningPanorama, time_s: float) -> Greys:
     """The left image without noise and blur."""
     radiance = view.radiance(time_s)[:, :WIDTH]
     return np.clip(np.rint(250.0 * radiance / np.percentile(radiance, 97)), 0, 255).astype(np.uint8)
 
 
-@pytest.mark.parametrize("view", [StillView(STILL, 6.0, 1), PanoramaView(PANORAMA, 6.0, 1)])
-def test_the_known_motion_is_found_in_sharp_images(view: StillView | PanoramaView) -> None:
+@pytest.mark.parametrize("view", [MovingStill(STILL, 6.0, 1), TurningPanorama(PANORAMA, 6.0, 1)])
+def test_the_known_motion_is_found_in_sharp_images(view: MovingStill | TurningPanorama) -> None:
     """So rendering and truth agree: a wrong sign, centre or time would be pixels."""
     times_s = (0.5, 0.5 + 2 / 60)
-    truth = Truth(view.homography(*times_s), view.model)
+    truth = TrueMotion(view.homography(*times_s), view.model)
     first, second = (seen(sharp(view, time_s)) for time_s in times_s)
     found = judged(first, second, truth, sift=True)
     assert found["klt-error-raw"] < 0.05 and found["pose-error-orb-raw"] < 0.2
@@ -53,8 +61,8 @@ def test_the_known_motion_is_found_in_sharp_images(view: StillView | PanoramaVie
 
 
 def test_an_image_and_itself_agree_in_everything() -> None:
-    image = Seen(sharp(StillView(STILL, 0.0, 1), 0.0))
-    still = Truth(np.eye(3), Similarity())
+    image = SeenFrame(sharp(MovingStill(STILL, 0.0, 1), 0.0))
+    still = TrueMotion(np.eye(3), Similarity())
     assert klt_motion(image, image, still).error_px == pytest.approx(0.0, abs=1e-3)
     assert orb_motion(image, image, still).error_px == pytest.approx(0.0, abs=1e-9)
     assert repeatability(image, image, still) == 1.0
@@ -62,7 +70,7 @@ def test_an_image_and_itself_agree_in_everything() -> None:
 
 def test_what_shows_nothing_is_lost() -> None:
     black = seen(np.zeros((HEIGHT, WIDTH), np.uint8))
-    found = judged(black, black, Truth(np.eye(3), Similarity()), sift=True)
+    found = judged(black, black, TrueMotion(np.eye(3), Similarity()), sift=True)
     assert found["matches-orb-raw"] == found["matches-sift-raw"] == found["repeatability-orb-raw"] == 0.0
     assert found["lost-pairs-orb-raw"] == found["lost-pairs-klt-preprocessed"] == 1.0
     assert found["klt-error-raw"] == found["pose-error-orb-preprocessed"] == LOST_PX
@@ -92,29 +100,29 @@ def test_ransac_finds_a_motion_among_wrong_matches(seed: int, wrong: float, turn
 
 def test_more_noise_brings_fewer_inliers_and_larger_errors_on_average() -> None:
     """Fewer of ORB's matches; of corners there are more in noise, and they are followed less precisely."""
-    view = StillView(STILL, 3.0, 2)
+    view = MovingStill(STILL, 3.0, 2)
     means = []
     for read_noise_e in (3.0, 24.0, 96.0):
         film = Film(view, 3.0, lambda _: 1.0)
-        rig = Rig(film, Eyes(SensorModel(WIDTH, HEIGHT, read_noise_e=read_noise_e)), 1)
+        rig = MatchesRig(film, Eyes(SensorModel(WIDTH, HEIGHT, read_noise_e=read_noise_e)), 1)
         means.append(np.mean([matches_and_error(film, rig, number) for number in (0, 10, 20)], axis=0))
     matches, errors = np.array(means).T
     assert (np.diff(matches) < 0).all() and (np.diff(errors) > 0).all()
 
 
-def matches_and_error(film: Film, rig: Rig, number: int) -> tuple[int, float]:
+def matches_and_error(film: Film, rig: MatchesRig, number: int) -> tuple[int, float]:
     """Inliers of ORB and error of KLT, in a dim pair."""
     setting = ExposureSetting(2000.0, 30.0)
     images = []
     for each in (number, number + 2):
         film.go_to(each)
-        images.append(Seen(rig.expose("left", setting).grey8()))
+        images.append(SeenFrame(rig.expose("left", setting).grey8()))
     truth = film.truth((number, 2000.0), (number + 2, 2000.0))
     return orb_motion(*images, truth).inliers, klt_motion(*images, truth).error_px
 
 
 def test_exposures_blur_with_their_length_and_keep_the_light() -> None:
-    film = Film(StillView(STILL, 10.0, 2), 10.0, lambda _: 7.0)
+    film = Film(MovingStill(STILL, 10.0, 2), 10.0, lambda _: 7.0)
     film.go_to(3)
     short, long = film.radiance(100e-6).copy(), film.radiance(7500e-6).copy()
     assert short.shape == CANVAS[::-1]
@@ -124,12 +132,12 @@ def test_exposures_blur_with_their_length_and_keep_the_light() -> None:
 
 def test_the_truth_is_that_of_the_middle_of_each_exposure() -> None:
     """A long exposure shows the scene half its length later."""
-    film = Film(StillView(STILL, 10.0, 2), 10.0, lambda _: 100.0)
-    rig = Rig(film, Eyes(), 1)
+    film = Film(MovingStill(STILL, 10.0, 2), 10.0, lambda _: 100.0)
+    rig = MatchesRig(film, Eyes(), 1)
     film.go_to(0)
-    first = Seen(rig.expose("left", ExposureSetting(7500.0, 0.0)).grey8())
+    first = SeenFrame(rig.expose("left", ExposureSetting(7500.0, 0.0)).grey8())
     film.go_to(2)
-    second = Seen(rig.expose("left", ExposureSetting(1500.0, 14.0)).grey8())
+    second = SeenFrame(rig.expose("left", ExposureSetting(1500.0, 14.0)).grey8())
     right = klt_motion(first, second, film.truth((0, 7500.0), (2, 1500.0)))
     wrong = klt_motion(first, second, film.truth((0, 1500.0), (2, 1500.0)))
     assert right.error_px < 0.3 < wrong.error_px
@@ -139,9 +147,9 @@ def test_the_state_of_the_right_eye_leaves_the_left_alone() -> None:
     setting = ExposureSetting(2000.0, 6.0)
     pairs: dict[str, Any] = {}
     for right in ("open", "dark", "dirty", "dead"):
-        film = Film(StillView(STILL, 3.0, 2), 3.0, lambda _: 50.0)
+        film = Film(MovingStill(STILL, 3.0, 2), 3.0, lambda _: 50.0)
         film.go_to(0)
-        pairs[right] = Rig(film, Eyes(right=right), 1).take(setting).frames
+        pairs[right] = MatchesRig(film, Eyes(right=right), 1).take(setting).frames
     left = pairs["open"]["left"].pixels
     assert all((frames["left"].pixels == left).all() for frames in pairs.values())
     detail = {right: np.abs(np.diff(frames["right"].pixels.astype(int))).mean() for right, frames in pairs.items()}

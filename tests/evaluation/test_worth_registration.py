@@ -13,18 +13,28 @@ import numpy as np
 import pytest
 
 from evaluation.experiments.teach import replay as teach_replay
-from evaluation.experiments.teach.daylight import Daylight
+from evaluation.experiments.teach.park import Daylight
+from evaluation.experiments.worth import registration_judge as bounds
+from evaluation.experiments.worth import registration_judge as replays
 from evaluation.experiments.worth.contenders import APART, PUBLISHED
-from evaluation.experiments.worth.names import BOUNDS
-from evaluation.experiments.worth.registration import bounds, replays
-from evaluation.experiments.worth.registration.closed_loop import TEACHER, measure_bounds, measure_policies
-from evaluation.experiments.worth.registration.replays import CHOICE, SCORING, SETS, Look, Replay
-from evaluation.experiments.worth.registration_judge import JUDGES, jobs_of
+from evaluation.experiments.worth.registration_judge import (
+    CHOICE,
+    JUDGES,
+    SCORING,
+    SETS,
+    TEACHER,
+    ParkReplay,
+    ReplayLook,
+    jobs_of,
+    measure_bounds,
+    measure_policies,
+)
+from evaluation.experiments.worth.tables import BOUNDS
 from fake_camera.world.render.renderer import Surface
 from fake_camera.world.scene.shapes import upright
 from navigation.views.registration import Vote
 
-COURSE = Replay(0, "clear", "in the upper half", 20, 1)
+COURSE = ParkReplay(0, "clear", "in the upper half", 20, 1)
 
 
 def clearing(_seed: int, daylight: Daylight) -> list[Surface]:
@@ -57,17 +67,17 @@ def test_everyone_has_all_rows_and_what_is_white_registers_nowhere(monkeypatch: 
 
 
 def test_only_a_shift_within_5_pixels_is_right() -> None:
-    look = Look(0, np.eye(4), 1.0, 20.0)
+    look = ReplayLook(0, np.eye(4), 1.0, 20.0)
     nine = np.ones(9, bool)
     assert [look.found(Vote(shift, nine)) for shift in (15.0, 24.9, 26.0, None)] == [True, True, False, False]
-    assert not Look(0, np.eye(4), 1.0, math.nan).found(Vote(20.0, nine))
+    assert not ReplayLook(0, np.eye(4), 1.0, math.nan).found(Vote(20.0, nine))
 
 
 class FakeSight:
     """Two maps with two images each; votes are most where image and map have the level that the map likes."""
 
     maps = 2
-    looks = tuple(Look(index, np.eye(4), 1.0, 0.0) for index in (0, 0, 1, 1))
+    looks = tuple(ReplayLook(index, np.eye(4), 1.0, 0.0) for index in (0, 0, 1, 1))
     liked = (5, 7)
 
     def vote(self, map_level: int, level: int, place: int) -> Vote:

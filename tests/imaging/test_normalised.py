@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from evaluation.scenes.responses import FAKE_CAMERAS, CameraResponse
 from evaluation.scenes.scenarios import Course, no_turn, steady
 from evaluation.scenes.views import build_views
+from evaluation.stage.camera import FAKE_CAMERAS, CameraResponse
 from evaluation.stage.rendering import Stage
 from imaging.errors import ConfigurationError
 from imaging.exposure import ExposureSetting

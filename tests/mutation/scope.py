@@ -36,7 +36,7 @@ LISTED = (
     # The arena judges the setting just decided instead of the one that the frame was taken with.
     ("evaluation/arena/race.py", "judge.judge(taken)", "judge.judge(series.delayed.decisions[-1].setting)"),
     # A delay that is a frame short.
-    ("evaluation/stage/delayed_loop.py", "] * delay_frames", "] * (delay_frames - 1)"),
+    ("evaluation/stage/camera.py", "] * delay_frames", "] * (delay_frames - 1)"),
     # The true pose a frame late.
     ("evaluation/odometry/tracking.py", "stage.start_s(stage.frame) +", "stage.start_s(stage.frame + 1) +"),
     # Odometry without its gamma.

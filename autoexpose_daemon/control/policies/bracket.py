@@ -37,7 +37,7 @@ KEPT = "kept: "
 
 
 @dataclass(frozen=True, slots=True)
-class SeenLight:
+class BracketLight:
     """The light behind the mean grey level of a frame (0..1), and the level it was taken with (stops)."""
 
     mean: float
@@ -62,7 +62,7 @@ class Bracket(ExposurePolicy):
 
     STATE: ClassVar[tuple[str, ...]] = ("_middle", "_seen", "_turn", "_kept", "_policy")
     _middle: float
-    _seen: deque[SeenLight]
+    _seen: deque[BracketLight]
     _turn: int
     _kept: Target | None
     _policy: ExposurePolicy | None
@@ -105,7 +105,7 @@ class Bracket(ExposurePolicy):
         """Learn from a frame; the policy sees it if it asked for it."""
         response = observation.looks[0].response
         grey = response.black_level + observation.mean * (response.saturation - response.black_level)
-        self._seen.append(SeenLight(float(response.light(np.array(grey))), observation.setting.level))
+        self._seen.append(BracketLight(float(response.light(np.array(grey))), observation.setting.level))
         realised = observation.realised
         if self._policy is None or (self._kept is not None and not (realised is not None and _is_kept(realised))):
             return

@@ -7,24 +7,25 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from evaluation.arrays import Floats
 from evaluation.drawing import COLOURS, boxes, panels, save
-from evaluation.experiments.drives.courses import ALIKE_MM, ROOMS, over_rooms, unless_few
-from evaluation.experiments.drives.fixed_drives import SETTINGS, measure
-from evaluation.experiments.drives.verdicts import above, alike, below, not_above, together
-from evaluation.experiments.experiment import Claim, Experiment, Figure, Job, Results, Section, Table, Verdict
-from evaluation.experiments.statistics import Interval, clustered, pearson
-from evaluation.odometry.proxies import PROXIES
+from evaluation.experiments.drives.drives import (
+    ALIKE_MM,
+    PROXIES,
+    ROOMS,
+    SETTINGS,
+    measure_fixed,
+    over_rooms,
+    unless_few,
+)
+from evaluation.experiments.experiment import Claim, Experiment, Figure, Job, ReportSection, Results, Table, Verdict
+from evaluation.experiments.statistics import Interval, above, alike, below, clustered, not_above, pearson, together
 from evaluation.scenes.scenarios import RATE_HZ
 
 MARKERS = "osv^"
-
-EQUALLY_GOOD = 0.05
-"""Smaller differences of |r| do not count."""
-
-NO_CORRELATION = 0.3
-"""An r whose whole interval is within it predicts nothing: the paper calls its 0.26 no correlation."""
+EQUALLY_GOOD = 0.05  # Smaller differences of |r| do not count
+NO_CORRELATION = 0.3  # An r whose whole interval is within it predicts nothing: the paper calls its 0.26 no correlation
 
 _SETTING = """\
 The paper ran its motion table four times with each of four fixed settings, and ORB-SLAM3 ten times on each recording.
@@ -45,7 +46,7 @@ def jobs(quick: bool) -> list[Job]:
     courses, seconds = ([(1, 0)], 2.0) if quick else ([(room, room) for room in ROOMS], 8.0)
     return [
         Job(
-            measure,
+            measure_fixed,
             {"room": room, "seed": heading, "repeat": 0, "frames": round(seconds * RATE_HZ)},
             cost_s=11.0 * seconds,
         )
@@ -53,7 +54,7 @@ def jobs(quick: bool) -> list[Job]:
     ]
 
 
-def section(results: Results, folder: Path) -> Section:
+def section(results: Results, folder: Path) -> ReportSection:
     """Judge Fig. 7 and Fig. 9."""
     errors = np.array([[one["rpe_mm"] for one in run] for _, run in results])
     values = np.array([[one["proxies"] for one in run] for _, run in results])
@@ -68,7 +69,7 @@ def section(results: Results, folder: Path) -> Section:
         _best_proxy(correlations),
         _poor_proxies(correlations),
     ]
-    return Section(
+    return ReportSection(
         _SETTING,
         unless_few(claims, len(errors)),
         [
@@ -81,14 +82,14 @@ def section(results: Results, folder: Path) -> Section:
     )
 
 
-def correlate(values: NDArray[np.float64], errors: NDArray[np.float64]) -> dict[str, Interval]:
+def correlate(values: Floats, errors: Floats) -> dict[str, Interval]:
     """Correlation of each measure (rooms, settings, measures) with the error (rooms, settings) within rooms."""
     error = errors - errors.mean(axis=1, keepdims=True)
     deviations = values - values.mean(axis=1, keepdims=True)
     return {name: pearson(deviations[..., place], error) for place, name in enumerate(PROXIES)}
 
 
-def _time_raises_the_error(errors: NDArray[np.float64]) -> Claim:
+def _time_raises_the_error(errors: Floats) -> Claim:
     """From the shortest time to the longest."""
     worse = over_rooms(errors[:, -1] - errors[:, 0])
     return Claim(
@@ -99,11 +100,11 @@ def _time_raises_the_error(errors: NDArray[np.float64]) -> Claim:
     )
 
 
-def _time_raises_the_spread(errors: NDArray[np.float64]) -> Claim:
+def _time_raises_the_spread(errors: Floats) -> Claim:
     """Likewise, by the distance of the quartiles over rooms."""
     spreads = np.subtract(*np.percentile(errors, [75, 25], axis=0))
 
-    def wider(drawn: NDArray[np.float64]) -> NDArray[np.float64]:
+    def wider(drawn: Floats) -> Floats:
         apart = np.subtract(*np.percentile(drawn, [75, 25], axis=1))
         return np.asarray(apart[:, -1] - apart[:, 0])
 
@@ -116,7 +117,7 @@ def _time_raises_the_spread(errors: NDArray[np.float64]) -> Claim:
     )
 
 
-def _noise_hardly_matters(errors: NDArray[np.float64]) -> Claim:
+def _noise_hardly_matters(errors: Floats) -> Claim:
     """From 18 to 24 dB, between the two shortest times, where blur differs least."""
     worse = over_rooms(errors[:, 0] - errors[:, 1])
     return Claim(
@@ -167,7 +168,7 @@ def _poor_proxies(correlations: Mapping[str, Interval]) -> Claim:
     )
 
 
-def _table(results: Results, errors: NDArray[np.float64]) -> Table:
+def _table(results: Results, errors: Floats) -> Table:
     rows = []
     for place, (time_us, gain_db) in enumerate(SETTINGS):
         runs = [run[place] for _, run in results]
@@ -199,11 +200,10 @@ def _proxy_table(correlations: Mapping[str, Interval]) -> Table:
     )
 
 
-def _draw_errors(errors: NDArray[np.float64], file: Path) -> None:
+def _draw_errors(errors: Floats, file: Path) -> None:
     figure, axes = panels(1, 1, 3.6)
     boxes(axes, list(errors.T), [f"{time_us / 1e3:.2g} ms\n{gain_db:g} dB" for time_us, gain_db in SETTINGS])
-    axes.set_ylabel("RPE over 20 mm (mm)")
-    axes.set_ylim(bottom=0)
+    axes.set(ylabel="RPE over 20 mm (mm)", ylim=(0, None))
     save(figure, file)
 
 
@@ -215,15 +215,12 @@ def _draw_paths(results: Results, file: Path) -> None:
     for one, name, colour in ((best, "best", COLOURS[0]), (worst, "worst", COLOURS[1])):
         axes.plot(*np.array(one["path"]).T, color=colour, label=f"{name}: {one['name']}, RPE {one['rpe_mm']:.2f} mm")
     axes.set_aspect("equal")
-    axes.set_xlabel("to the right of the first camera (mm)")
-    axes.set_ylabel("ahead of it (mm)")
+    axes.set(xlabel="to the right of the first camera (mm)", ylabel="ahead of it (mm)")
     figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=3, fontsize=9)
     save(figure, file)
 
 
-def _draw_proxies(
-    values: NDArray[np.float64], errors: NDArray[np.float64], correlations: Mapping[str, Interval], file: Path
-) -> None:
+def _draw_proxies(values: Floats, errors: Floats, correlations: Mapping[str, Interval], file: Path) -> None:
     figure, grid = panels(2, 4, 4.8, sharey=True)
     error = errors - errors.mean(axis=1, keepdims=True)
     for place, (axes, (name, one)) in enumerate(zip(grid.flat, _of_the_paper(correlations).items(), strict=False)):
@@ -231,13 +228,9 @@ def _draw_proxies(
         for setting, (time_us, _) in enumerate(SETTINGS):
             label = f"{time_us / 1e3:.2g} ms"
             axes.plot(
-                deviation[:, setting],
-                error[:, setting],
-                MARKERS[setting],
-                color=COLOURS[setting],
-                markersize=5,
+                deviation[:, setting], error[:, setting], MARKERS[setting], color=COLOURS[setting], markersize=5,
                 label=label,
-            )
+            )  # fmt: skip
         axes.set_title(f"{name}\nr = {one.text('+.2f')}", fontsize=9)
     for axes in grid[:, 0]:
         axes.set_ylabel("RPE - mean (mm)")

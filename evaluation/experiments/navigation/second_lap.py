@@ -11,17 +11,17 @@ from pathlib import Path
 from typing import Final, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from autoexpose_daemon.control.step import StepInputs
 from evaluation.arena.race import Series, race
-from evaluation.experiments.experiment import Claim, Experiment, Figure, Job, Plain, Results, Section, Table, Verdict
+from evaluation.arrays import Floats, Ints
+from evaluation.experiments.experiment import Claim, Experiment, Figure, Job, Plain, ReportSection, Results, Table
 from evaluation.scenes.scenarios import RATE_HZ, WARM_UP_FRAMES, Course, steady
 from evaluation.scenes.views import Gaze, build_views
-from evaluation.stage.delayed_loop import Entrant
+from evaluation.stage.camera import Entrant
 from evaluation.stage.oracle import Oracle
 from evaluation.stage.rendering import Stage
 from fake_camera.world.lighting import Change, LightScript
@@ -31,33 +31,19 @@ from imaging.response import ResponseFunction
 from navigation.drive.lesson import LightTrail
 from navigation.maps.path import SPREAD_M, LightMemory
 
+# Seconds that the light takes to fall or rise where a robot drives in or out.
 MOUTHS: Final[dict[str, float]] = {"tunnel": 1.0, "underpass": 0.25, "door": 0.06}
-"""Seconds that the light takes to fall or rise where a robot drives in or out."""
-
-WINDOW: Final = "window"
-"""The robot turns past a window and back, in steady light."""
-
+WINDOW: Final = "window"  # The robot turns past a window and back, in steady light
 SPEED_M_S: Final = 1.0
 FRAMES: Final = 480
-LUX, LATER = 800.0, 1.0 / 3.0
-"""Light of the first lap, and its share on the second."""
-
-BAD: Final = 0.5
-"""A frame that is worth less than this share of what the best exposure gives is bad."""
-
+LUX, LATER = 800.0, 1.0 / 3.0  # Light of the first lap, and its share on the second
+BAD: Final = 0.5  # A frame that is worth less than this share of what the best exposure gives is bad
+# By how much the second lap looks to the side of where the first one looked, to and fro: two degrees.
 ASIDE_RAD: Final = 0.035
-"""By how much the second lap looks to the side of where the first one looked, to and fro: two degrees."""
-
-WANDERING_FRAMES: Final = 30
-"""The error of the place on the way changes this slowly."""
-
-WRONG_M: Final = 3.0
-"""How much further on a robot believes to be that is told wrong."""
-
+WANDERING_FRAMES: Final = 30  # The error of the place on the way changes this slowly
+WRONG_M: Final = 3.0  # How much further on a robot believes to be that is told wrong
 DELAYS: Final = (2, 4, 8)
-SCENES: Final = (("shelves", 3000), ("hall", 3000), ("room", 3001), ("room", 3002))
-"""Tried on seeds 1 to 18 only."""
-
+SCENES: Final = (("shelves", 3000), ("hall", 3000), ("room", 3001), ("room", 3002))  # Tried on seeds 1 to 18 only
 LAPS: Final = ("first", "second", "second, told", "second, told wrong")
 
 
@@ -71,6 +57,7 @@ class Remembering(ControlLoop):
     def step(self, inputs: StepInputs | StereoPair) -> Decision:
         """The next decision."""
         decision = super().step(inputs)
+        pair = StepInputs.of(inputs).pair
         pair = StepInputs.of(inputs).pair
         self._trail.see(_driven_m(pair), pair.frames["left"], self.setup.responses["left"])
         return decision
@@ -86,7 +73,7 @@ class Told(ControlLoop):
     def __init__(
         self,
         memory: LightMemory,
-        error_m: NDArray[np.float64],
+        error_m: Floats,
         response: ResponseFunction,
         limits: ExposureLimits,
         start: ExposureSetting,
@@ -164,7 +151,7 @@ def _outcome(series: Series) -> Plain:
     return {"bad": int((ratios < BAD).sum()), "mean": float(np.nanmean(ratios))}
 
 
-def _wandering(rng: np.random.Generator, frames: int) -> NDArray[np.float64]:
+def _wandering(rng: np.random.Generator, frames: int) -> Floats:
     """Errors of the distance along the way, m, as large as the product takes them to be."""
     kept = math.exp(-1.0 / WANDERING_FRAMES)
     errors, error = [], float(rng.normal())
@@ -229,7 +216,7 @@ def jobs(quick: bool) -> list[Job]:
 class _Case:
     """All scenes of one scenario and delay: bad frames by lap, summed, and mean worth by lap and scene."""
 
-    bad: NDArray[np.int64] = field(default_factory=lambda: np.zeros(len(LAPS), np.int64))
+    bad: Ints = field(default_factory=lambda: np.zeros(len(LAPS), np.int64))
     means: list[list[float]] = field(default_factory=list)
 
 
@@ -242,7 +229,7 @@ def _cases(results: Results) -> dict[tuple[str, int], _Case]:
     return cases
 
 
-def section(results: Results, _folder: Path) -> Section:
+def section(results: Results, _folder: Path) -> ReportSection:
     """Bad frames and worth, by scenario and delay."""
     rows = []
     for (scenario, delay), case in _cases(results).items():
@@ -250,12 +237,12 @@ def section(results: Results, _folder: Path) -> Section:
         rows.append([scenario, str(delay), *map(str, case.bad), *worth])
     columns = ["scenario", "delay", *(f"bad: {lap}" for lap in LAPS), *(f"worth: {lap}" for lap in LAPS)]
     parts: list[Table | Figure] = [Table("Bad frames, all scenes together, and mean worth of a frame.", columns, rows)]
-    return Section(_SETTING, list(_claims(results)), parts)
+    return ReportSection(_SETTING, list(_claims(results)), parts)
 
 
 def _claims(results: Results) -> Iterator[Claim]:
     by_case = _cases(results)
-    by_scenario: dict[str, NDArray[np.int64]] = {}
+    by_scenario: dict[str, Ints] = {}
     for (scenario, _), case in by_case.items():
         by_scenario[scenario] = by_scenario.get(scenario, 0) + case.bad
     yield _halving(by_scenario, 0, "scenario")
@@ -263,24 +250,16 @@ def _claims(results: Results) -> Iterator[Claim]:
     yield _halving(by_delay, 1, "scenario and delay")
     cases = by_case.values()
     worst = min(float(np.mean([means[3] - means[1] for means in case.means])) for case in cases)
-    yield Claim(
-        "this project",
-        "to be told wrong costs at most 0.005 of the worth",
-        f"{worst:+.3f} in the worst scenario and delay",
-        Verdict.REPRODUCED if worst >= -0.005 else Verdict.NOT_REPRODUCED,
-        counted=False,
-    )
+    claim, ours = "to be told wrong costs at most 0.005 of the worth", f"{worst:+.3f} in the worst scenario and delay"
+    yield Claim.of_this_project(claim, ours, holds=worst >= -0.005)
 
 
-def _halving(bad: dict[str, NDArray[np.int64]], lap: int, each: str) -> Claim:
+def _halving(bad: dict[str, Ints], lap: int, each: str) -> Claim:
     """The claim that a lap which is told has at most half of the bad frames of another, of `LAPS`, in each of `bad`."""
-    halved = all(frames[2] <= 0.5 * frames[lap] for frames in bad.values())
-    return Claim(
-        "this project",
+    return Claim.of_this_project(
         f"what was remembered halves the bad frames of the {LAPS[lap]} lap in every {each}",
         "; ".join(f"{name}: {frames[2]} of {frames[lap]}" for name, frames in bad.items()),
-        Verdict.REPRODUCED if halved else Verdict.NOT_REPRODUCED,
-        counted=False,
+        holds=all(frames[2] <= 0.5 * frames[lap] for frames in bad.values()),
     )
 
 
@@ -310,5 +289,4 @@ Delay: frames from a decision until a frame shows it; 2 for most cameras, 8 for 
 worth less than {BAD:g} of what the best exposure gives. Scenes are of those that judge the arena, with other seeds;
 constants were chosen on twelve others."""
 
-EXPERIMENT = Experiment("second-lap", "Light that was seen before (ours)", jobs, section, data)
-"""Not in the papers."""
+EXPERIMENT = Experiment("second-lap", "Light that was seen before (ours)", jobs, section, data)  # Not in the papers

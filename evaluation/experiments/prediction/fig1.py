@@ -8,30 +8,23 @@ from pathlib import Path
 import numpy as np
 
 from evaluation.drawing import panels, save
-from evaluation.experiments.experiment import Claim, Experiment, Figure, Job, Results, Section, Table, Verdict
-from evaluation.experiments.prediction.noise_coupling import (
+from evaluation.experiments.experiment import Claim, Experiment, Figure, Job, ReportSection, Results, Table, Verdict
+from evaluation.experiments.prediction.still_life import (
     DELTAS,
     GAINS_DB,
     Rows,
     coupling,
     curve_of_least_gain,
-    measure,
+    measure_coupling,
+    plateau_centre,
 )
-from evaluation.experiments.prediction.still_life import plateau_centre
 from evaluation.experiments.statistics import Interval, mean_interval
 
-LUX = 50.0
-"""As in the paper."""
-
-DARK_STOPS = 1.0
-"""Frames at least this far below the best exposure are dark."""
-
+LUX = 50.0  # As in the paper
+DARK_STOPS = 1.0  # Frames at least this far below the best exposure are dark
+# A metric depends on gain if gain alone changes it by more than a tenth of its peak; below a twentieth it does not.
 COUPLED, DECOUPLED = 0.10, 0.05
-"""A metric depends on gain if gain alone changes it by more than a tenth of its peak; below a twentieth it does not."""
-
-SAME_OPTIMUM_STOPS = 0.5
-"""Narrower than the plateaus on which the metric is within 1 % of its peak often are."""
-
+SAME_OPTIMUM_STOPS = 0.5  # Narrower than the plateaus on which the metric is within 1 % of its peak often are
 _SHOTS = 4
 _VIEW_NAMES = {
     "control": "as control sees it: 360x270, median",
@@ -61,7 +54,7 @@ def jobs(quick: bool) -> list[Job]:
     shots = 1 if quick else _SHOTS
     return [
         Job(
-            measure,
+            measure_coupling,
             {"scene": scene, "seed": seed, "lux": LUX, "levels": levels.tolist(), "shots": shots},
             0.4 if quick else 1.6,
         )
@@ -69,12 +62,12 @@ def jobs(quick: bool) -> list[Job]:
     ]
 
 
-def section(results: Results, folder: Path) -> Section:
+def section(results: Results, folder: Path) -> ReportSection:
     """Judge the three claims of Fig. 1 and section 1.1."""
     measured: list[Rows] = [rows for _, rows in results]
     _draw(measured[0], f"{results[0][0]['scene']}, seed {results[0][0]['seed']}", folder / "fig1.png")
     shifts = [_best(rows, 0.30) - _best(rows, 0.06) for rows in measured]
-    return Section(
+    return ReportSection(
         _SETTING,
         [_weak_threshold(measured), _strong_threshold(measured), _same_optimum(shifts)],
         [
@@ -109,7 +102,7 @@ def _weak_threshold(measured: Sequence[Rows]) -> Claim:
 def _strong_threshold(measured: Sequence[Rows]) -> Claim:
     worst = {view: _worst(measured, view, 0.30, max(GAINS_DB)) for view in _VIEW_NAMES}
     bounded = _worst(measured, "raw", 0.30, 24)
-    verdict = Verdict.REPRODUCED if worst["control"].high < DECOUPLED else Verdict.NOT_REPRODUCED
+    verdict = Verdict.of(worst["control"].high < DECOUPLED)
     return Claim(
         "B&H 1.1, Fig. 1",
         "delta 0.30 decouples M_g from noise: the curve does not depend on gain",
@@ -126,7 +119,7 @@ def _same_optimum(shifts: Sequence[float]) -> Claim:
         "B&H 1.1",
         "The best exposure level is the same for delta 0.06 and 0.30",
         f"they differ by {shift.text('.2f', 'stops')}",
-        Verdict.REPRODUCED if shift.high < SAME_OPTIMUM_STOPS else Verdict.NOT_REPRODUCED,
+        Verdict.of(shift.high < SAME_OPTIMUM_STOPS),
         "at the least gain of each level",
     )
 

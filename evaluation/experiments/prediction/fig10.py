@@ -11,8 +11,8 @@ import numpy as np
 
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from evaluation.drawing import COLOURS, panels, save
-from evaluation.experiments.experiment import Claim, Experiment, Figure, Job, Results, Section, Table, Verdict
-from evaluation.experiments.prediction.step_response import (
+from evaluation.experiments.experiment import Claim, Experiment, Figure, Job, ReportSection, Results, Table, Verdict
+from evaluation.experiments.prediction.still_life import (
     BAND_STOPS,
     CONTESTANTS,
     END_FRAMES,
@@ -20,28 +20,19 @@ from evaluation.experiments.prediction.step_response import (
     USEFUL_SHARE,
     WARM_UP_FRAMES,
     frames_to_converge,
-    measure,
+    measure_step,
 )
 from evaluation.experiments.statistics import Interval, mean_interval
-from evaluation.scenes.responses import CameraResponse
+from evaluation.stage.camera import CameraResponse
 
 BEFORE_LUX = 1.0
-
-THE_PAPERS_RISE = math.log2(150.0)
-"""Stops: from 1 to 150 lux."""
-
+THE_PAPERS_RISE = math.log2(150.0)  # Stops: from 1 to 150 lux
 THE_PAPERS = CameraResponse("linear", 0.3)
 CAMERAS = (THE_PAPERS, CameraResponse("linear"))
-
+# The paper reads about 15 and up to 100 frames off a plot: at most twice the one, at least two thirds of the other.
 QUICK_FRAMES, SLOW_FRAMES = 30, 70
-"""The paper reads about 15 and up to 100 frames off a plot: at most twice the one, at least two thirds of the other."""
-
-LARGE_FACTOR = 3.0
-"""Half of the paper's 100 over 15."""
-
-A_WAY_TO_GO = 8
-"""Frames: four steps at a delay of two. In fewer, feedback can make no difference."""
-
+LARGE_FACTOR = 3.0  # Half of the paper's 100 over 15
+A_WAY_TO_GO = 8  # Frames: four steps at a delay of two. In fewer, feedback can make no difference.
 SAME_LEVEL_STOPS = 0.25
 
 _SETTING = f"""\
@@ -69,7 +60,7 @@ def jobs(quick: bool) -> list[Job]:
     rises = [4.0, THE_PAPERS_RISE] if quick else [3.0, 4.0, 5.0, 6.0, THE_PAPERS_RISE]
     return [
         Job(
-            measure,
+            measure_step,
             {
                 "scene": scene, "seed": seed, "camera": [camera.curve, camera.gamma], "before_lux": BEFORE_LUX,
                 "rise_stops": rise,
@@ -82,15 +73,14 @@ def jobs(quick: bool) -> list[Job]:
     ]  # fmt: skip
 
 
-StepRuns: TypeAlias = "Sequence[tuple[Mapping[str, Any], Mapping[str, Any]]]"
-"""Arguments and results of jobs."""
+StepRuns: TypeAlias = "Sequence[tuple[Mapping[str, Any], Mapping[str, Any]]]"  # Arguments and results of jobs
 
 
-def section(results: Results, folder: Path) -> Section:
+def section(results: Results, folder: Path) -> ReportSection:
     """Judge the three claims of section 3.2."""
     papers = _of(results, THE_PAPERS, THE_PAPERS_RISE)
     _draw(results, folder / "fig10.png")
-    return Section(
+    return ReportSection(
         _SETTING,
         [_feedback_is_faster(results, papers), _gamma_is_as_fast(papers), _gamma_ends_elsewhere(papers)],
         [
@@ -120,9 +110,7 @@ def _converged(runs: StepRuns, name: str) -> list[int]:
 
 def _speed_up(runs: StepRuns, variant: str) -> Interval | None:
     """Frames without feedback over frames with it, where both converged and took some frames; None for no such run.
-
-    Mean over scenes of the mean over their runs.
-    """
+    Mean over scenes of the mean over their runs."""
     ratios: dict[tuple[str, int], list[float]] = {}
     for arguments, found in runs:
         fast, slow = _frames(found, f"feedback{variant}"), _frames(found, f"no feedback{variant}")
@@ -170,7 +158,7 @@ def _gamma_is_as_fast(papers: StepRuns) -> Claim:
         "B&H 3.2",
         "Shim's law by gamma curves converges about as fast",
         f"1 to 150 lux: {_spread(gamma)}; it converges in {len(gamma)} of {len(papers)} scenes",
-        Verdict.REPRODUCED if as_fast else Verdict.NOT_REPRODUCED,
+        Verdict.of(bool(as_fast)),
         "faster, in fact" if as_fast and np.median(gamma) < np.median(fast) / 1.5 else "",
     )
 
@@ -192,7 +180,7 @@ def _gamma_ends_elsewhere(papers: StepRuns) -> Claim:
         claim,
         f"gamma ends {apart.text('.1f', 'stops')} lower; from the best level it is "
         f"{mean_interval(gamma - best).text('+.1f')}, the response {mean_interval(response - best).text('+.1f')}",
-        Verdict.REPRODUCED if apart.low > SAME_LEVEL_STOPS else Verdict.NOT_REPRODUCED,
+        Verdict.of(apart.low > SAME_LEVEL_STOPS),
     )
 
 
@@ -228,13 +216,9 @@ def _table(results: Results, camera: CameraResponse) -> Table:
 
 
 _LINES = (
-    ("feedback", COLOURS[0], "-"),
-    ("no feedback", COLOURS[1], "-"),
-    ("feedback, rule", COLOURS[0], "--"),
-    ("no feedback, rule", COLOURS[1], "--"),
-    ("gamma", COLOURS[2], "-"),
-    (DEFAULT_POLICY, COLOURS[6], ":"),
-)
+    ("feedback", COLOURS[0], "-"), ("no feedback", COLOURS[1], "-"), ("feedback, rule", COLOURS[0], "--"),
+    ("no feedback, rule", COLOURS[1], "--"), ("gamma", COLOURS[2], "-"), (DEFAULT_POLICY, COLOURS[6], ":"),
+)  # fmt: skip
 
 
 def _draw(results: Results, file: Path) -> None:
@@ -253,11 +237,8 @@ def _draw(results: Results, file: Path) -> None:
             points.append(float(np.median(frames)) if len(frames) * 2 >= len(runs) else math.nan)
         right.plot(rises, points, color=colour, linestyle=style, marker="o", markersize=4)
     left.axhline(shown["best_level"], color="grey", linewidth=1.0)
-    left.set_xlabel("frames since the light was switched on")
-    left.set_ylabel("exposure level E (stops)")
-    right.set_xlabel("height of the step of light (stops)")
-    right.set_ylabel("frames to converge")
-    right.set_ylim(bottom=0)
+    left.set(xlabel="frames since the light was switched on", ylabel="exposure level E (stops)")
+    right.set(xlabel="height of the step of light (stops)", ylabel="frames to converge", ylim=(0, None))
     figure.legend(*left.get_legend_handles_labels(), loc="outside lower center", ncols=len(_LINES), fontsize=9)
     save(figure, file)
 

@@ -9,22 +9,18 @@ from typing import Any
 import numpy as np
 
 from evaluation.drawing import COLOURS, panels, save
-from evaluation.experiments.experiment import Claim, Experiment, Figure, Job, Results, Section, Table, Verdict
-from evaluation.experiments.prediction.predicted_optimum import LAWS, measure, summary
+from evaluation.experiments.experiment import Claim, Experiment, Figure, Job, ReportSection, Results, Table, Verdict
+from evaluation.experiments.prediction.still_life import LAWS, measure_rest, summary
 from evaluation.experiments.statistics import Interval, mean_interval
-from evaluation.scenes.responses import CameraResponse
+from evaluation.stage.camera import CameraResponse
 
 LUX = 50.0
-
+# The paper's camera, taken to be linear, and the two that the paper derived from it by gamma transformations.
 THE_PAPERS = (CameraResponse("linear"), CameraResponse("linear", 0.6), CameraResponse("linear", 0.3))
-"""The paper's camera, taken to be linear, and the two that the paper derived from it by gamma transformations."""
-
+# The paper's, and the fake camera's other responses.
 CAMERAS = (*THE_PAPERS, CameraResponse("gamma"), CameraResponse("s_shaped"))
-"""The paper's, and the fake camera's other responses."""
-
+# A best level that moves by less from camera to camera varies slightly: gamma curves err by 1 to 3 stops.
 SLIGHT_STOPS = 1.0
-"""A best level that moves by less from camera to camera varies slightly: gamma curves err by 1 to 3 stops."""
-
 _LAW_NAMES = {"begin2022": "by the response", "shim2018": "by gamma, shim2018", "mehta2020": "by gamma, mehta2020"}
 
 _SETTING = """\
@@ -49,7 +45,7 @@ def jobs(quick: bool) -> list[Job]:
     levels = np.arange(7.5, 17.8, 0.5 if quick else 0.125).tolist()
     return [
         Job(
-            measure,
+            measure_rest,
             {"scene": scene, "seed": seed, "lux": LUX, "camera": [camera.curve, camera.gamma], "levels": levels},
             0.2 if quick else 0.5,
         )
@@ -58,11 +54,11 @@ def jobs(quick: bool) -> list[Job]:
     ]
 
 
+# For each camera, what `predicted_optimum.summary` returns for each scene, with scenes in the same order.
 Summaries = Mapping[CameraResponse, Sequence[Mapping[str, Mapping[str, float]]]]
-"""For each camera, what `predicted_optimum.summary` returns for each scene, with scenes in the same order."""
 
 
-def section(results: Results, folder: Path) -> Section:
+def section(results: Results, folder: Path) -> ReportSection:
     """Judge the three claims of section 3.2."""
     found: dict[CameraResponse, list[Mapping[str, Mapping[str, float]]]] = {}
     for arguments, measured in results:
@@ -74,7 +70,7 @@ def section(results: Results, folder: Path) -> Section:
         f"{shown['scene']}, seed {shown['seed']}, {LUX:g} lux",
         folder / "fig11.png",
     )
-    return Section(
+    return ReportSection(
         _SETTING,
         [_underestimates(found), _steady_optimum(found, scenes), _closer(found)],
         [
@@ -208,9 +204,7 @@ def _draw(measured: Mapping[CameraResponse, Mapping[str, Any]], title: str, file
     upper.legend(fontsize=8)
     upper.set_title(title, fontsize=10)
     lower.axhline(0.0, color="black", linewidth=0.8)
-    lower.set_ylim(-4.0, 4.0)
-    lower.set_ylabel("step wanted (stops)")
-    lower.set_xlabel("exposure level E (stops)")
+    lower.set(ylim=(-4.0, 4.0), ylabel="step wanted (stops)", xlabel="exposure level E (stops)")
     save(figure, file)
 
 

@@ -9,25 +9,18 @@ from typing import Any
 import numpy as np
 
 from evaluation.drawing import COLOURS, panels, save
-from evaluation.experiments.experiment import Claim, Experiment, Figure, Job, Results, Section, Table, Verdict
-from evaluation.experiments.prediction.exposure_change import gamma_curve, measure
+from evaluation.experiments.experiment import Claim, Experiment, Figure, Job, ReportSection, Results, Table, Verdict
+from evaluation.experiments.prediction.still_life import gamma_curve, measure_changes
 from evaluation.experiments.statistics import Interval, mean_interval
-from evaluation.scenes.responses import FAKE_CAMERAS, CameraResponse
+from evaluation.stage.camera import FAKE_CAMERAS, CameraResponse
 from imaging.response import prediction_table
 
 LUX = 50.0
-CHANGES = (-2.0, -1.0, -0.5, 0.5, 1.0, 2.0)
-"""In stops: the changes that the paper's algorithm predicts."""
-
+CHANGES = (-2.0, -1.0, -0.5, 0.5, 1.0, 2.0)  # In stops: the changes that the paper's algorithm predicts
+# Levels of well-exposed frames to start from: most pixels are neither black nor white.
 LEVELS = {"room": 11.5, "leaves": 13.5, "street": 13.0, "hall": 13.5}
-"""Levels of well-exposed frames to start from: most pixels are neither black nor white."""
-
-EXACT_GREY = 1.0
-"""A prediction with a smaller error (rms, grey levels) is as good as 8 bits allow."""
-
-FAR_GREY = 4.0
-"""A prediction with a larger error is off by more than the noise of most frames."""
-
+EXACT_GREY = 1.0  # A prediction with a smaller error (rms, grey levels) is as good as 8 bits allow
+FAR_GREY = 4.0  # A prediction with a larger error is off by more than the noise of most frames
 _SHOWN = (-2.0, -1.0, 1.0, 2.0)
 _SHOTS = 16
 
@@ -49,7 +42,7 @@ def jobs(quick: bool) -> list[Job]:
     stills = [(scene, seed) for scene in ("leaves", "street", "hall") for seed in range(4)]
     return [
         Job(
-            measure,
+            measure_changes,
             {
                 "scene": scene, "seed": seed, "lux": LUX, "camera": [camera.curve, camera.gamma],
                 "level": LEVELS[scene], "changes": list(CHANGES), "shots": 8 if quick else _SHOTS,
@@ -61,7 +54,7 @@ def jobs(quick: bool) -> list[Job]:
     ]  # fmt: skip
 
 
-def section(results: Results, folder: Path) -> Section:
+def section(results: Results, folder: Path) -> ReportSection:
     """Judge prediction by the response and by gamma curves."""
     by_camera: dict[CameraResponse, list[Sequence[Mapping[str, Any]]]] = {}
     for arguments, found in results:
@@ -70,14 +63,14 @@ def section(results: Results, folder: Path) -> Section:
     exact = {camera: _over_all(found, "response_rms") for camera, found in by_camera.items()}
     gamma = {camera: _over_all(found, "gamma_rms") for camera, found in by_camera.items()}
     brighter = {camera: _at(found, 1.0, "gamma").value for camera, found in by_camera.items()}
-    return Section(
+    return ReportSection(
         _SETTING,
         [
             Claim(
                 "B&H 2.1, Fig. 3",
                 "With the response known, every grey level has its counterpart under any change of exposure",
                 f"rms error, grey levels: {_by_camera(exact)}",
-                Verdict.REPRODUCED if all(e.high < EXACT_GREY for e in exact.values()) else Verdict.NOT_REPRODUCED,
+                Verdict.of(all(e.high < EXACT_GREY for e in exact.values())),
                 "for pixels that are not clipped",
             ),
             Claim(
@@ -85,7 +78,7 @@ def section(results: Results, folder: Path) -> Section:
                 "Gamma curves have no direct link to changes of exposure, and another shape",
                 f"the best of them err by, rms grey levels: {_by_camera(gamma)}; one stop more is best met by gamma "
                 + ", ".join(f"{value:.2f} ({camera})" for camera, value in brighter.items()),
-                Verdict.REPRODUCED if all(e.low > FAR_GREY for e in gamma.values()) else Verdict.NOT_REPRODUCED,
+                Verdict.of(all(e.low > FAR_GREY for e in gamma.values())),
             ),
         ],
         [

@@ -10,13 +10,12 @@ import numpy as np
 from scipy.stats import rankdata
 
 from autoexpose_daemon.control.policies.ids import PLACES
-from evaluation.experiments.experiment import Claim, Experiment, Job, Results, Section, Table, Verdict
-from evaluation.experiments.rejudge.courses import measure_lap, measure_scenario, measure_still
-from evaluation.odometry.lap import Light
+from evaluation.experiments.experiment import Claim, Experiment, Job, ReportSection, Results, Table
+from evaluation.experiments.rejudge.rehearsal import measure_lap, measure_scenario, measure_still
+from evaluation.odometry.tracking import Light
 from evaluation.scenes.scenarios import RATE_HZ
 
-POLICIES = tuple(PLACES)
-"""All: so many are alike in the error of odometry that a few of them rank by luck."""
+POLICIES = tuple(PLACES)  # All: so many are alike in the error of odometry that a few of them rank by luck
 
 LAPS: Sequence[tuple[Light, int]] = (
     ("uneven", 301), ("uneven", 302), ("uneven", 303), ("low", 304), ("low", 305), ("faint", 306),
@@ -24,15 +23,11 @@ LAPS: Sequence[tuple[Light, int]] = (
 SCENARIOS = ("step_up", "step_down", "tunnel", "pan", "sun_shadow", "lowlight_fast")
 SCENE, SEED = "street", 310
 STILL_SCENES = ("leaves", "street", "room")
-
 FIGURES = {"metric": "M_g", "saturated_share": "saturated share", "matches": "matches", "rpe_mm": "RPE (mm)"}
-
 WANTED_RANKING = 0.9
 WANTED_RMS_GREY = 1.0
 WANTED_FRAMES = 1.0
-
-SETTLED_STOPS = 0.25
-"""A policy has settled when it stays this close to the level at which it ends."""
+SETTLED_STOPS = 0.25  # A policy has settled when it stays this close to the level at which it ends
 
 _SETTING = """\
 A simulated drive is recorded in brackets (six shots over six stops, two frames of delay, 60 Hz) and its policies are
@@ -66,7 +61,7 @@ def jobs(quick: bool) -> list[Job]:
     ]
 
 
-def section(results: Results, _folder: Path) -> Section:
+def section(results: Results, _folder: Path) -> ReportSection:
     """Judge rankings, settling and frames."""
     courses = [(_name(case), one) for case, one in results if "policies" in case]
     stills = {str(case["scene"]): one for case, one in results if "policies" not in case}
@@ -76,40 +71,35 @@ def section(results: Results, _folder: Path) -> Section:
     claims = [
         *(_ranks(figure, ranking, courses) for figure, ranking in rankings.items()),
         _settles(settled),
-        _claim(
+        Claim.of_this_project(
             "frames of still scenes, four stops either side of the bracket's middle, are off by at most 1 grey level "
             "rms beyond noise",
             f"{worst_rms:.2f} grey levels at worst",
-            worst_rms <= WANTED_RMS_GREY,
+            holds=worst_rms <= WANTED_RMS_GREY,
         ),
     ]
-    return Section(_SETTING, claims, [*(_table(courses, figure) for figure in rankings), _still_table(stills)])
-
-
-def _claim(claim: str, ours: str, holds: bool) -> Claim:
-    verdict = Verdict.REPRODUCED if holds else Verdict.NOT_REPRODUCED
-    return Claim("this project", claim, ours, verdict, counted=False)
+    return ReportSection(_SETTING, claims, [*(_table(courses, figure) for figure in rankings), _still_table(stills)])
 
 
 def _ranks(figure: str, ranking: tuple[float, list[float]], courses: Sequence[tuple[str, Any]]) -> Claim:
     over_all, each = ranking
     repeated = _ranking(courses, figure, ("again", "driven"))
     repeats = "" if repeated is None else f"; laps driven twice: {repeated[0]:.2f} of {len(repeated[1])}"
-    return _claim(
+    return Claim.of_this_project(
         f"by {FIGURES[figure]}, policies on the recording rank as on drives of their own",
         f"Spearman {over_all:.2f} for the means of {len(each)} courses; course by course "
         f"{np.median(each):.2f} in the median, {min(each):.2f} at worst{repeats}",
-        over_all >= WANTED_RANKING,
+        holds=over_all >= WANTED_RANKING,
     )
 
 
 def _settles(settled: Sequence[tuple[int, int]]) -> Claim:
     apart = np.array([abs(ours - true) for ours, true in settled] or [0])
-    return _claim(
+    return Claim.of_this_project(
         "after a jump of the light, a policy settles within a frame of when it does on a drive of its own",
         f"{np.mean(apart <= WANTED_FRAMES):.0%} of {len(settled)} runs within one frame, "
         f"{np.median(apart):.0f} frames apart in the median, {apart.max():.0f} at worst",
-        bool(np.all(apart <= WANTED_FRAMES)),
+        holds=bool(np.all(apart <= WANTED_FRAMES)),
     )
 
 

@@ -3,74 +3,115 @@
 from __future__ import annotations
 
 import base64
+import math
 from collections.abc import Iterator, Sequence
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
+from evaluation.arrays import Floats
 from evaluation.experiments.experiment import Plain
-from evaluation.experiments.teach.daylight import REPLAYS, TEACHING
-from evaluation.experiments.teach.operator_setting import at_half
-from evaluation.experiments.teach.park import park
-from evaluation.experiments.teach.path import MAPS, TaughtPath
-from evaluation.experiments.teach.registration import Truth
+from evaluation.experiments.teach.park import MAPS, REPLAYS, TEACHING, ParkPath, park
 from evaluation.scenes.views import CAMERA
-from evaluation.stage.camera import Image, Radiance, SimulatedCamera, pair_of
-from evaluation.stage.delayed_loop import Entrant
-from fake_camera.world.render.renderer import Renderer
+from evaluation.stage.camera import LIMITS, Entrant, Image, Radiance, SimulatedCamera, pair_of, time_first
+from fake_camera.world.render.renderer import Renderer, Surface
 from imaging.exposure import ExposureSetting
 from imaging.frames import StereoPair
 from navigation.views.features import Features, OrbPyramid, Part
-from navigation.views.registration import register
+from navigation.views.registration import register, vote
 
+BRIGHTNESS = 0.5  # The mean that the paper's policies hold, and to which its operator sets the fixed exposure (MH 4.2)
+
+
+def at_half(camera: SimulatedCamera, radiance: Radiance, *, top_only: bool = False) -> ExposureSetting:
+    """The setting whose image, or the top half of it, has a mean of one half, as far as the limits allow."""
+    low, high = LIMITS.darkest.level, LIMITS.brightest.level
+    rows = CAMERA.height // 2 if top_only else CAMERA.height
+    for _ in range(12):
+        level = (low + high) / 2
+        if camera.expose(radiance, time_first(level), 0)[:rows].mean() < BRIGHTNESS * 255:
+            low = level
+        else:
+            high = level
+    return time_first((low + high) / 2)
+
+
+GRID_PX = 18  # Spacing of the image points at which the true shift is looked up
+
+
+class TrueShifts:
+    """The shift that would win the vote if everything upright were matched correctly, from the park's geometry. The
+    ground is left out: its displacement depends on its distance, and says nothing about the heading."""
+
+    def __init__(self, surfaces: Sequence[Surface]) -> None:
+        self._corners = np.array([surface.corner for surface in surfaces])
+        self._edges = np.array([[surface.edge_u, surface.edge_v] for surface in surfaces])
+        self._upright = np.array([abs(surface.edge_v[2]) > 1e-9 for surface in surfaces])
+        half_x, half_y = (CAMERA.width - 1) / 2, (CAMERA.height - 1) / 2
+        x, y = np.meshgrid(np.arange(0, CAMERA.width, GRID_PX), np.arange(0, CAMERA.height, GRID_PX))
+        self._pixels = x.ravel().astype(np.float64)
+        across, down = (self._pixels - half_x) / CAMERA.focal_px, (y.ravel() - half_y) / CAMERA.focal_px
+        self._rays = np.stack([across, down, np.ones(x.size)], axis=1)
+
+    def shift(self, taught: Floats, seen: Floats) -> float:
+        """True shift (pixels) of the image from pose `seen` against the one from pose `taught`; NaN for none."""
+        points = self._points(taught)
+        local = (points - seen[:3, 3]) @ seen[:3, :3]
+        with np.errstate(invalid="ignore", divide="ignore"):
+            column, row = (
+                CAMERA.focal_px * local[:, axis] / local[:, 2] + (size - 1) / 2
+                for axis, size in ((0, CAMERA.width), (1, CAMERA.height))
+            )
+        visible = (local[:, 2] > 0) & (column >= 0) & (column < CAMERA.width) & (row >= 0) & (row < CAMERA.height)
+        winner = vote((column - self._pixels)[visible]).shift_px
+        return math.nan if winner is None else winner
+
+    def _points(self, pose: Floats) -> Floats:
+        """World point seen at each point of the grid, shape (points, 3); NaN where nothing upright is seen."""
+        rays = self._rays @ pose[:3, :3].T
+        nearest = np.full(len(rays), np.inf)
+        upright = np.zeros(len(rays), bool)
+        to_corners = self._corners - pose[:3, 3]
+        for to_corner, (edge_u, edge_v), is_upright in zip(to_corners, self._edges, self._upright, strict=True):
+            normal = np.cross(edge_v, edge_u)
+            if normal @ to_corner >= 0:
+                continue  # seen from behind
+            with np.errstate(divide="ignore"):
+                depth = (normal @ to_corner) / (rays @ normal)
+            across = rays * depth[:, None] - to_corner
+            a, b = across @ edge_u / (edge_u @ edge_u), across @ edge_v / (edge_v @ edge_v)
+            hit = (depth > 0) & (depth < nearest) & (a >= 0) & (a <= 1) & (b >= 0) & (b <= 1)
+            nearest[hit] = depth[hit]
+            upright[hit] = is_upright
+        return np.where(upright[:, None], rays * nearest[:, None] + pose[:3, 3], np.nan)
+
+
+# The paper's three, and two newer ones.
 POLICIES = ("majer2018-standard", "majer2018-full", "majer2018-fixed", "begin2022", DEFAULT_POLICY)
-"""The paper's three, and two newer ones."""
-
 RATE_HZ = 30.0
-DELAY_FRAMES = 2
-"""A decision on one frame applies from this many frames later."""
-
+DELAY_FRAMES = 2  # A decision on one frame applies from this many frames later
+# 640 images in a drive (658 in the paper), and frames from one image to the next, at about 0.3 m/s.
 IMAGES_PER_MAP, FRAMES_PER_IMAGE = 8, 5
-"""640 images in a drive (658 in the paper), and frames from one image to the next, at about 0.3 m/s."""
-
 ENTRANTS = tuple(Entrant.of(name, DELAY_FRAMES) for name in POLICIES)
+STILL_FRAMES, FIRST_FRAMES = 10, 40  # Frames at rest before a map is taught, and before a drive begins
 
-STILL_FRAMES, FIRST_FRAMES = 10, 40
-"""Frames at rest before a map is taught, and before a drive begins."""
-
+# The policy that taught the map (None: the replaying one), and where features are looked for.
 WAYS: dict[str, tuple[str | None, Part]] = {
     "as the paper": ("majer2018-standard", "top half"),
     "each its own map": (None, "top half"),
     "features everywhere": ("majer2018-standard", "whole image"),
 }
-"""The policy that taught the map (None: the replaying one), and where features are looked for."""
 
 
-class Robot:
-    """Carries all entrants: each exposes the same view with its own setting.
-
-    Images are not blurred: the robot is slow, it moves less than a pixel in 7.5 ms.
-
-    Parameters
-    ----------
-    camera
-        The robot's.
-    first
-        Radiance of the first frame, from which the operator sets the exposure that all start with and `fixed` keeps.
-    entrants
-        Who takes part.
-    rate_hz
-        Of its frames.
-    """
+class ExposingRobot:
+    """Carries all entrants: each exposes the same view with its own setting. Images are not blurred: the robot is slow,
+    it moves less than a pixel in 7.5 ms. `camera`: the robot's. `first`: radiance of the first frame, from which the
+    operator sets the exposure that all start with and `fixed` keeps. `entrants`: who takes part. `rate_hz`: of its
+    frames."""
 
     def __init__(
-        self,
-        camera: SimulatedCamera,
-        first: Radiance,
-        entrants: Sequence[Entrant] = ENTRANTS,
-        rate_hz: float = RATE_HZ,
+        self, camera: SimulatedCamera, first: Radiance, entrants: Sequence[Entrant] = ENTRANTS, rate_hz: float = RATE_HZ
     ) -> None:
         self._camera, self._rate_hz = camera, rate_hz
         start = at_half(camera, first)
@@ -92,7 +133,7 @@ class Robot:
 
 
 def taught_maps(
-    path: TaughtPath,
+    path: ParkPath,
     renderer: Renderer,
     camera: SimulatedCamera,
     *,
@@ -100,19 +141,17 @@ def taught_maps(
     entrants: Sequence[Entrant] = ENTRANTS,
     first: int = 0,
 ) -> dict[Part, dict[str, list[Features]]]:
-    """Features of each of `maps` maps from the `first`, by part of the image and entrant.
-
-    The robot rests at each before its image is taken.
-    """
+    """Features of each of `maps` maps from the `first`, by part of the image and entrant. The robot rests at each
+    before its image is taken."""
     detector = OrbPyramid()
     taught: dict[Part, dict[str, list[Features]]] = {
         "top half": {one.name: [] for one in entrants},
         "whole image": {one.name: [] for one in entrants},
     }
-    robot: Robot | None = None
+    robot: ExposingRobot | None = None
     for index in range(first, first + maps):
         radiance = renderer.render(path.taught(index)[None], TEACHING.lux(0.0))
-        robot = robot or Robot(camera, radiance, entrants)
+        robot = robot or ExposingRobot(camera, radiance, entrants)
         for _ in range(STILL_FRAMES):
             images = robot.step(radiance)
         for part, features in taught.items():
@@ -121,7 +160,7 @@ def taught_maps(
     return taught
 
 
-def frames(path: TaughtPath, light: str, maps: int, first: int = 0) -> Iterator[tuple[int, NDArray[np.float64], float]]:
+def frames(path: ParkPath, light: str, maps: int, first: int = 0) -> Iterator[tuple[int, Floats, float]]:
     """The frames of one replay of `maps` maps from the `first`: number, pose and light (lux)."""
     daylight, number = REPLAYS[light], 1 + list(REPLAYS).index(light)
     for frame in range(maps * IMAGES_PER_MAP * FRAMES_PER_IMAGE):
@@ -136,7 +175,7 @@ def image_of(frame: int) -> int | None:
 
 
 def replayed(
-    path: TaughtPath,
+    path: ParkPath,
     renderer: Renderer,
     camera: SimulatedCamera,
     *,
@@ -144,12 +183,12 @@ def replayed(
     maps: int,
     entrants: Sequence[Entrant] = ENTRANTS,
     first: int = 0,
-) -> Iterator[tuple[int, NDArray[np.float64], dict[str, Image], Robot]]:
+) -> Iterator[tuple[int, Floats, dict[str, Image], ExposingRobot]]:
     """The images of one replay: the nearest map (from 0), pose, image by entrant, and the robot."""
-    robot: Robot | None = None
+    robot: ExposingRobot | None = None
     for frame, pose, lux in frames(path, light, maps, first):
         radiance = renderer.render(pose[None], lux)
-        robot = robot or Robot(camera, radiance, entrants)
+        robot = robot or ExposingRobot(camera, radiance, entrants)
         images = robot.step(radiance)
         index = image_of(frame)
         if index is not None:
@@ -157,28 +196,14 @@ def replayed(
 
 
 def measure(seed: int, tilt_deg: float, light: str, maps: int) -> Plain:
-    """Teach a path and replay it in another light.
-
-    Parameters
-    ----------
-    seed
-        Of park, path and noise.
-    tilt_deg
-        How far the camera looks up.
-    light
-        Of the replay, one of `REPLAYS`.
-    maps
-        How many of the 80 maps, starting with the first.
-
-    Returns
-    -------
-    `map` and true `shift` (pixels) of each registration; by way and policy, the `shifts` found (None for none) and
-    their `votes`; `looks` of each image by policy: exposure level, mean of the top half and of the whole (0 to 1),
-    share of saturated pixels. `views`: one image by policy from the middle of the drive, a small JPEG in base 64.
-    """
-    path = TaughtPath(seed, tilt_deg)
+    """Teach a path and replay it in another light. `seed`: of park, path and noise. `tilt_deg`: how far the camera
+    looks up. `light`: of the replay, one of `REPLAYS`. `maps`: how many of the 80 maps, starting with the first.
+    Returns `map` and true `shift` (pixels) of each registration; by way and policy, the `shifts` found (None for none)
+    and their `votes`; `looks` of each image by policy: exposure level, mean of the top half and of the whole (0 to 1),
+    share of saturated pixels. `views`: one image by policy from the middle of the drive, a small JPEG in base 64."""
+    path = ParkPath(seed, tilt_deg)
     surfaces = park(seed, TEACHING)
-    truth = Truth(surfaces)
+    truth = TrueShifts(surfaces)
     taught = taught_maps(path, Renderer(surfaces, CAMERA), SimulatedCamera(2 * seed, 2 * seed), maps=maps)
     detector = OrbPyramid()
     where: list[int] = []
@@ -214,3 +239,35 @@ def _look(image: Image) -> tuple[float, float, float]:
 def _small(image: Image) -> str:
     small = cv2.resize(image, (288, 216), interpolation=cv2.INTER_AREA)
     return base64.b64encode(cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, 85])[1].tobytes()).decode()
+
+
+OFFSETS = tuple(range(-4, 5))  # Stops from the exposure that holds the top half at 0.5
+AHEAD = 0.2  # Where a view is replayed: this share of the way from its map to the next
+
+
+def measure_sweep(seed: int, tilt_deg: float, light: str, maps: int) -> Plain:
+    """Register one view near each map at all offsets. The map is taught with the top half at 0.5. Arguments as those of
+    `replay.measure`. Returns for each map: `errors` (pixels, None where no shift was found) and `votes` at each of the
+    `offsets`, and the offset at which the `whole` image has a mean of 0.5."""
+    path, detector, camera = ParkPath(seed, tilt_deg), OrbPyramid(), SimulatedCamera(2 * seed, 2 * seed)
+    surfaces = park(seed, TEACHING)
+    truth, before = TrueShifts(surfaces), Renderer(surfaces, CAMERA)
+    after, number = Renderer(park(seed, REPLAYS[light]), CAMERA), 1 + list(REPLAYS).index(light)
+    errors: list[list[float | None]] = []
+    votes: list[list[int]] = []
+    whole: list[float] = []
+    for index in range(maps):
+        radiance = before.render(path.taught(index)[None], TEACHING.lux(0.0))
+        taught = detector.find(camera.expose(radiance, at_half(camera, radiance, top_only=True), 2 * index), "top half")
+        pose = path.repeated(number, (index + AHEAD) * path.spacing_m)
+        shift = truth.shift(path.taught(index), pose)
+        radiance = after.render(pose[None], REPLAYS[light].lux(index / maps))
+        middle = at_half(camera, radiance, top_only=True).level
+        whole.append(at_half(camera, radiance).level - middle)
+        won = []
+        for offset in OFFSETS:
+            image = camera.expose(radiance, time_first(middle + offset), 2 * index + 1)
+            won.append(register(taught, detector.find(image, "top half")).vote)
+        errors.append([None if vote.shift_px is None else abs(vote.shift_px - shift) for vote in won])
+        votes.append([vote.votes for vote in won])
+    return {"offsets": list(OFFSETS), "errors": errors, "votes": votes, "whole": whole}

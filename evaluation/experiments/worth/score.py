@@ -3,8 +3,7 @@
     python -m evaluation.experiments.worth.score NAME NAME ... [--judge odometry|matches] [--part N] [--jobs N]
 
 Names are ids of policies (a new one needs its line in `control/policies/ids.py`) or other `CONTENDERS`. Finished jobs
-are kept with those of `autoexpose experiments`, and shared with `worth-tuning`.
-"""
+are kept with those of `autoexpose experiments`, and shared with `worth-tuning`."""
 
 from __future__ import annotations
 
@@ -12,13 +11,13 @@ import argparse
 import time
 from pathlib import Path
 
-from evaluation.experiments.cache import ResultCache
+from evaluation.experiments.cache import ResultCache, run_jobs
 from evaluation.experiments.experiment import Job
-from evaluation.experiments.jobs import run_jobs
-from evaluation.experiments.worth import matches_judge, odometry_judge
+from evaluation.experiments.worth import odometry_judge
 from evaluation.experiments.worth.contenders import CONTENDERS
+from evaluation.experiments.worth.matches import judge as matches_judge
 from evaluation.experiments.worth.matches.courses import courses
-from evaluation.experiments.worth.odometry.drives import drives
+from evaluation.experiments.worth.odometry_judge import drives
 from evaluation.experiments.worth.tables import claims_tables, means_tables
 from evaluation.experiments.worth.worth import verdicts_of
 

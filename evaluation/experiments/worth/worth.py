@@ -2,20 +2,213 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
-from evaluation.experiments.experiment import Experiment, Figure, Job, Plain, Results, Section, Table
-from evaluation.experiments.worth import matches_judge, odometry_judge, registration_judge
-from evaluation.experiments.worth.contenders import LEARNED, OURS, PUBLISHED
-from evaluation.experiments.worth.matches.groups import courses_of, matches_tables
-from evaluation.experiments.worth.matches.worst import plot_worst, worst_courses, worst_table
-from evaluation.experiments.worth.names import NOT_COUNTED
-from evaluation.experiments.worth.odometry.setting import SETTING as ODOMETRY_SETTING
-from evaluation.experiments.worth.registration.setting import SETTING as REGISTRATION_SETTING
-from evaluation.experiments.worth.tables import Verdicts, claims_tables, means_tables, plot_gains
+import matplotlib.pyplot as plt
+import numpy as np
+
+from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
+from evaluation.committed import ERROR_MARGIN, FEATURE_MARGIN, ROOMS
+from evaluation.drawing import save
+from evaluation.experiments.experiment import Experiment, Figure, Job, Plain, ReportSection, Results, Table
+from evaluation.experiments.worth import odometry_judge, registration_judge
+from evaluation.experiments.worth.contenders import LEARNED, OURS, PUBLISHED, policy
+from evaluation.experiments.worth.matches import judge as matches_judge
+from evaluation.experiments.worth.matches.courses import MatchesCourse, MatchesRig
+from evaluation.experiments.worth.matches.judge import JUDGES, SCORING_SEEDS, enter
+from evaluation.experiments.worth.matches.scenes import is_panorama
+from evaluation.experiments.worth.odometry_judge import LONGEST_US, LUX, SECONDS, TRIED_STOPS, WORST_MM
+from evaluation.experiments.worth.tables import (
+    FIXED_IN_HINDSIGHT,
+    NOT_COUNTED,
+    Verdicts,
+    claims_tables,
+    means_tables,
+    plot_gains,
+)
+from imaging.exposure import ExposureSetting
+from imaging.frames import Frame
+
+# Of the judges, where the default loses most.
+SHOWN = ("matches-orb-raw", "matches-orb-preprocessed", "pose-error-orb-raw", "klt-error-raw", "klt-error-preprocessed")
+
+
+def matches_tables(
+    results: Results, verdicts: Verdicts, rivals: Sequence[str], settings_of: Sequence[str]
+) -> list[Table]:
+    """Whether the default is inferior on hard courses, and the settings that contenders chose."""
+    courses = courses_of(results)
+    return [
+        *_claims(verdicts, courses, [*rivals, *settings_of]),
+        _settings(results, courses, [*settings_of, FIXED_IN_HINDSIGHT]),
+    ]
+
+
+def _claims(verdicts: Verdicts, courses: Mapping[str, MatchesCourse], rivals: Sequence[str]) -> list[Table]:
+    """The judges that decide, on the courses that are hardest for exposure."""
+    groups = {
+        "In dim light, turning": {name for name, course in courses.items() if course.kind == "dim, turning"},
+        "Pans over stills and paintings": {name for name, course in courses.items() if course.pan},
+        "Panoramas": {name for name, course in courses.items() if is_panorama(course.scene)},
+    }
+    return [
+        replace(table, caption=f"{title}: {table.caption}")
+        for title, names in groups.items()
+        if names
+        for table in claims_tables(verdicts.among(names), [one for one in rivals if one != DEFAULT_POLICY])
+    ]
+
+
+def courses_of(results: Results) -> dict[str, MatchesCourse]:
+    """The courses of this judge's jobs, by name; those of other judges have another form."""
+    mine = [arguments for arguments, found in results if found and found[0]["judge"] in JUDGES]
+    courses = [MatchesCourse(**arguments["course"]) for arguments in mine if isinstance(arguments["course"], dict)]
+    return {course.name: course for course in courses}
+
+
+def _settings(results: Results, courses: Mapping[str, MatchesCourse], policies: Sequence[str]) -> Table:
+    """Medians over the scored frames of courses in steady light with the default camera."""
+    chosen: dict[tuple[float, float], dict[str, list[tuple[float, float]]]] = {}
+    for _, found in results:
+        for row in found:
+            course = courses.get(row["course"])
+            if course is None or row["judge"] != SHOWN[0] or row["policy"] not in policies or "time_us" not in row:
+                continue
+            if course.light == "steady" and course.kind == "default":
+                by_policy = chosen.setdefault((course.lux, course.speed_px), {})
+                by_policy.setdefault(row["policy"], []).append((row["time_us"], row["gain_db"]))
+    rows = []
+    for (lux, speed_px), by_policy in sorted(chosen.items()):
+        middles = [np.median(by_policy[policy], axis=0) for policy in policies]
+        rows.append([f"{lux:g} lux, {speed_px:g} px", *(f"{t / 1e3:.2f} ms, {g:.0f} dB" for t, g in middles)])
+    caption = (
+        "Settings chosen in steady light: medians over frames and courses, by light and image speed (pixels of the 360 "
+        f"wide frame per 1/60 s). `{FIXED_IN_HINDSIGHT}`: those chosen by `{SHOWN[0]}`."
+    )
+    return Table(caption, ["light and speed", *(f"`{policy}`" for policy in policies)], rows)
+
+
+WORST = 3  # Courses shown
+FRAMES = 5  # Shown of each, spread over what is scored
+# Added to matches, and to errors in pixels: a ratio of two tiny values says nothing.
+_LEAST = {"higher": 1.0, "lower": 0.01}
+
+
+def worst_courses(results: Results, verdicts: Verdicts) -> list[tuple[MatchesCourse, float]]:
+    """Courses where the default is furthest behind the best fixed setting, by the mean ratio of `SHOWN` (stops)."""
+    behind = [
+        (course, float(np.mean([_behind(verdicts, judge, name) for judge in SHOWN])))
+        for name, course in courses_of(results).items()
+    ]
+    return sorted(behind, key=lambda one: -one[1])[:WORST]
+
+
+def _behind(verdicts: Verdicts, judge: str, course: str) -> float:
+    own, best = (verdicts.mean(judge, name, [course]) for name in (DEFAULT_POLICY, FIXED_IN_HINDSIGHT))
+    least = _LEAST[JUDGES[judge]]
+    ratio = math.log2((best + least) / (own + least))
+    return ratio if JUDGES[judge] == "higher" else -ratio
+
+
+def worst_table(worst: list[tuple[MatchesCourse, float]], verdicts: Verdicts) -> Table:
+    """The values of both on these courses."""
+    rows = []
+    for course, _ in worst:
+        cells = []
+        for judge in SHOWN:
+            own, best = (verdicts.mean(judge, name, [course.name]) for name in (DEFAULT_POLICY, FIXED_IN_HINDSIGHT))
+            cells.append(f"{own:.3g} / {best:.3g}")
+        rows.append([course.name, *cells])
+    caption = f"Where `{DEFAULT_POLICY}` loses most: its value / that of `{FIXED_IN_HINDSIGHT}`."
+    return Table(caption, ["course", *(f"`{judge}`" for judge in SHOWN)], rows)
+
+
+def plot_worst(worst: list[tuple[MatchesCourse, float]], results: Results, file: Path) -> None:
+    """Frames of both through these courses, taken again."""
+    figure, grid = plt.subplots(
+        2 * len(worst), FRAMES, figsize=(9.0, 0.2 + 3.2 * len(worst)), layout="constrained", squeeze=False
+    )
+    for place, (course, _) in enumerate(worst):
+        fixed = _fixed(results, course.name)
+        for row, frames in zip(grid[2 * place : 2 * place + 2], _frames(course, fixed), strict=True):
+            for axes, frame in zip(row, frames, strict=True):
+                axes.imshow(frame.grey8(), cmap="gray", vmin=0, vmax=255)
+                axes.set(xticks=[], yticks=[])
+                axes.set_title(f"{frame.frame_id}: {frame.setting}", fontsize=6)
+        grid[2 * place, 0].set_ylabel(DEFAULT_POLICY, fontsize=7)
+        grid[2 * place + 1, 0].set_ylabel(FIXED_IN_HINDSIGHT, fontsize=7)
+        # Room for the course's name, which must not widen its column.
+        grid[2 * place, 0].set_title("\n" + grid[2 * place, 0].get_title(), fontsize=6)
+        grid[2 * place, 0].text(0, -45, course.name, fontsize=8).set_in_layout(False)
+    save(figure, file, dpi=110, colours=32)
+
+
+def _fixed(results: Results, course: str) -> ExposureSetting:
+    """The setting that `SHOWN[0]` chose for a course."""
+
+    def is_it(row: Mapping[str, Any]) -> bool:
+        return (row["judge"], row["course"], row["policy"]) == (SHOWN[0], course, FIXED_IN_HINDSIGHT)
+
+    row = next(row for _, found in results for row in found if is_it(row))
+    return ExposureSetting(row["time_us"], row["gain_db"])
+
+
+def _frames(course: MatchesCourse, fixed: ExposureSetting) -> tuple[list[Frame], list[Frame]]:
+    film = course.film()
+    rig = MatchesRig(film, course.eyes, SCORING_SEEDS[0])
+    loop = enter(policy(DEFAULT_POLICY), course)
+    shown = {course.scored[place] for place in np.linspace(0, len(course.scored) - 1, FRAMES).round().astype(int)}
+    own, beside = [], []
+    for number in range(course.frames):
+        film.go_to(number)
+        frame = loop.step(rig.take).frames["left"]
+        if number in shown:
+            own.append(frame)
+            beside.append(rig.expose("left", fixed))
+    return own, beside
+
+
+ODOMETRY_SETTING = f"""\
+Odometry in rooms with natural texture: {ROOMS} drives of {SECONDS:g} s, each through a room of its own of 3 x 2.4 m
+whose walls and cartons are covered with pieces of the photographs, at their own resolution, as surfaces that reflect 3
+to 90 %; every second one is so pale that it spans only 1.7 stops. There are {len(LUX)} kinds of rooms, each at three
+speeds: evenly lit, dimly lit (1 to 8 lux), with a side that is five stops brighter, with a window to daylight, with
+lamps around which it is brighter, or with a dark stretch of 6 stops; what is special comes into view within the drive.
+The light is 1 to 2000 lux. Everyone drives through every fourth room of a kind, the default and its closest rivals
+through all. The path is that of fig12, at 33, 86 or 143 mm and degrees a second at most, from rest. The
+rig, its sensor and its odometry are those of fig12, on frames as they are (`raw`) and `preprocessed`. Policies run in
+closed loop from the best exposure of the first frame; odometry then follows the frames taken with their settings and
+other noise.
+
+`odometry-raw` and `odometry-preprocessed`: mean translation RPE over sub-trajectories of 20 mm, in mm, of which none
+counts as more than {WORST_MM:g} mm, the error of an odometry that never moves. Policies are compared room by room, by
+the logarithm of the ratio of their errors. A run that has lost five pairs in a row has failed: it has no error
+(`--json` lists {WORST_MM:g} mm and `failed`), and counts in `odometry-failures`, the share of runs that failed. Not
+inferior: worse by less than {ERROR_MARGIN:.0%}, in features {FEATURE_MARGIN:.0%}, with the whole 90 % interval.
+Margins, numbers and seeds were fixed before any room was seen.
+
+`fixed-in-hindsight` is the setting with the smallest error of {len(TRIED_STOPS)}, {TRIED_STOPS[1] - TRIED_STOPS[0]:g}
+stops apart, of at most {LONGEST_US / 1e3:g} ms where gain suffices, chosen with a third noise for each preparation. It
+is shown, and counts for nothing."""
+
+
+REGISTRATION_SETTING = """\
+Registration: the robot, the parks and the method of `teach` (ORB features of the top half of the image, a vote on the
+shift), in other parks, with a stretch of 10 maps and 80 images in each. The path is taught early in the afternoon and
+replayed late in the afternoon under a clear or overcast sky, or after sunset. `registration-own`: share of images
+registered within 5 pixels of the truth with the map that the policy taught itself; `registration-foreign`: with the map
+that `majer2018-standard` taught. `saturated-share`: of the pixels, under a clear sky. Policies start from the
+operator's exposure, a mean of one half, which `fixed` keeps: that of a room would be white.
+
+Bounds are chosen from exposures one stop apart, with one noise, and scored with two others: `fixed-in-hindsight` has
+the most right registrations with one setting for teaching and replay; `oracle-per-frame` the most votes, map by map and
+image by image. They have no saturated share, for which the darkest setting would be best."""
+
 
 _MODULES = (matches_judge, odometry_judge, registration_judge)
 
@@ -34,7 +227,7 @@ def verdicts_of(results: Results) -> Verdicts:
     return Verdicts(rows(), BETTER)
 
 
-def section(results: Results, folder: Path, *, name: str = "worth") -> Section:
+def section(results: Results, folder: Path, *, name: str = "worth") -> ReportSection:
     """Whether the default is inferior to anyone, the means of all, and where it loses most."""
     verdicts = verdicts_of(results)
     plot_gains(verdicts, folder / f"{name}.png")
@@ -56,7 +249,7 @@ def section(results: Results, folder: Path, *, name: str = "worth") -> Section:
         Figure(f"{name}_worst.png", "Frames of these courses: number, exposure time and gain."),
     ]
     settings = [_SETTING, ODOMETRY_SETTING, REGISTRATION_SETTING, _pictures(results)]
-    return Section("\n\n".join(settings), [], parts)
+    return ReportSection("\n\n".join(settings), [], parts)
 
 
 def data(results: Results) -> Plain:
@@ -110,10 +303,6 @@ def tuning_jobs(quick: bool) -> list[Job]:
 EXPERIMENT = Experiment("worth", "What a frame is worth to localization: judges of all policies", jobs, section, data)
 
 TUNING = Experiment(
-    "worth-tuning",
-    "The same judges on the scenes that may be tuned on",
-    tuning_jobs,
-    partial(section, name="worth-tuning"),
-    data,
-    in_all=False,
-)
+    "worth-tuning", "The same judges on the scenes that may be tuned on", tuning_jobs,
+    partial(section, name="worth-tuning"), data, in_all=False,
+)  # fmt: skip

@@ -30,7 +30,7 @@ from autoexpose_daemon.control.policies.belief.scene_belief import (
     Outlook,
     SceneBelief,
 )
-from evaluation.stage.information import FRONT_END_DN, share_of_noise, variance_of
+from evaluation.stage.oracle import FRONT_END_DN, share_of_noise, variance_of
 
 Array = NDArray[np.float64]
 

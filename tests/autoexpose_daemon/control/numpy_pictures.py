@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from autoexpose_daemon.control.picture.motion import PER_US
 from autoexpose_daemon.control.policies.belief.balance import MIDDLE, BlurPhotonBalance
 from autoexpose_daemon.control.registration import STRIDE
-from evaluation.stage.information import FRONT_END_DN, variance_of
+from evaluation.stage.oracle import FRONT_END_DN, variance_of
 from imaging.exposure import DB_PER_STOP, ExposureLimits
 
 TIMES = 33

@@ -16,7 +16,7 @@ from autoexpose_daemon.control.policies.belief.plan import BRIGHTNESS_LOSS, Pros
 from autoexpose_daemon.control.policies.belief.policy import Belief
 from autoexpose_daemon.control.policies.belief.scene_belief import BIN, NOTHING, Outlook, SceneBelief
 from autoexpose_daemon.control.policies.belief.timing import Cadence
-from evaluation.stage.information import Information
+from evaluation.stage.oracle import Information
 from imaging.exposure import ExposureLimits, ExposureSetting
 from imaging.frames import StereoPair
 from imaging.response import ResponseFunction

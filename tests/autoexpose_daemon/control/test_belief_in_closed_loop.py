@@ -15,7 +15,7 @@ from autoexpose_daemon.control.metrics.contrast import contrast
 from autoexpose_daemon.control.parameters import ControlParameters
 from autoexpose_daemon.control.picture.region import Region
 from autoexpose_daemon.control.policies.belief.policy import Belief
-from evaluation.stage.information import Information
+from evaluation.stage.oracle import Information
 from imaging.exposure import ExposureSetting
 from imaging.frames import SIDES, Side, StereoPair
 from imaging.response import ResponseFunction

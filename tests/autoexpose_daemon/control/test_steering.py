@@ -39,7 +39,7 @@ from autoexpose_daemon.control.picture.tracked_cells import (
 from autoexpose_daemon.control.policies.belief.scene_belief import BIN
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY, POLICY_IDS
 from autoexpose_daemon.control.step import StepInputs
-from evaluation.stage.information import Information
+from evaluation.stage.oracle import Information
 from imaging.exposure import ExposureSetting
 from imaging.frames import Side, StereoPair
 from imaging.response import ResponseFunction

@@ -1,3 +1,5 @@
+"""Light out of frames, and frames that are exposed again against frames that were really taken."""
+
 from __future__ import annotations
 
 import numpy as np
@@ -6,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
-from evaluation.rejudge.exposing import Exposer, Light
+from evaluation.experiments.rejudge.rehearsal import OFFSETS, measure_still
+from evaluation.rejudge.camera import Exposer, SeenLight
 from imaging.exposure import ExposureSetting
 from imaging.frames import Frame
 from imaging.pixels import Pixels
@@ -22,8 +25,8 @@ def frame(pixels: Pixels, setting: ExposureSetting) -> Frame:
     return Frame(pixels, 8 * pixels.itemsize, 0, 0, 0, 0, setting)
 
 
-def flat(amount: float) -> Light:
-    return Light(np.full(SHAPE, amount, np.float32), np.zeros(SHAPE, np.float32))
+def flat(amount: float) -> SeenLight:
+    return SeenLight(np.full(SHAPE, amount, np.float32), np.zeros(SHAPE, np.float32))
 
 
 @pytest.mark.parametrize("response", [ResponseFunction.linear(), GAMMA], ids=["linear", "gamma"])
@@ -68,7 +71,7 @@ def test_fused_frames_show_what_none_of_them_shows_alone() -> None:
     """From 1 to 1000 times the darkest light that one frame would resolve."""
     exposer = Exposer(ResponseFunction.linear(), NOISE, 0)
     amount = np.geomspace(1e-7, 1e-4, SHAPE[1], dtype=np.float32)[None].repeat(SHAPE[0], axis=0)
-    light = Light(amount, np.zeros(SHAPE, np.float32))
+    light = SeenLight(amount, np.zeros(SHAPE, np.float32))
     settings = [ExposureSetting(1000.0, 6.0 * step) for step in range(6)] + [ExposureSetting(8000.0, 0.0)]
     frames = [frame(exposer.expose(light, setting, 8, number), setting) for number, setting in enumerate(settings)]
     fused = exposer.fused(frames)
@@ -109,3 +112,13 @@ def test_noise_of_a_frame_is_the_same_whatever_its_setting() -> None:
     first, again, other = (exposer.expose(flat(3e-4), setting, 8, number) for number in (5, 5, 6))
     assert np.array_equal(first, again)
     assert not np.array_equal(first, other)
+
+
+def test_frames_of_a_still_scene_are_as_if_really_taken() -> None:
+    """Four stops either side of the bracket's middle; the brightest shot is three stops above it."""
+    rows = measure_still(scene="leaves", seed=311, frames=28)
+    assert [row["offset"] for row in rows] == list(OFFSETS)
+    for row in rows:
+        assert row["rms"] < 1.0  # grey levels, beyond noise
+        assert abs(row["bias"]) < 0.2
+        assert row["made_noise"] == pytest.approx(row["noise"], rel=0.25)

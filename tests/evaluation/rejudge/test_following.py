@@ -14,8 +14,8 @@ import pytest
 
 from evaluation.odometry.stereo import StereoCamera
 from evaluation.rejudge import following
+from evaluation.rejudge.camera import Rectifier
 from evaluation.rejudge.following import CommandFollower
-from evaluation.rejudge.rectify import Rectifier
 from imaging.errors import AutoexposeError
 from imaging.exposure import ExposureSetting
 from imaging.frames import Frame, StereoPair

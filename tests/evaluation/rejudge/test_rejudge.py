@@ -16,12 +16,11 @@ from typer.testing import CliRunner, Result
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from autoexpose_daemon.recording.replay import report_replay
 from calibration.geometry.formats.ros import ros_yaml
-from evaluation.odometry.lap import lap
-from evaluation.rejudge.contest import recommended
-from evaluation.rejudge.recorded import read_recording
+from evaluation.odometry.tracking import lap
+from evaluation.rejudge.contest import Figures, recommended
+from evaluation.rejudge.following import ReferenceTrajectory, Trajectory, read_tum, tum
 from evaluation.rejudge.rejudge_app import rejudge
-from evaluation.rejudge.run import Figures
-from evaluation.rejudge.trajectory import Reference, Trajectory, read_tum, tum
+from evaluation.rejudge.sources import read_recording
 from imaging.errors import AutoexposeError, ConfigurationError
 from tests.evaluation.rejudge.conftest import BEGIN_S, FRAMES
 
@@ -61,18 +60,9 @@ def test_policies_are_judged_and_one_is_recommended(drive_file: Path, tmp_path: 
     truth, page, figures = tmp_path / "true.tum", tmp_path / "page.html", tmp_path / "figures.json"
     truth.write_text(tum(of_the_drive(true_trajectory(), drive_file)))
     outcome = run(
-        drive_file,
-        "--policies",
-        f"{DEFAULT_POLICY},neves2009",
-        "--jobs",
-        "1",
-        "--trajectory",
-        truth,
-        "--json",
-        figures,
-        "--report",
-        page,
-    )
+        drive_file, "--policies", f"{DEFAULT_POLICY},neves2009", "--jobs", "1", "--trajectory", truth, "--json",
+        figures, "--report", page,
+    )  # fmt: skip
     assert outcome.exit_code == 0, outcome.exception
     assert "36 pairs in 0.6 s, 4 to a cycle, 0 missing" in outcome.output.replace("\n", " ")
     written = json.loads(figures.read_text())
@@ -171,7 +161,7 @@ def test_a_recording_without_brackets_is_refused(
     drive_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     setup = read_recording(drive_file).setup
-    monkeypatch.setattr("evaluation.rejudge.recorded._setup", lambda _path: setup.of_policy("fixed"))
+    monkeypatch.setattr("evaluation.rejudge.sources._setup", lambda _path: setup.of_policy("fixed"))
     assert "was not recorded in brackets: record the drive with `record --bracket`" in said(drive_file, *QUICK)
 
 
@@ -196,7 +186,6 @@ def test_a_folder_of_images_is_judged_as_its_recording_is(drive_file: Path, tmp_
     outcome = run(tmp_path, *QUICK, "--json", tmp_path / "f.json")
     assert outcome.exit_code == 0, outcome.exception
     assert all(one["matches"] > 30 for one in json.loads((tmp_path / "f.json").read_text())["policies"])
-
     (tmp_path / "right.yaml").write_text(ros_yaml(drive.geometries["left"], "right"))
     assert f"{tmp_path}/right.yaml: projection_matrix has no baseline" in said(tmp_path, *QUICK)
     (tmp_path / "right.yaml").write_text(ros_yaml(replace(drive.geometries["right"], width=1440, height=1080), "right"))
@@ -208,7 +197,6 @@ def test_a_folder_of_images_is_judged_as_its_recording_is(drive_file: Path, tmp_
         tmp_path, *QUICK
     )
     (tmp_path / "frames.csv").write_text("\n".join(rows), encoding="utf-8-sig")  # as spreadsheets do
-
     (tmp_path / "left20.png").unlink()
     assert "left20.png: is no image that can be read" in said(tmp_path, *QUICK)
     (tmp_path / "frames.csv").write_text("\n".join(rows[:-1]))
@@ -282,7 +270,7 @@ def test_trajectories_are_written_read_and_compared(tmp_path: Path) -> None:
     again = read_tum(tmp_path / "t.tum")
     assert np.allclose(again.poses, truth.poses, atol=1e-6)
     moved = np.linalg.inv(truth.poses[0]) @ truth.poses
-    reference = Reference.of(truth, 1 / 15)
+    reference = ReferenceTrajectory.of(truth, 1 / 15)
     assert reference.length_m == 0.02
     assert max(reference.errors_mm(Trajectory(truth.times_s, moved))) < 1e-6
     scaled = moved.copy()

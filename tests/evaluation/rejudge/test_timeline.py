@@ -5,8 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from autoexpose_daemon.control.decision import Decision
-from evaluation.rejudge.glimpse import Glimpse, Watcher, delay_frames
-from evaluation.rejudge.timeline import Timeline
+from evaluation.rejudge.drive import ShotGlimpse, Timeline, Watcher, delay_frames
 from imaging.exposure import ExposureSetting
 from imaging.frames import Frame, StereoPair
 from imaging.response import ResponseFunction
@@ -20,11 +19,11 @@ LIGHT = 2.0**-13
 
 def glimpse(
     number: int, median_share: float | None = None, *, repeats: bool | None = None, clipped: float = 0.0
-) -> Glimpse:
+) -> ShotGlimpse:
     setting = ExposureSetting(2.0 ** LEVELS[number % CYCLE], 0.0)
     above = np.full(257, clipped, np.float32)
     median = seen(LIGHT, number) if median_share is None else median_share
-    return Glimpse(number, number / 60, setting, 3.0, 0.2, setting, above, median, repeats)
+    return ShotGlimpse(number, number / 60, setting, 3.0, 0.2, setting, above, median, repeats)
 
 
 def seen(light: float, number: int) -> float:
@@ -97,7 +96,7 @@ def test_the_delay_is_found_from_settings() -> None:
     settings = [ExposureSetting(100.0 * 1.3 ** (number % CYCLE), 0.0) for number in range(40)]
     for delay in (1, 2, 3):
         glimpses = [
-            Glimpse(n, n / 60, settings[n], 0.0, 0.1, settings[n + delay], np.zeros(257, np.float32), 0.3, None)
+            ShotGlimpse(n, n / 60, settings[n], 0.0, 0.1, settings[n + delay], np.zeros(257, np.float32), 0.3, None)
             for n in range(30)
         ]
         assert delay_frames(glimpses) == delay

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from evaluation.training.actor_critic import ActorCritic, Transitions
-from evaluation.training.backprop import TrainedNet
-from evaluation.training.weights_file import Arrays
+from evaluation.training.training import Arrays, TrainedNet
+from evaluation.training.zhang2024 import ActorCritic, Transitions
 
 
 def double_net(sizes: tuple[int, ...], seed: int) -> tuple[Arrays, TrainedNet]:

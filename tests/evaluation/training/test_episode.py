@@ -5,19 +5,27 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from evaluation.arena.plan import HELD_OUT_SEEDS, TUNE_SCENES
+from evaluation.arena.runs import HELD_OUT_SEEDS, TUNE_SCENES
 from evaluation.committed import FURNISHED_ROOMS, HELD_OUT_SEED
-from evaluation.training import pictures
-from evaluation.training.babbling import FAR_STOPS, babbled_levels
-from evaluation.training.episode import COLUMNS, ROWS, Episode
-from evaluation.training.light import random_light, random_path
-from evaluation.training.matches import best_level
-from evaluation.training.pictures import PAINTERS, SEEDS, Picture
+from evaluation.training import episode as pictures
+from evaluation.training.episode import (
+    COLUMNS,
+    FAR_STOPS,
+    PAINTERS,
+    ROWS,
+    SEEDS,
+    Episode,
+    TrainingPicture,
+    babbled_levels,
+    random_light,
+    random_path,
+)
+from evaluation.training.tomasi2021 import best_level
 
 
-def patches(seed: int) -> Picture:
+def patches(seed: int) -> TrainingPicture:
     light = np.exp2(np.random.default_rng(seed).normal(-2.0, 1.0, (33, 50)))
-    return Picture(np.kron(light, np.ones((8, 8))).astype(np.float32), 4)
+    return TrainingPicture(np.kron(light, np.ones((8, 8))).astype(np.float32), 4)
 
 
 def episode(seed: int, frames: int = 30) -> Episode:

@@ -17,11 +17,10 @@ from autoexpose_daemon.control.policies.ids import LEARNED
 from autoexpose_daemon.control.policies.learned.net import Net
 from evaluation.training import berthold2013, tomasi2021, trainings, zhang2024
 from evaluation.training.berthold2013 import TrainingOfBerthold
-from evaluation.training.pictures import Picture
+from evaluation.training.episode import TrainingPicture
 from evaluation.training.tomasi2021 import TrainingOfTomasi
-from evaluation.training.training import Training, train
+from evaluation.training.training import LARGEST_BYTES, Training, train, weights_bytes
 from evaluation.training.training_app import train_command
-from evaluation.training.weights_file import LARGEST_BYTES, weights_bytes
 from evaluation.training.zhang2024 import TrainingOfZhang, reward
 from imaging.errors import AutoexposeError, ConfigurationError
 
@@ -39,7 +38,7 @@ app.command()(train_command)
 def one_picture(monkeypatch: pytest.MonkeyPatch) -> None:
     """Patches instead of rooms, whose textures take seconds; few units, few labels."""
     patches = np.exp2(np.random.default_rng(0).normal(-2.0, 1.5, (33, 45)))
-    picture = Picture(np.kron(patches, np.ones((8, 8))).astype(np.float32), 4)
+    picture = TrainingPicture(np.kron(patches, np.ones((8, 8))).astype(np.float32), 4)
     for module in (berthold2013, tomasi2021, zhang2024):
         monkeypatch.setattr(module, "tuning_pictures", lambda _count: [picture])
     monkeypatch.setattr(berthold2013, "UNITS", 20)

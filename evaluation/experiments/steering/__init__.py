@@ -1,1 +1,0 @@
-"""What consumers that steer gain, and what those that lie cost."""

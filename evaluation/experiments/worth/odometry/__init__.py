@@ -1,1 +1,0 @@
-"""Odometry in rooms with natural texture."""

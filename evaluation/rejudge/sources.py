@@ -1,0 +1,248 @@
+"""Where bracketed drives come from: folders of images, and recordings by `autoexpose record --bracket`."""
+
+from __future__ import annotations
+
+import csv
+import io
+import itertools
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from autoexpose_daemon.control.decision import Decision
+from autoexpose_daemon.control.loop import ControlLoop, ControlSetup
+from autoexpose_daemon.control.parameters import Bracketing, ControlParameters
+from autoexpose_daemon.recording.file import LoopState, RecordingError, Setup, Step
+from autoexpose_daemon.recording.read import Recording
+from calibration.geometry.file import check_pair, load_geometry
+from calibration.response.file import ResponseFile
+from documents.files import read_text
+from evaluation.rejudge.drive import Drive, watched
+from imaging.errors import AutoexposeError, ConfigurationError
+from imaging.exposure import ExposureLimits, ExposureSetting
+from imaging.frames import SIDES, Frame, Side, StereoPair
+from imaging.geometry import CameraGeometry
+from imaging.pixels import Pixels
+from imaging.response import ResponseFunction
+
+LIST = "frames.csv"
+COLUMNS = ("file", "side", "time_s", "exposure_time_us", "gain_db")
+SAME_STOPS = 0.05
+MOST_SHOTS = 12
+_LONGEST_BYTES = 1 << 27
+_DARKEST_US, _HIGHEST_GAIN_DB = 20.0, 30.0
+
+
+@dataclass(frozen=True, slots=True)
+class ListedImage:
+    """One line of the list."""
+
+    file: Path
+    side: Side
+    time_s: float
+    setting: ExposureSetting
+
+
+def read_folder(folder: Path) -> Drive:
+    """Read a folder for the first time. Raises AutoexposeError: naming the file and the line at fault."""
+    instants = _instants(folder)
+    sides = tuple(instants[0])
+    responses: dict[Side, ResponseFunction] = {side: _response(folder, side) for side in sides}
+    geometries = _geometries(folder, instants[0])
+    settings = [next(iter(entries.values())).setting for entries in instants]
+    levels = [setting.level for setting in settings]
+    bracket = Bracketing(_cycle(folder, levels), max(max(levels) - min(levels), 1.0))
+    limits = ExposureLimits(
+        min(_DARKEST_US, *(setting.exposure_time_us for setting in settings)),
+        max(setting.exposure_time_us for setting in settings),
+        min(0.0, *(setting.gain_db for setting in settings)),
+        max(_HIGHEST_GAIN_DB, *(setting.gain_db for setting in settings)),
+    )
+    setup = ControlSetup("fixed", responses, limits, settings[0], ControlParameters(bracket=bracket), {}, {})
+    source = partial(_pairs, instants)
+    return watched(str(folder), setup, _decided(setup, source()), source, geometries)
+
+
+def _decided(setup: ControlSetup, pairs: Iterator[StereoPair]) -> Iterator[tuple[StereoPair, Decision, float]]:
+    """Pairs with what control sees of them; the decision itself is the setting that the next one has."""
+    loop: ControlLoop = setup.of_policy("fixed").loop()
+    former: tuple[StereoPair, Decision, float] | None = None
+    for pair in pairs:
+        if former is not None:
+            yield former[0], replace(former[1], setting=pair.reference.setting), former[2]
+        former = pair, loop.step(pair), pair.reference.host_time_ns * 1e-9
+    if former is not None:
+        yield former
+
+
+def _pairs(instants: list[dict[Side, ListedImage]]) -> Iterator[StereoPair]:
+    kinds: dict[Side, str] = {}
+    for number, entries in enumerate(instants):
+        frames = {side: _frame(entry, number) for side, entry in entries.items()}
+        for side, frame in frames.items():
+            height, width = frame.pixels.shape
+            kind = f"{width}x{height} with {frame.bit_depth} bits"
+            if kinds.setdefault(side, kind) != kind:
+                raise AutoexposeError(
+                    f"{entries[side].file}: is {kind}, {instants[0][side].file.name} is {kinds[side]}: give all images "
+                    "of a camera one size and depth"
+                )
+        yield StereoPair(number, frames)
+
+
+def _frame(entry: ListedImage, number: int) -> Frame:
+    image: Any = cv2.imread(str(entry.file), cv2.IMREAD_UNCHANGED)
+    if image is None:
+        raise AutoexposeError(f"{entry.file}: is no image that can be read: give PNG or TIFF")
+    if image.ndim != 2 or image.dtype not in (np.uint8, np.uint16):
+        raise AutoexposeError(f"{entry.file}: is not grey with 8 or 16 bits: convert it")
+    pixels: Pixels = image
+    time_ns = round(entry.time_s * 1e9)
+    return Frame(pixels, 8 * pixels.itemsize, number, time_ns, time_ns, time_ns, entry.setting)
+
+
+def _instants(folder: Path) -> list[dict[Side, ListedImage]]:
+    """The entries of each instant, left first; every instant has the same sides."""
+    entries = _entries(folder)
+    groups = [list(group) for _, group in itertools.groupby(entries, key=lambda entry: entry.time_s)]
+    instants = [{side: entry for side in SIDES for entry in group if entry.side == side} for group in groups]
+    for group, instant in zip(groups, instants, strict=True):
+        if len(instant) < len(group):
+            raise AutoexposeError(
+                f"{folder / LIST}: {group[0].file.name} to {group[-1].file.name} have one time_s, but are more than an "
+                "image of each camera: give each instant its own"
+            )
+    for instant in instants:
+        if tuple(instant) != tuple(instants[0]):
+            first = next(iter(instant.values()))
+            raise AutoexposeError(
+                f"{folder / LIST}: {first.file.name} has no partner at {first.time_s:g} s: give the images of one "
+                "instant the same time_s"
+            )
+    return instants
+
+
+def _entries(folder: Path) -> list[ListedImage]:
+    file = folder / LIST
+    text = read_text(file, _LONGEST_BYTES)
+    rows = csv.DictReader(io.StringIO(text))
+    try:
+        return _read(rows, folder)
+    except csv.Error as error:
+        raise AutoexposeError(
+            f"{file}: line {rows.reader.line_num} is not CSV ({error}): look for a quote that is not closed"
+        ) from error
+
+
+def _read(rows: csv.DictReader[str], folder: Path) -> list[ListedImage]:
+    file = folder / LIST
+    if rows.fieldnames is None or not set(COLUMNS) <= set(rows.fieldnames):
+        raise AutoexposeError(f"{file}: its first line must name the columns {', '.join(COLUMNS)}")
+    entries: list[ListedImage] = []
+    for row in rows:
+        entry = _entry(folder, row)
+        if entry is None or (entries and entry.time_s < entries[-1].time_s):
+            wrong = "is earlier than the one before" if entry else f"needs {', '.join(COLUMNS)}, side left or right"
+            raise AutoexposeError(f"{file}: line {rows.line_num} {wrong}")
+        entries.append(entry)
+    if not entries:
+        raise AutoexposeError(f"{file}: names no image")
+    return entries
+
+
+def _entry(folder: Path, row: dict[str, str | None]) -> ListedImage | None:
+    """The entry of a row; None for one that is not an entry."""
+    try:
+        time_s, exposure_time_us, gain_db = (float(row[name] or "") for name in COLUMNS[2:])
+    except ValueError:
+        return None
+    side = next((side for side in SIDES if side == row["side"]), None)
+    setting = ExposureSetting(exposure_time_us, gain_db)
+    if side is None or not row["file"] or not math.isfinite(time_s) or not setting.is_physical:
+        return None
+    return ListedImage(folder / row["file"], side, time_s, setting)
+
+
+def _cycle(folder: Path, levels: list[float]) -> int:
+    """After how many shots the settings repeat."""
+    for cycle in range(2, MOST_SHOTS + 1):
+        if len(levels) > cycle and all(
+            abs(late - early) < SAME_STOPS for early, late in zip(levels, levels[cycle:], strict=False)
+        ):
+            return cycle
+    raise AutoexposeError(f"{folder / LIST}: its exposures do not repeat in cycles of 2 to {MOST_SHOTS} shots")
+
+
+def _geometries(folder: Path, first: dict[Side, ListedImage]) -> dict[Side, CameraGeometry]:
+    """Those that there are, of the images of the first instant."""
+    found: dict[Side, CameraGeometry] = {}
+    for side, entry in first.items():
+        file = folder / f"{side}.yaml"
+        if file.exists():
+            found[side] = geometry = load_geometry(file, side)
+            height, width = _frame(entry, 0).pixels.shape
+            if (width, height) != (geometry.width, geometry.height):
+                raise AutoexposeError(
+                    f"{file}: is for frames of {geometry.width}x{geometry.height} pixels, {entry.file.name} has "
+                    f"{width}x{height}: give the calibration of these images"
+                )
+    try:
+        check_pair(found)
+    except ConfigurationError as error:
+        said = str(error)
+        for side in SIDES:
+            said = said.replace(f"cameras.{side}.calibration", f"{folder / side}.yaml")
+        raise AutoexposeError(said) from error
+    return found
+
+
+def _response(folder: Path, side: Side) -> ResponseFunction:
+    file = folder / f"response-{side}.yaml"
+    return ResponseFile.load(file).response if file.exists() else ResponseFunction.linear()
+
+
+def read_recording(path: Path) -> Drive:
+    """Read a recording for the first time. Raises AutoexposeError: in one sentence, when it cannot be read, or was not
+    recorded in brackets."""
+    setup = _setup(path)
+    bracket = setup.parameters.bracket
+    if bracket is None:
+        raise RecordingError(f"{path}: was not recorded in brackets: record the drive with `record --bracket`")
+    geometries: dict[Side, CameraGeometry] = {}
+
+    def seen() -> Iterator[tuple[StereoPair, Decision, float]]:
+        for step in _steps(path, bracket):
+            geometries.update(step.calibrations)
+            yield step.pair, step.decision, step.stamp_ns * 1e-9
+
+    return watched(str(path), setup, seen(), partial(_recorded_pairs, path, bracket), geometries)
+
+
+def _setup(path: Path) -> ControlSetup:
+    """The first setup of a recording."""
+    for item in Recording(path):
+        if isinstance(item, Setup):
+            return item.control
+    raise RecordingError(f"{path}: is damaged: it does not say how it was made")
+
+
+def _recorded_pairs(path: Path, bracket: Bracketing) -> Iterator[StereoPair]:
+    return (step.pair for step in _steps(path, bracket))
+
+
+def _steps(path: Path, bracket: Bracketing) -> Iterator[Step]:
+    """Those with complete pairs."""
+    for item in Recording(path):
+        match item:
+            case Step() if len(item.pair.frames) == item.cameras:
+                yield item
+            case Setup() if item.control.parameters.bracket != bracket:
+                raise RecordingError(f"{path}: its brackets change on the way: record the drive in one piece")
+            case Setup() | LoopState() | Step():
+                pass

@@ -1,1 +1,0 @@
-"""Simulated sweeps of a camera, sound and spoilt, and whether calibration states their error honestly."""
