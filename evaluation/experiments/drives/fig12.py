@@ -60,8 +60,7 @@ SCENES = (UNEVEN, *LOW_SCENES)
 
 
 class PolicyRuns:
-    """Results of jobs: each policy of a scene has driven through the same rooms. `policies`: in the order of their
-    first runs. `room`: the first one."""
+    """Results of jobs: each policy of a scene has driven through the same rooms."""
 
     def __init__(self, results: Results) -> None:
         self._runs: dict[tuple[Any, Any], dict[str, list[Run]]] = {}
