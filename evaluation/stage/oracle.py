@@ -25,10 +25,10 @@ from imaging.response import GREY_LEVELS, ResponseFunction
 # Grey levels of contrast that feature detectors and matchers lose besides noise, as the default policy has it.
 FRONT_END_DN = 6.0
 QUANTISATION = 1 / 12  # Variance of rounding to whole grey levels
-FLATTEST_SHARE = 0.1  # The flattest tenth of the cells shows how much noise there is at most ..
+FLATTEST_SHARE = 0.1  # The flattest tenth of the cells shows how much noise there is at most
 LEAST_READABLE = 0.5
-# ... of those with so much of their weight neither black nor saturated, and with so much noise expected (squared grey
-# levels): what is clipped shows no noise, and rounding hides less than half a grey level of it.
+# Cells count there with so much of their weight neither black nor saturated, and with so much noise expected (squared
+# grey levels): what is clipped shows no noise, and rounding hides less than half a grey level of it.
 LEAST_VARIANCE = 0.25
 
 
