@@ -26,10 +26,9 @@ from imaging.response import GREY_LEVELS, ResponseFunction
 FRONT_END_DN = 6.0
 QUANTISATION = 1 / 12  # Variance of rounding to whole grey levels
 FLATTEST_SHARE = 0.1  # The flattest tenth of the cells shows how much noise there is at most
-LEAST_READABLE = 0.5
 # Cells count there with so much of their weight neither black nor saturated, and with so much noise expected (squared
 # grey levels): what is clipped shows no noise, and rounding hides less than half a grey level of it.
-LEAST_VARIANCE = 0.25
+LEAST_READABLE, LEAST_VARIANCE = 0.5, 0.25
 
 
 class Information:
