@@ -53,8 +53,8 @@ LINE_S = 60.0  # Interval between two lines
 
 
 class LongProgress(Progress):
-    """A bar for jobs that take minutes each; one line a minute where output goes to a file or a log. `console`: where
-    progress is shown. `past_s`: the speed is estimated over this many past seconds. `clock`: returns seconds."""
+    """A bar for jobs that take minutes each; one line a minute where output goes to a file or a log. `past_s`: the
+    speed is estimated over this many past seconds."""
 
     def __init__(self, console: Console, past_s: float, clock: Callable[[], float] = time.monotonic) -> None:
         super().__init__(

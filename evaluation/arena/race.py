@@ -305,9 +305,8 @@ class Series:
 def run_course(
     scenario: str, scene: str, seed: int, entrants: Sequence[Entrant], *, frames: int | None = None
 ) -> list[Series]:
-    """Take all entrants through one course, each in its own closed loop. `scenario`, `scene`, `seed`: the course.
-    `entrants`: who runs; no result depends on the other entrants. `frames`: stop after this many frames; None for the
-    whole scenario."""
+    """Take all entrants through one course, each in its own closed loop. `entrants`: who runs; no result depends on the
+    other entrants. `frames`: stop after this many frames; None for the whole scenario."""
     stage, first_scored = course_of(scenario, scene, seed)
     # One exposure serves both cameras; where they see different things, both are judged.
     sides: tuple[Side, ...] = ("left", "right") if stage.has_lamp else ("left",)

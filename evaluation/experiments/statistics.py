@@ -48,7 +48,7 @@ def clustered(
 ) -> Interval:
     """A statistic with its percentile bootstrap interval, which draws whole clusters. `clusters`: shape (clusters,
     ...): clusters are independent, what is in one need not be. `statistic`: from (draws, clusters, ...) to (draws,);
-    draws for which it is NaN do not count. `seed`: of the draws. `percent`: of the interval."""
+    draws for which it is NaN do not count."""
     sample = np.asarray(clusters, np.float64)
     tail = (100.0 - percent) / 2
     low, high = np.nanpercentile(statistic(sample[_draws(len(sample), seed)]), [tail, 100.0 - tail])

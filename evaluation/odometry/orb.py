@@ -61,8 +61,8 @@ def refined_pose(
     camera: StereoCamera, pose: Floats, points: Floats, seen: Floats, sigmas: Floats
 ) -> tuple[Floats, Flags]:
     """The pose with the smallest robust error (Gauss-Newton with Huber's weights), and the points that agree with it.
-    `camera`: the stereo camera. `pose`: first guess. `points`: (n, 3), metres. `seen`: as `project` returns it; NaN
-    where the right camera does not see a point. `sigmas`: precision of each position, pixels."""
+    `points`: (n, 3), metres. `seen`: as `project` returns it; NaN where the right camera does not see a point.
+    `sigmas`: precision of each position, pixels."""
     for _ in range(ROUNDS):
         local = transform(pose, points)
         error, length = _errors(camera, local, seen, sigmas)
@@ -139,8 +139,8 @@ class OrbOdometry:
     fraction of a pixel by their patches. A pair that shares too little with earlier ones is lost: its pose is that
     guess, and it becomes a key pair, from which tracking continues; the next guess is rest.
 
-    `camera`: the stereo camera. `seed`: of RANSAC's random choices. `interval_s`: between pairs, roughly: from one to
-    the next as much more can change.
+    `seed`: of RANSAC's random choices. `interval_s`: between pairs, roughly: from one to the next as much more can
+    change.
 
     `features_px`, `inliers_px`: where in the latest left image features were found, and where those that tie it to the
     last key pair: (n, 2)."""

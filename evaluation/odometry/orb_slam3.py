@@ -60,9 +60,8 @@ def installed() -> bool:
 
 
 class OrbSlam3:
-    """One run of ORB-SLAM3. It maps in its own threads, so results depend on the load of the machine. `camera`: the
-    stereo camera. `vocabulary`: a file by `write_vocabulary`, or ORB-SLAM3's own. `folder`: where its settings are
-    written. `interval_s`: between pairs."""
+    """One run of ORB-SLAM3. It maps in its own threads, so results depend on the load of the machine. `vocabulary`: a
+    file by `write_vocabulary`, or ORB-SLAM3's own. `folder`: where its settings are written."""
 
     def __init__(
         self, camera: StereoCamera, vocabulary: Path, folder: Path, interval_s: float = EVERY / RATE_HZ

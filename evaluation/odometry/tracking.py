@@ -54,8 +54,8 @@ def track_entrants(
     look: Callable[[int, StereoPair], None] = lambda _entrant, _pair: None,
 ) -> list[TrackedRun]:
     """Take all entrants through the first frames of a course, each starting from the best exposure of the first.
-    `stage`: the course. `entrants`: who takes part. `odometry`: makes the odometry of one entrant. `frames`: how many,
-    at 60 a second. `look`: called with the index of the entrant and each pair that odometry gets."""
+    `frames`: how many, at 60 a second. `look`: called with the index of the entrant and each pair that odometry
+    gets."""
     start = best_start(Oracle(stage))
     runs = [TrackedRun(entrant, entrant.enter(start), odometry()) for entrant in entrants]
     for frame in range(frames):
@@ -127,8 +127,8 @@ PERIOD_S, YAW_SWING = 15.0, 0.9  # At most 86 mm and 89 degrees a second; the pa
 
 
 def odometry_stage(light: Light, room: int, seed: int, repeat: int, lens_f_number: float = DEFAULT_F_NUMBER) -> Stage:
-    """One course. `light`: its light. `room`: seed of the room. `seed`: of the heading of the lap through it. `repeat`:
-    number of the repeat of the same lap; decides the noise. `lens_f_number`: of the cameras' lenses."""
+    """One course. `seed`: of the heading of the lap through it. `repeat`: number of the repeat of the same lap; decides
+    the noise."""
     path = lap(seed)
     # At its turning point the camera looks into the middle of the bright part.
     surfaces = _lit(room, LUX[light], path.heading_rad + math.pi / 6 + YAW_SWING)

@@ -46,8 +46,8 @@ class SeenLight:
 
 
 class Exposer:
-    """One camera: its response and its sensor's noise. `response`: of the camera. `noise`: of its sensor. `seed`: of
-    the noise that is added: the same in frames of the same number, whatever their setting."""
+    """One camera: its response and its sensor's noise. `seed`: of the noise that is added: the same in frames of the
+    same number, whatever their setting."""
 
     def __init__(self, response: ResponseFunction, noise: SensorNoise, seed: int) -> None:
         self._response, self._noise, self._seed = response, noise, seed
@@ -222,8 +222,8 @@ Image = Greys
 
 
 class Rectifier:
-    """Both cameras of a pair. `geometries`: of the left and the right camera. `shape`: (height, width) of what
-    `Frame.grey8` gives: half the size of a colour mosaic."""
+    """Both cameras of a pair. `shape`: (height, width) of what `Frame.grey8` gives: half the size of a colour
+    mosaic."""
 
     def __init__(self, geometries: Mapping[Side, CameraGeometry], shape: tuple[int, int]) -> None:
         left, right = geometries["left"], geometries["right"]

@@ -84,8 +84,8 @@ class PairJudge:
 
 class PolicyRun:
     """One policy on its way through a drive. `setup`: what its loop is built from, with a start. `delay_frames`: a
-    decision shows this many pairs later. `judge`: judges some of its pairs. `told_motion`: whether it is told how fast
-    the image moves; else it finds out by flow."""
+    decision shows this many pairs later. `told_motion`: whether it is told how fast the image moves; else it finds out
+    by flow."""
 
     def __init__(self, setup: ControlSetup, delay_frames: int, judge: PairJudge, *, told_motion: bool = True) -> None:
         parameters = replace(setup.parameters, focal_length_px=FOCAL_LENGTH_PX)
@@ -101,9 +101,9 @@ class PolicyRun:
         self._shown = -1
 
     def step(self, number: int, cameras: InstantCameras, motion_px: float, *, due: bool) -> Made:
-        """Take the pair of an instant, decide on it, and have it judged if it shows something new. `number`: of the
-        instant. `cameras`: at that instant. `motion_px`: speed of the image, pixels per 1/60 s. `due`: whether to judge
-        a pair that shows nothing new in motion, since several shots were fused."""
+        """Take the pair of an instant, decide on it, and have it judged if it shows something new. `motion_px`: speed
+        of the image, pixels per 1/60 s. `due`: whether to judge a pair that shows nothing new in motion, since several
+        shots were fused."""
         made = cameras.take(self.settings[len(self.decisions)])
         rate_rad_s = motion_px * REFERENCE_RATE_HZ / FOCAL_LENGTH_PX if self._told else None
         self.decisions.append(self.loop.step(StepInputs(made.pair, rate_rad_s)))

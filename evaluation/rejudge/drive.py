@@ -64,8 +64,7 @@ class ShotGlimpse:
 
 
 class Watcher:
-    """Notes glimpses of the pairs of a drive, in order. `responses`: of the cameras. `cycle`: pairs in a cycle of the
-    bracket."""
+    """Notes glimpses of the pairs of a drive, in order. `cycle`: pairs in a cycle of the bracket."""
 
     def __init__(self, responses: Mapping[Side, ResponseFunction], cycle: int) -> None:
         greys = np.arange(GREY_LEVELS, dtype=np.float64)

@@ -216,7 +216,7 @@ class CommandFollower(Follower):
     """A program of the user: it gets a folder of pictures and writes a trajectory. The folder has ``left/000001.png``,
     ``right/000001.png`` and so on, ``times.txt`` with the time of each (s), and ``camera.yaml`` with focal length,
     principal point (pixels) and baseline (m) of the rectified pictures. `command`: what to run; the folder and the name
-    of the trajectory to write are added to it. `folder`: an empty one. `camera`: the rectified stereo camera."""
+    of the trajectory to write are added to it."""
 
     def __init__(self, command: str, folder: Path, camera: StereoCamera) -> None:
         self._command, self._folder = command, folder

@@ -34,9 +34,8 @@ WIDTH = 240  # Of a picture, pixels
 
 
 def write_report(drive: Drive, outcomes: Sequence[Outcome], result: Mapping[str, Any], page: Path) -> None:
-    """Write the page; an existing one is replaced. `drive`, `outcomes`: what was judged. `result`: as
-    `contest.document` returns it. `page`: the HTML file. Raises AutoexposeError when it cannot be written, or packages
-    are missing."""
+    """Write the page; an existing one is replaced. `result`: as `contest.document` returns it. Raises AutoexposeError
+    when it cannot be written, or packages are missing."""
     try:
         import jinja2  # noqa: PLC0415  an extra, which only reports need
     except ImportError as error:

@@ -66,7 +66,7 @@ class Scene(Protocol):
 class StillView:
     """One camera's view of a still; a `Scene`. `interior`: radiance per lux of light, float32, (rows, columns).
     `outdoors`: radiance that does not follow the light, same shape, or None. `gaze`: where the camera looks; 0 is the
-    middle of the still. `side`: "left" or "right"."""
+    middle of the still."""
 
     def __init__(self, interior: Floats32, outdoors: Floats32 | None, gaze: Gaze, side: Side) -> None:
         self._interior, self._outdoors, self._gaze = interior, outdoors, gaze
@@ -94,8 +94,8 @@ class StillView:
 
 def build_views(scene: str, seed: int, gaze: Gaze, at_window: bool) -> dict[Side, Scene]:
     """Both cameras' views. `scene`: "room", a painter of `evaluation.scenes.stills`, or the path of a Radiance .hdr
-    file. `seed`: decides the room or the painting, and where the camera looks first. `gaze`: where the camera looks
-    over time. `at_window`: whether angle 0 is a window, brighter than everything else when the light is dim."""
+    file. `seed`: decides the room or the painting, and where the camera looks first. `at_window`: whether angle 0 is a
+    window, brighter than everything else when the light is dim."""
     rng = np.random.default_rng([seed, 77])
     turn = float(rng.uniform(-1.0, 1.0))
     if scene == "room":

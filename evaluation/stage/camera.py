@@ -28,7 +28,7 @@ Radiance = Floats32
 class SimulatedCamera:
     """A camera whose noise in a frame is the same whatever the exposure. `seed`: of what is fixed in the sensor.
     `noise_seed`: of the noise in its frames. `response`, `gamma`: name of the sensor's response function, and the
-    camera's Gamma node, a power law on top of it. `lens_f_number`: of its lens."""
+    camera's Gamma node, a power law on top of it."""
 
     def __init__(
         self,
@@ -91,9 +91,9 @@ def _function(curve: str, gamma: float) -> ResponseFunction:
 
 
 class DelayedLoop:
-    """Takes each frame with the setting decided `delay_frames` earlier, and decides on it. `loop`: decides. The first
-    `delay_frames` frames are taken with its start. `delay_frames`: a decision on frame k applies from frame k +
-    delay_frames, which is at least 1. `decisions`: one for each frame so far, with M_g."""
+    """Takes each frame with the setting decided `delay_frames` earlier, and decides on it. The first `delay_frames`
+    frames are taken with its start. `delay_frames`: a decision on frame k applies from frame k + delay_frames, which is
+    at least 1. `decisions`: one for each frame so far, with M_g."""
 
     def __init__(self, loop: ControlLoop, delay_frames: int) -> None:
         self.loop = loop

@@ -25,11 +25,10 @@ from imaging.response import GREY_LEVELS, ResponseFunction
 # Grey levels of contrast that feature detectors and matchers lose besides noise, as the default policy has it.
 FRONT_END_DN = 6.0
 QUANTISATION = 1 / 12  # Variance of rounding to whole grey levels
-FLATTEST_SHARE = 0.1  # The flattest tenth of the cells shows how much noise there is at most ..
-LEAST_READABLE = 0.5
-# ... of those with so much of their weight neither black nor saturated, and with so much noise expected (squared grey
-# levels): what is clipped shows no noise, and rounding hides less than half a grey level of it.
-LEAST_VARIANCE = 0.25
+FLATTEST_SHARE = 0.1  # The flattest tenth of the cells shows how much noise there is at most
+# Cells count there with so much of their weight neither black nor saturated, and with so much noise expected (squared
+# grey levels): what is clipped shows no noise, and rounding hides less than half a grey level of it.
+LEAST_READABLE, LEAST_VARIANCE = 0.5, 0.25
 
 
 class Information:
@@ -40,7 +39,7 @@ class Information:
     from shot noise, read noise and quantisation, q is `FRONT_END_DN`. What noise adds to the gradients is subtracted
     first, and saturated pixels count nothing.
 
-    `response`: response function of the camera. `noise`: noise of its sensor; None: the configuration's default.
+    `noise`: noise of its sensor; None: the configuration's default.
 
     `bins`: those of the response, by which gradients are to be collected."""
 
@@ -58,8 +57,8 @@ class Information:
         self._readable, self._shot, self._read = mean @ readable, *(mean @ each for each in factors)
 
     def measure(self, seen: Contrast, pixels: float, gain: float) -> float:
-        """Of an image whose gradients, by `bins`, are given; 0 for one without gradients. `seen`: its gradients.
-        `pixels`: how many pixels of the sensor were averaged into one of the image. `gain`: linear gain."""
+        """Of an image whose gradients, by `bins`, are given; 0 for one without gradients. `pixels`: how many pixels of
+        the sensor were averaged into one of the image."""
         noise = variance_of(self._shot * gain + self._read * gain**2, pixels)
         weights = np.stack([self._readable, noise * self._readable, np.ones_like(noise)], axis=1)
         weight, expected, by_cell = (seen.count @ weights).T
@@ -115,8 +114,7 @@ class Oracle:
     default noise. Answers are kept for the frame, so policies that split alike share them. To that end, motion is
     rounded to half octaves, which changes the best metric by less than 1 %.
 
-    `stage`: where frames come from. `sides`: the cameras judged. `objective`: what is maximised. `exhaustive`: try all
-    levels, with the exact motion."""
+    `objective`: what is maximised. `exhaustive`: try all levels, with the exact motion."""
 
     def __init__(
         self,

@@ -32,9 +32,8 @@ class Stage:
     the light of that instant; an exposure is the mean over the instants it spans. Both are rendered on demand, once
     for all runs and oracles.
 
-    `views`: what the cameras see. `course`: light over time. `seed`: of the noise. `start_times_s`: when exposures
-    start; None for every 1/60 s from 0. `response`, `gamma`: name of the sensors' response function, and the cameras'
-    Gamma node, a power law on top of it. `lens_f_number`: of the cameras' lenses."""
+    `start_times_s`: when exposures start; None for every 1/60 s from 0. `response`, `gamma`: name of the sensors'
+    response function, and the cameras' Gamma node, a power law on top of it."""
 
     def __init__(
         self,

@@ -119,8 +119,7 @@ LOWEST, HIGHEST = 2.0, 24.0  # Levels (stops) between which an answer is looked 
 
 class Episode:
     """A view of a picture under changing light, by a camera with random response, noise, limits and delay. Motion blur
-    is not simulated. `pictures`: one of which is seen. `rng`: decides everything. `frames`: how many there are.
-    `delay_frames`: from a decision to the frame that shows it. `limits`: what the camera can take."""
+    is not simulated. `delay_frames`: from a decision to the frame that shows it."""
 
     def __init__(self, pictures: Sequence[TrainingPicture], rng: np.random.Generator, frames: int) -> None:
         self._rng = rng

@@ -105,9 +105,9 @@ class Training(Protocol):
 
 
 def train(training: Training, seed: int, file: Path, advance: Callable[[int], None]) -> bytes:
-    """Train, write the weights, and return them. `training`: how. `seed`: of all random numbers. `file`: where the
-    weights go. What was done before an interruption is beside it, with the ending `.part`. `advance`: called with the
-    number of finished rounds, at first with those of before. Raises AutoexposeError when a file cannot be written."""
+    """Train, write the weights, and return them. What was done before an interruption is beside it, with the ending
+    `.part`. `advance`: called with the number of finished rounds, at first with those of before. Raises AutoexposeError
+    when a file cannot be written."""
     part = file.with_name(file.name + ".part")
     key = _key(training, seed)
     state, done = _resumed(part, key) or (training.begin(np.random.default_rng([seed, 0])), 0)
@@ -159,8 +159,7 @@ TINY = np.float32(1e-8)
 
 class TrainedNet:
     """``x -> W x + b`` layer by layer, with ReLU after each but the last; float32 throughout, or float64 for tests.
-    `arrays`: where weights and moments live, named with `prefix`: the state of a training. `prefix`: of its names in
-    `arrays`."""
+    `arrays`: where weights and moments live, named with `prefix`: of its names in `arrays`."""
 
     def __init__(self, arrays: Arrays, prefix: str) -> None:
         self._arrays, self._prefix = arrays, prefix

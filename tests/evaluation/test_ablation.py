@@ -118,7 +118,7 @@ def test_what_copies_a_constant_sees_it_altered(tmp_path: Path, monkeypatch: pyt
 
 
 def test_nothing_of_control_is_loaded_before_the_alteration() -> None:
-    asked = "import sys, evaluation.arena.ablation.altered; print([m for m in sys.modules if m.startswith('auto')])"
+    asked = "import sys, evaluation.arena.altered_policy; print([m for m in sys.modules if m.startswith('auto')])"
     assert subprocess.check_output([sys.executable, "-c", asked], text=True).strip() == "[]"
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from evaluation.committed import ROOMS
-from evaluation.experiments.worth import odometry_judge as closed_loop
+from evaluation.experiments.worth import odometry_judge
 from evaluation.experiments.worth.contenders import CONTENDERS, HAND_TUNED
 from evaluation.experiments.worth.matches.judge import PREPARATIONS
 from evaluation.experiments.worth.odometry_judge import (
@@ -98,7 +98,7 @@ class FakeFollower:
 
 
 def test_a_policy_is_scored_on_the_settings_of_the_frames_that_odometry_gets(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(closed_loop, "Follower", FakeFollower)
+    monkeypatch.setattr(odometry_judge, "RunFollower", FakeFollower)
     monkeypatch.setattr(FakeFollower, "shown", [])
     two = [replace(DRIVE, seconds=20 / 60, seed=seed).plain() for seed in (8, 9)]
     found = measure_contender(drives=two, contender="fixed")
@@ -115,7 +115,7 @@ def test_a_policy_is_scored_on_the_settings_of_the_frames_that_odometry_gets(mon
 
 
 def test_hindsight_is_chosen_on_one_noise_and_scored_on_another(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(closed_loop, "Follower", FakeFollower)
+    monkeypatch.setattr(odometry_judge, "RunFollower", FakeFollower)
     found = {row["judge"]: row for row in hindsight(replace(DRIVE, seconds=0.1))}
     value = found["odometry-raw"]["value"]
     assert found["odometry-raw"]["policy"] == FIXED_IN_HINDSIGHT

@@ -60,8 +60,7 @@ SCENES = (UNEVEN, *LOW_SCENES)
 
 
 class PolicyRuns:
-    """Results of jobs: each policy of a scene has driven through the same rooms. `policies`: in the order of their
-    first runs. `room`: the first one."""
+    """Results of jobs: each policy of a scene has driven through the same rooms."""
 
     def __init__(self, results: Results) -> None:
         self._runs: dict[tuple[Any, Any], dict[str, list[Run]]] = {}
@@ -232,9 +231,9 @@ def _rival_is_darker(runs: PolicyRuns, law: str) -> Claim:
     )
 
 
-# In every scene. The paper's two lights have the learned policies, too ...
+# In every scene. The paper's two lights have the learned policies, too.
 POLICIES = (DEFAULT_POLICY, *LAWS, *RIVALS, "fixed")
-# ... and in the first eight rooms all others: enough to tell a policy that is worse by a third.
+# In the first eight rooms of these lights all others drive: enough to tell a policy that is worse by a third.
 _OTHERS = tuple(policy for policy in POLICY_IDS if policy not in {*POLICIES, *LEARNED, "majer2018-fixed"})
 
 _SETTING = f"""\

@@ -124,8 +124,7 @@ def taught(path: ParkPath, seed: int, policy: str, length_m: float) -> Taught:
 
 class LapRepeater:
     """A robot that repeats a taught path in another light; laps follow each other from where the last one ended.
-    `lesson`: what it repeats. `light`: one of `LIGHTS`. `policy`: of the exposure. `aside_m`, `turned_rad`: where it
-    starts beside the path, positive to the left."""
+    `light`: one of `LIGHTS`. `aside_m`, `turned_rad`: where it starts beside the path, positive to the left."""
 
     def __init__(self, lesson: Taught, light: str, policy: str, *, aside_m: float, turned_rad: float) -> None:
         self._lesson, self._policy = lesson, policy

@@ -63,8 +63,7 @@ class MapLook:
 
 
 class Surveyor:
-    """Drives a path of a park; its finders keep their thresholds from drive to drive. `seed`: of the park. `finders`:
-    names of `FINDERS`."""
+    """Drives a path of a park; its finders keep their thresholds from drive to drive. `finders`: names of `FINDERS`."""
 
     def __init__(self, seed: int, finders: Sequence[str]) -> None:
         self._seed, self._path = seed, ParkPath(seed, 0.0)
@@ -97,8 +96,7 @@ class Surveyor:
 
 
 class Kept:
-    """A local map that one strategy keeps up. `taught`: its first features. `strategy`: how it changes at each passing.
-    `rule`: how views are registered with it."""
+    """A local map that one strategy keeps up."""
 
     def __init__(self, taught: Features, strategy: Strategy, rule: VoteRule) -> None:
         self.map = LocalMap.taught(taught)

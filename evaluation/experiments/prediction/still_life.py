@@ -31,8 +31,7 @@ from imaging.response import GREY_LEVELS, ResponseFunction, prediction_table
 
 
 class StillLife:
-    """What the left camera sees of a scene. `scene`, `seed`: as for `evaluation.scenes.views.build_views`. `lux`:
-    illumination. `camera`: its response."""
+    """What the left camera sees of a scene. `scene`, `seed`: as for `evaluation.scenes.views.build_views`."""
 
     def __init__(self, scene: str, seed: int, lux: float, camera: CameraResponse) -> None:
         self._stage = still_stage(scene, seed, steady(lux), camera)
@@ -177,9 +176,9 @@ _UNBOUNDED = ExposureLimits(1e-6, 1e15, 0.0, 0.0)  # So that a step is what the 
 
 
 def measure_rest(scene: str, seed: int, lux: float, camera: list[Any], levels: list[float]) -> Plain:
-    """The metric of a still scene at each level, and the step (stops) that each law wants to take from there. `scene`,
-    `seed`, `lux`: what the camera sees. `camera`: curve and gamma of its response. `levels`: exposure levels (stops),
-    ascending. Returns {"levels", "metrics", law: steps}, lists of equal length."""
+    """The metric of a still scene at each level, and the step (stops) that each law wants to take from there. `camera`:
+    curve and gamma of its response. `levels`: exposure levels (stops), ascending. Returns {"levels", "metrics", law:
+    steps}, lists of equal length."""
     response = CameraResponse(*camera)
     life = StillLife(scene, seed, lux, response)
     metric, preparation = GradientMetric(), ImagePreparation()

@@ -32,8 +32,8 @@ def path_radius_m(seed: int, bearing_rad: ArrayLike) -> Floats:
 
 
 class ParkPath:
-    """Poses on the loop and near it; a camera looks ahead along the path, tilted by a fixed angle. `seed`: of the park.
-    `tilt_deg`: how far the camera looks up (positive) or down."""
+    """Poses on the loop and near it; a camera looks ahead along the path, tilted by a fixed angle. `tilt_deg`: how far
+    the camera looks up (positive) or down."""
 
     def __init__(self, seed: int, tilt_deg: float) -> None:
         self._seed, self._tilt_deg = seed, tilt_deg

@@ -106,9 +106,8 @@ WAYS: dict[str, tuple[str | None, Part]] = {
 
 class ExposingRobot:
     """Carries all entrants: each exposes the same view with its own setting. Images are not blurred: the robot is slow,
-    it moves less than a pixel in 7.5 ms. `camera`: the robot's. `first`: radiance of the first frame, from which the
-    operator sets the exposure that all start with and `fixed` keeps. `entrants`: who takes part. `rate_hz`: of its
-    frames."""
+    it moves less than a pixel in 7.5 ms. `first`: radiance of the first frame, from which the operator sets the
+    exposure that all start with and `fixed` keeps."""
 
     def __init__(
         self, camera: SimulatedCamera, first: Radiance, entrants: Sequence[Entrant] = ENTRANTS, rate_hz: float = RATE_HZ
@@ -196,11 +195,11 @@ def replayed(
 
 
 def measure(seed: int, tilt_deg: float, light: str, maps: int) -> Plain:
-    """Teach a path and replay it in another light. `seed`: of park, path and noise. `tilt_deg`: how far the camera
-    looks up. `light`: of the replay, one of `REPLAYS`. `maps`: how many of the 80 maps, starting with the first.
-    Returns `map` and true `shift` (pixels) of each registration; by way and policy, the `shifts` found (None for none)
-    and their `votes`; `looks` of each image by policy: exposure level, mean of the top half and of the whole (0 to 1),
-    share of saturated pixels. `views`: one image by policy from the middle of the drive, a small JPEG in base 64."""
+    """Teach a path and replay it in another light. `tilt_deg`: how far the camera looks up. `light`: of the replay, one
+    of `REPLAYS`. `maps`: how many of the 80 maps, starting with the first. Returns `map` and true `shift` (pixels) of
+    each registration; by way and policy, the `shifts` found (None for none) and their `votes`; `looks` of each image by
+    policy: exposure level, mean of the top half and of the whole (0 to 1), share of saturated pixels. `views`: one
+    image by policy from the middle of the drive, a small JPEG in base 64."""
     path = ParkPath(seed, tilt_deg)
     surfaces = park(seed, TEACHING)
     truth = TrueShifts(surfaces)

@@ -269,9 +269,9 @@ JUDGES: dict[str, Literal["higher", "lower"]] = {
 }
 
 GROUP = len(LUX)  # Drives of a job, one of each kind
-CLOSEST = (DEFAULT_POLICY, "begin2022", "begin2022-code")  # Who drives through all rooms ..
-# ... and of the groups those through which everyone does: enough to tell a policy that is worse by a third. Whoever is
-# still undecided after that joins `CLOSEST`.
+CLOSEST = (DEFAULT_POLICY, "begin2022", "begin2022-code")  # Who drives through all rooms
+# Everyone else drives through every so many groups: enough to tell a policy that is worse by a third. Whoever is still
+# undecided after that joins `CLOSEST`.
 SCREENED_EVERY = 4
 SET_UP_S, COST_PER_S = 2.0, 5.5  # Seconds of one core to build a room, and for a second of a drive with one contender
 

@@ -152,8 +152,8 @@ class RegistrationShares:
 def bounds(course: ParkReplay, foreign: Sequence[Features]) -> dict[str, RegistrationShares]:
     """Both bounds, chosen with one noise and scored with others. `fixed-in-hindsight` keeps one exposure while it
     teaches and while it replays; on foreign maps only the latter matters. `oracle-per-frame` has for each image the
-    exposure with most votes, and has taught each of its maps with that which gives its images most votes. `course`: the
-    replay. `foreign`: features of each foreign map."""
+    exposure with most votes, and has taught each of its maps with that which gives its images most votes. `foreign`:
+    features of each foreign map."""
     looks, renderers = course.looks(), course.renderers()
     choice, *scoring = (_Sight(course, looks, renderers, foreign, repeat) for repeat in (CHOICE, *SCORING))
     taught, seen = choice.levels()

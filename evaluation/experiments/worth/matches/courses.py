@@ -52,7 +52,7 @@ EYES = tuple(_EYES)  # States of the right camera; a dead one delivers frames wi
 class Film:
     """The radiance of both cameras in exposures of any length; rendered on demand, once for everyone who exposes. An
     exposure of a moving camera is the mean over the instants that it spans, as in `evaluation.stage.rendering`. `view`:
-    what is seen, per lux. `speed_px`: of the image, in its pixels per 1/60 s. `lux`: light in each frame."""
+    what is seen, per lux. `speed_px`: of the image, in its pixels per 1/60 s."""
 
     def __init__(self, view: MovingView, speed_px: float, lux: Callable[[int], float]) -> None:
         self._view, self._lux = view, lux
@@ -101,8 +101,7 @@ class Eyes:
 
 
 class MatchesRig:
-    """Exposes the frames of a film; the noise of a frame is the same whatever its exposure. `film`: what is seen.
-    `eyes`: with what. `seed`: of the noise."""
+    """Exposes the frames of a film; the noise of a frame is the same whatever its exposure."""
 
     def __init__(self, film: Film, eyes: Eyes, seed: int) -> None:
         self._film, self._eyes, self._seed = film, eyes, seed

@@ -191,8 +191,8 @@ for _name in PREPARATIONS:
 BAD_FRAMES = "bad-frames"  # Share of frames of which more than half is white or black
 BLACK = 1  # What rounding and read noise make of no light at all
 JUDGES: dict[str, Literal["higher", "lower"]] = {**PAIR_JUDGES, BAD_FRAMES: "lower"}
-CHOICE_SEED = 0  # Noise on which bounds are chosen ..
-# ... and on which they are scored, else luck wins. Policies run on the first of these: three would cost thrice.
+CHOICE_SEED = 0  # Noise on which bounds are chosen
+# Noises on which bounds are scored, else luck wins. Policies run on the first of these: three would cost thrice.
 SCORING_SEEDS = (1, 2, 3)
 CHECKED_EVERY = 4  # Every fourth scored pair is tried with all settings of the grid, and judged by SIFT
 

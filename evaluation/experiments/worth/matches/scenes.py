@@ -157,7 +157,7 @@ class MovingStill:
     """A still on a plane; the camera moves along a circle parallel to it, rolls a little, and comes and goes. If it
     pans, along a flat ellipse instead, from one side of the still to the other and back. `still`: radiance per lux,
     (rows, columns); one of its pixels is about one of the view. `speed_px`: of the image, in pixels of the view per
-    1/60 s. `seed`: decides where the circle lies. `pan`: whether it pans."""
+    1/60 s. `seed`: decides where the circle lies."""
 
     def __init__(self, still: Radiance, speed_px: float, seed: int, *, pan: bool = False) -> None:
         self.model: MotionModel = Similarity()
