@@ -68,7 +68,7 @@ class RoiConfig(Section):
         Raises
         ------
         ConfigurationError
-            Names key and file of a mask that cannot be used.
+            The message names the key and the file of a mask that cannot be used.
         """
         return {side: _region(side, region) for side, region in self.configured().items()}
 

@@ -30,6 +30,8 @@ from imaging.frames import Frame, Side
 from imaging.python310 import Self
 from imaging.response import ResponseFunction
 
+log = logging.getLogger(__name__)
+
 BUCKET_S = 0.5
 """Finer than a pixel of the chart; each bucket keeps its least and greatest value, so no spike is lost."""
 
@@ -143,8 +145,6 @@ def _registered(view: RegisteredView) -> dict[str, Any]:
         "stopped": view.stopped,
     }
 
-
-log = logging.getLogger(__name__)
 
 MOST_VIEWERS = 32
 PICTURE_PERIOD_NS = 250_000_000

@@ -23,6 +23,8 @@ from autoexpose_daemon.page.app import page_app
 from autoexpose_daemon.service.logs import set_up_logging
 from imaging.errors import AutoexposeError, ConfigurationError
 
+log = logging.getLogger(__name__)
+
 ASKS_S = 10.0
 """For so long a connection takes requests; then it ends, or as soon as the present one is answered."""
 LASTS_S = 60.0
@@ -51,8 +53,6 @@ class Connection(H11Protocol):
         if self.transport.get_protocol() is self:
             self.transport.abort()
 
-
-log = logging.getLogger(__name__)
 
 _PING_S = 5.0
 """A browser that has not answered for this long is gone."""

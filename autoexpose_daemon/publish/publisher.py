@@ -47,6 +47,8 @@ from imaging.frames import Side
 from imaging.geometry import CameraGeometry
 from imaging.python310 import FutureTimeoutError, Self
 
+log = logging.getLogger(__name__)
+
 Explain = Callable[[], Future[Grounds | None]]
 """Asks control, which answers between two pairs."""
 
@@ -79,8 +81,6 @@ class GroundsDoor:
             self._made_s = time.monotonic()
         return self._made
 
-
-log = logging.getLogger(__name__)
 
 MAILBOX_PAIRS = 12
 """0.2 s at 60 Hz: longer than stuck consumers, or a busy machine, delay the thread; 9 MB of 720 x 540."""

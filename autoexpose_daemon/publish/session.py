@@ -21,6 +21,8 @@ from documents.text import readable
 from drivers.log_throttle import LogThrottle
 from imaging.errors import AutoexposeError
 
+log = logging.getLogger(__name__)
+
 LARGEST_MESSAGE_BYTES = 64 << 20
 """For an image with its header. Larger ones are dropped; zenoh's own limit, 1 GB, fills a small computer's memory."""
 
@@ -241,8 +243,6 @@ def _configuration(mode: str, endpoints: Endpoints) -> zenoh.Config:
             config.insert_json5(key, json.dumps(value))
     return config
 
-
-log = logging.getLogger(__name__)
 
 _SAID_S = 60.0
 

@@ -18,6 +18,8 @@ from imaging.errors import AutoexposeError, ConfigurationError
 from imaging.exposure import ExposureLimits, ExposureSetting
 from imaging.frames import SIDES, Frame, Side, StereoPair
 
+log = logging.getLogger(__name__)
+
 PATIENCE_NS = 1_000_000_000
 PATIENCE_PERIODS = 8
 """A shot is given up if no frame shows it within the sum of these: the slowest camera reported takes 0.4 s."""
@@ -111,8 +113,6 @@ class PendingShot:
             return "no frame was taken with it in time: are there pairs, and does the camera take the setting?"
         return f"no frame of the {missing} camera was taken with it in time, or it was lost: ask again"
 
-
-log = logging.getLogger(__name__)
 
 _REFUSALS_S = 10.0
 _MOST_FRESH = 16  # if no pair arrives

@@ -20,6 +20,8 @@ from autoexpose_daemon.status.states import State
 from drivers.triggers.outcomes import LossReason
 from imaging.exposure import ExposureSetting
 
+log = logging.getLogger(__name__)
+
 _EDGES: dict[str, str] = {
     LossReason.STARTUP: "before every camera was open",
     LossReason.SHUTDOWN: "at the end",
@@ -186,8 +188,6 @@ def _bar(level: float) -> str:
     filled = round(_BAR_WIDTH * min(max((level - low) / (high - low), 0.0), 1.0))
     return "\u2588" * filled + "\u2591" * (_BAR_WIDTH - filled)
 
-
-log = logging.getLogger(__name__)
 
 _FIRST_LINE_S = 5.0
 _LONGEST_PAUSE_S = 3600.0  # a log that is kept for months

@@ -26,6 +26,8 @@ from drivers.aravis import AravisCamera, open_camera
 from imaging.errors import AutoexposeError, ConfigurationError
 from imaging.pixels import SAMPLES, PixelFormat, green_samples
 
+log = logging.getLogger(__name__)
+
 
 def response_file_of(path: Path, serial: str) -> ResponseFile:
     """The response file of a camera, checked before the measurement.
@@ -44,8 +46,6 @@ def response_file_of(path: Path, serial: str) -> ResponseFile:
     file.check_belongs(serial)
     return file
 
-
-log = logging.getLogger(__name__)
 
 COLUMNS = (
     ("gain", "dB"),

@@ -15,6 +15,8 @@ from drivers.genicam.trigger import ACTION_NODES, PTP_SWITCHES, RATE_NODES, RATE
 from drivers.setup import EXECUTE, CameraSetup, FeatureSetting, FeatureValue, misfit
 from imaging.errors import AutoexposeError, ConfigurationError, NodeError, UnsupportedCameraError
 
+log = logging.getLogger(__name__)
+
 _DRIVEN = "the daemon drives it: "
 _TIME = f"{_DRIVEN}set exposure.min_time_us and exposure.max_time_us instead"
 _GAIN = f"{_DRIVEN}set exposure.min_gain_db and exposure.max_gain_db instead"
@@ -85,8 +87,6 @@ _TAKEN = {
     "string": "text, in quotes",
     "command": f"only `{EXECUTE}`, being a command",
 }
-
-log = logging.getLogger(__name__)
 
 
 def apply_features(nodes: NodeMap, setup: CameraSetup) -> None:

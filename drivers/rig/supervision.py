@@ -30,6 +30,8 @@ from imaging.errors import AutoexposeError, CameraError, CameraLostError, stays
 from imaging.exposure import ExposureSetting
 from imaging.frames import Frame, Side
 
+log = logging.getLogger(__name__)
+
 LATE_PERIODS = 0.2
 """A trigger that would be later than this is not given: a frame further off the grid might be paired with another
 instant's."""
@@ -106,8 +108,6 @@ class Pacer:
         self._next += 1
         return self._next - 1, missed
 
-
-log = logging.getLogger(__name__)
 
 _CLOCK_PERIOD_NS = 1_000_000_000  # a crystal off by 50 ppm drifts 50 us in this time, far below a trigger period
 _SHORTEST_BACK_OFF_NS = 100_000_000

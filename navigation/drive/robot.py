@@ -34,6 +34,8 @@ from autoexpose_daemon.publish.session import Endpoints, SessionHolder, reading
 from imaging.python310 import Self
 from navigation.drive.steering import Pose, Velocity
 
+log = logging.getLogger(__name__)
+
 JUMP_M = 1.0
 """A pose further than this from the one before means that odometry began again, not that the robot drove there."""
 
@@ -89,8 +91,6 @@ class Odometer:
 def _apart_m(pose: Pose, other: Pose) -> float:
     return math.hypot(pose.x_m - other.x_m, pose.y_m - other.y_m)
 
-
-log = logging.getLogger(__name__)
 
 _WAITING = 64
 """Messages of odometry or velocity: each adds to the distance, so none may be dropped while a frame is looked at."""
