@@ -18,20 +18,11 @@ from autoexpose_daemon import cli
 from autoexpose_daemon.config.document import Config
 from tests import REPOSITORY
 from tools.stage_docs import stage
+from tools.stage_package import ROOMS
 
 CAMERAS = {"left": {"serial": "22500001"}, "right": {"serial": "22500002"}}
 PLACEHOLDER = re.compile(r"\[.*?\]|\.\.\.|[A-Z]+=\S+ ")
 COMMAND = re.compile(r"^\s*(?:sudo )?(?:\S*/)?autoexpose (?P<words>.*)$")
-OURS = (
-    "autoexpose_daemon",
-    "calibration",
-    "documents",
-    "drivers",
-    "evaluation",
-    "fake_camera",
-    "imaging",
-    "navigation",
-)
 
 
 class Block(NamedTuple):
@@ -73,7 +64,7 @@ def test_a_configuration_is_valid(text: str) -> None:
 @pytest.mark.parametrize("text", each("python"))
 def test_python_finds_its_names(text: str) -> None:
     for node in ast.walk(ast.parse(text)):
-        if isinstance(node, ast.ImportFrom) and node.module and node.module.split(".")[0] in OURS:
+        if isinstance(node, ast.ImportFrom) and node.module and node.module.split(".")[0] in ROOMS:
             module = importlib.import_module(node.module)
             assert not [name.name for name in node.names if not hasattr(module, name.name)]
 

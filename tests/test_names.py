@@ -6,13 +6,12 @@ import ast
 from collections import defaultdict
 
 from tests import REPOSITORY
-
-ROOMS = ("imaging", "documents", "drivers", "calibration", "autoexpose_daemon", "navigation", "evaluation")
+from tools.stage_package import ROOMS
 
 
 def test_no_two_classes_have_one_name() -> None:
     homes: dict[str, list[str]] = defaultdict(list)
-    for room in ROOMS:
+    for room in set(ROOMS) - {"fake_camera"}:  # which imports nothing of ours, and has its own words
         for path in sorted((REPOSITORY / room).rglob("*.py")):
             for node in ast.parse(path.read_text()).body:
                 if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):

@@ -13,6 +13,7 @@ import pytest
 
 from fake_camera.usb3.run import CAMERAS_VARIABLE
 from tests import REPOSITORY
+from tools.stage_package import ROOMS
 
 pytestmark = pytest.mark.timeout(590)
 
@@ -22,19 +23,7 @@ NATIVE_TESTS = [
     for name in ("test_native", "test_native_belief", "test_native_pictures")
 ]
 SHIM_SUITES = [f"tests/fake_camera/usb3/{name}.py" for name in ("hostile_suite", "shim_suite")]
-PARTS = [
-    "autoexpose_daemon",
-    "calibration",
-    "documents",
-    "drivers",
-    "evaluation",
-    "fake_camera",
-    "imaging",
-    "navigation",
-    "tests",
-    "pyproject.toml",
-    "setup.py",
-]
+PARTS = [*ROOMS, "tests", "pyproject.toml", "setup.py"]
 
 
 def sanitizers() -> list[str]:

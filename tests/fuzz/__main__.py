@@ -24,8 +24,9 @@ from typing import NoReturn
 import atheris
 
 from tests.fuzz.target import Target
+from tools.stage_package import ROOMS
 
-PACKAGES = ["autoexpose_daemon", "calibration", "documents", "drivers", "fake_camera", "imaging", "navigation"]
+PACKAGES = [room for room in ROOMS if room != "evaluation"]
 
 with contextlib.redirect_stderr(io.StringIO()), atheris.instrument_imports(include=PACKAGES):
     from tests.fuzz.targets import TARGETS
