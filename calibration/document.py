@@ -105,7 +105,7 @@ def read_document(model: type[D], path: Path, file_format: str) -> D:
     try:
         return model.model_validate(content)
     except ValidationError as error:
-        raise ConfigurationError(f"{path}: {_complaint(model, error.errors()[0], content)}") from None
+        raise ConfigurationError(f"{path}: {_error_sentence(model, error.errors()[0], content)}") from None
 
 
 def write_document(path: Path, document: Mapping[str, Any]) -> None:
@@ -124,7 +124,7 @@ def write_document(path: Path, document: Mapping[str, Any]) -> None:
         raise ConfigurationError(f"{path}: cannot be written ({error.strerror}): choose another place") from error
 
 
-def _complaint(model: type[BaseModel], error: ErrorDetails, content: Mapping[Any, Any]) -> str:
+def _error_sentence(model: type[BaseModel], error: ErrorDetails, content: Mapping[Any, Any]) -> str:
     """What is wrong with a file's `content`, and what to do: the description of the field of `model` says that."""
     if not error["loc"]:  # keys that do not fit each other
         return error["msg"].removeprefix("Value error, ")

@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 from calibration.document import Finding
 from calibration.judges.noise_witness import NoiseWitness, hear_noise
-from calibration.judges.solution import gains_disagree, judge_solution, uniform_scene, with_doubts
+from calibration.judges.solution import gains_disagree, judge_solution, uniform_scene, widen_errors
 from calibration.judges.sweep import judge_sweep
 from calibration.response.file import Origin, ResponseFile, ResponseSolution
 from calibration.solver.curves import covered_greys
@@ -128,7 +128,7 @@ def _calibrate(name: str, origin: Origin, sweep: Sweep, notes: tuple[str, ...]) 
     witness = hear_noise(sweep, solved.response)
     heard = witness if witness is not None and witness.photons else None
     one_brightness = solved.uniform or bool(sweep.brighter)
-    solution = with_doubts(solved, heard, one_brightness=one_brightness)
+    solution = widen_errors(solved, heard, one_brightness=one_brightness)
     doubts = [None if heard is None else heard.finding, uniform_scene(one_brightness, heard)]
     return replace(
         result,

@@ -15,14 +15,14 @@ from imaging.pixels import Layout, Pixels, grey_plane, sparse
 Side = Literal["left", "right"]
 SIDES: Final[tuple[Side, ...]] = get_args(Side)
 SettingSource = Literal["chunk", "ledger"]
-DoubtKind = Literal["counter", "stamps", "wrap", "reading", "jump"]
+ClockTroubleKind = Literal["counter", "stamps", "wrap", "reading", "jump"]
 
 
 @dataclass(frozen=True, slots=True)
-class Doubt:
+class ClockTrouble:
     """What of a camera's numbers and time stamps is not believed, by kind, and a sentence that begins with "its"."""
 
-    kind: DoubtKind
+    kind: ClockTroubleKind
     sentence: str
 
 
@@ -55,7 +55,7 @@ class Frame:
         What the samples are, as in `PixelFormat`.
     by_arrival
         Whether `host_time_ns` is late by the time of readout and transfer, as the camera's clock is not known.
-    doubt
+    clock_trouble
         What of it is not believed, told with one frame.
     """
 
@@ -69,7 +69,7 @@ class Frame:
     setting_source: SettingSource = "chunk"
     layout: Layout = "grey"
     by_arrival: bool = False
-    doubt: Doubt | None = None
+    clock_trouble: ClockTrouble | None = None
 
     def grey8(self, saturation: int = 255) -> NDArray[np.uint8]:
         """What control sees of the pixels: 8-bit grey levels (see `grey_plane`), at half size for a colour mosaic.

@@ -11,7 +11,7 @@ from pydantic import ValidationError
 
 from autoexpose_daemon.config.control import BracketConfig
 from autoexpose_daemon.config.document import CameraConfig, Config
-from autoexpose_daemon.config.section import mistakes
+from autoexpose_daemon.config.section import error_sentences
 from documents.strict_yaml import load_mapping
 from documents.text import readable
 from drivers.genicam.features import refuse_driven
@@ -90,7 +90,7 @@ def bracketed(config: Config, bracket: bool, exposures: int | None, range_: str 
     try:
         brackets = BracketConfig.model_validate({**own, **given})
     except ValidationError as error:
-        raise ConfigurationError(f"--bracket: {mistakes(error, BracketConfig)[0]}") from error
+        raise ConfigurationError(f"--bracket: {error_sentences(error, BracketConfig)[0]}") from error
     return config.model_copy(update={"control": config.control.model_copy(update={"bracket": brackets})})
 
 
@@ -118,7 +118,7 @@ def load_config(path: Path) -> Config:
     try:
         config = Config.model_validate(content)
     except ValidationError as error:
-        sentences = (readable(f"{path}: {mistake}") for mistake in mistakes(error, Config))
+        sentences = (readable(f"{path}: {mistake}") for mistake in error_sentences(error, Config))
         raise ConfigurationError("\n".join(sentences)) from error
     try:
         config = _with_absolute_paths(config, path.resolve().parent)

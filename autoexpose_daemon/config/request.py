@@ -14,7 +14,7 @@ from autoexpose_daemon.config.section import (
     GainDb,
     Name,
     Section,
-    mistakes,
+    error_sentences,
     present_name,
 )
 from autoexpose_daemon.control.policies.ids import check_policy_id
@@ -162,5 +162,5 @@ def read_request(data: bytes) -> Request:
 
 def _sentence(error: ValidationError) -> str:
     """The first mistake, printable and of bounded length: it goes into logs and terminals."""
-    text = readable(mistakes(error, Request)[0])
+    text = readable(error_sentences(error, Request)[0])
     return text if len(text) <= _LONGEST_SENTENCE else f"{text[:_LONGEST_SENTENCE]}..."

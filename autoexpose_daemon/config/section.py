@@ -132,12 +132,12 @@ class AreaConfig(Section):
     background_weight: Weight = 0.0
 
 
-def mistakes(error: ValidationError, model: type[BaseModel]) -> list[str]:
+def error_sentences(error: ValidationError, model: type[BaseModel]) -> list[str]:
     """A sentence for each thing that is wrong with data for a model, beginning with its key."""
-    return [_complaint(each, model) for each in error.errors()]
+    return [_error_sentence(each, model) for each in error.errors()]
 
 
-def _complaint(error: ErrorDetails, model: type[BaseModel]) -> str:
+def _error_sentence(error: ErrorDetails, model: type[BaseModel]) -> str:
     key = ".".join(shortened(str(part)) for part in error["loc"])
     if error["type"] == "extra_forbidden":
         *parents, last = [str(part) for part in error["loc"]]

@@ -116,18 +116,18 @@ class FakeCamera:
         self.overruns = 0
         self.cpu_s = 0.0
         self._side = side
-        self._complaints = folder / f"{side}.stderr"
+        self._error_log = folder / f"{side}.stderr"
         # setpriv: if this process is killed, its cameras must not survive and hold their addresses
         command = ["setpriv", "--pdeathsig", "TERM", sys.executable, "-m", "fake_camera"]
         command += ["--serial", SERIALS[side], "--side", side, "--nice", _NICENESS, "--truth", str(self.truth)]
         command += ["--control", str(self.control)]
         command += arguments
-        with self._complaints.open("w") as complaints:
+        with self._error_log.open("w") as error_log:
             self._process = subprocess.Popen(
                 [*command, "--line0-rate-hz", "ask"],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
-                stderr=complaints,
+                stderr=error_log,
                 text=True,
                 env=without_fake_bus(),
                 start_new_session=True,  # Ctrl-C is for the demo, which ends the cameras after the daemon
@@ -150,7 +150,7 @@ class FakeCamera:
                 raise AutoexposeError(f"stopped before the {self._side} fake camera was ready")
         line = self._lines.popleft()
         if not line:
-            said = self._complaints.read_text(errors="replace").strip().splitlines() or ["it printed nothing"]
+            said = self._error_log.read_text(errors="replace").strip().splitlines() or ["it printed nothing"]
             raise AutoexposeError(f"the {self._side} fake camera did not start: {said[-1]}")
         return line
 

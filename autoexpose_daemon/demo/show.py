@@ -102,7 +102,7 @@ def held_rate_hz(possible_hz: float) -> float:
     return next((rate_hz for rate_hz in RATES_HZ if rate_hz <= possible_hz), RATES_HZ[-1])
 
 
-def shortfall(possible_hz: float, rate_hz: float, asked: bool) -> str | None:
+def rate_notice(possible_hz: float, rate_hz: float, asked: bool) -> str | None:
     """What to say before the first frame if the machine is too slow, else None."""
     renders = f"this machine renders {possible_hz:.0f} frames a second"
     if rate_hz > possible_hz:
@@ -195,7 +195,7 @@ def start(cameras: FakeCameras, options: DemoOptions, console: Console, highest_
     image_bytes = PIXEL_FORMATS[options.pixel_format].image_bytes(*options.width_height)
     possible_hz = pairs_per_s(cameras.frame_s(), cores(), image_bytes)
     rate_hz = options.rate_hz or min(held_rate_hz(possible_hz), highest_hz)
-    words = shortfall(possible_hz, rate_hz, asked=rate_hz == (options.rate_hz or highest_hz))
+    words = rate_notice(possible_hz, rate_hz, asked=rate_hz == (options.rate_hz or highest_hz))
     if words is not None:
         console.print(words)
     cameras.run_at(rate_hz)

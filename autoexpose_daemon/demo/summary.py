@@ -13,7 +13,7 @@ from autoexpose_daemon.demo.analysis import LightStep, StepLog, delay_frames, li
 from autoexpose_daemon.demo.fakes import FakeCamera, Pulse
 from autoexpose_daemon.demo.options import DemoOptions
 from autoexpose_daemon.runtime.daemon import Daemon
-from autoexpose_daemon.status.counters import DURATIONS, Counts, anomalies
+from autoexpose_daemon.status.counters import DURATIONS, Counts, unusual_counts
 from autoexpose_daemon.status.panel import lost_in_words
 
 _TRANSPORTS = {"gige": "GigE Vision", "usb3": "USB3 Vision"}
@@ -97,7 +97,7 @@ def _rows(figures: Mapping[str, Any], steps: Sequence[LightStep]) -> Iterator[tu
     kind = f"{figures['pixel_format']} {figures['width']}x{figures['height']}"
     yield "seen", f"{pairs}, from two fake {_TRANSPORTS[figures['transport']]} cameras, {kind}"
     yield "lost", f"{_lost(figures)}; of {figures['triggers']} triggers on the cameras' wire"
-    unusual = [f"{counter.label}: {count}" for counter, count in anomalies(Counts(**figures["counts"]))]
+    unusual = [f"{counter.label}: {count}" for counter, count in unusual_counts(Counts(**figures["counts"]))]
     if unusual:
         yield "anomalies", ", ".join(unusual)
     if figures["published"] is not None:

@@ -252,7 +252,7 @@ def _watched(camera: AravisCamera, watched_s: float) -> dict[str, Any]:
             shape = frame.pixels.shape
             taken_us = frame.setting.exposure_time_us
             late_ms = (frame.arrival_time_ns - frame.host_time_ns) * 1e-6 - 1e-3 * taken_us
-            doubts += [] if frame.doubt is None else [frame.doubt.sentence]
+            doubts += [] if frame.clock_trouble is None else [frame.clock_trouble.sentence]
             frames.append(FrameArrival(frame.device_time_ns * 1e-6, late_ms, frame.setting_source))
         else:
             incomplete += 1

@@ -47,7 +47,7 @@ def tables(status: Status) -> Tables:
 
 def _counts(status: Status, topic: Topic) -> list[CountRow]:
     rows = counters(status.counts)
-    return [(counter.label, count, counter.anomaly) for counter, count in rows if counter.topic == topic]
+    return [(counter.label, count, counter.unusual) for counter, count in rows if counter.topic == topic]
 
 
 CROWDED = 4001

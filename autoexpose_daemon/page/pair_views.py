@@ -210,7 +210,7 @@ class PairViews:
         self._loop = asyncio.get_running_loop()
         self._rung = asyncio.Event()
         self._newest = (0, b"")
-        self._complaint = ""
+        self._last_error = ""
         self._watched = threading.Condition()
         self._watching = 0
         self._closed = False
@@ -284,8 +284,8 @@ class PairViews:
                     self.grounds = self._status.ask_grounds()
                     self.curve = self._curve(pair) if self.grounds is None else None
             except ConfigurationError as error:  # the frames are too small or narrow
-                if str(error) != self._complaint:
-                    self._complaint = str(error)
+                if str(error) != self._last_error:
+                    self._last_error = str(error)
                     log.warning("no pictures: %s", error)
 
     def _maker(self, side: Side) -> PictureMaker:

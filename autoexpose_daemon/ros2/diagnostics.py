@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from autoexpose_daemon.messages.types import DIAGNOSTICS, TYPESTORE, header, serialise
-from autoexpose_daemon.status.counters import anomalies
+from autoexpose_daemon.status.counters import unusual_counts
 from autoexpose_daemon.status.document import CameraStatus, Status
 from autoexpose_daemon.status.panel import lost_in_words
 from autoexpose_daemon.status.states import State
@@ -33,7 +33,7 @@ def _of_rig(status: Status) -> Iterator[tuple[str, str]]:
     yield "pairs", str(status.counts.pairs)
     yield "pairs per second", f"{status.rate_hz:.1f}"
     yield "lost", lost_in_words(status.lost)
-    yield from ((counter.label, str(count)) for counter, count in anomalies(status.counts))
+    yield from ((counter.label, str(count)) for counter, count in unusual_counts(status.counts))
     if status.decision is not None:
         yield "exposure time us", f"{status.decision.setting.exposure_time_us:.0f}"
         yield "gain dB", f"{status.decision.setting.gain_db:.1f}"

@@ -259,7 +259,7 @@ class Tracking:
         """How the frame that is reported on was exposed, or why the report is ignored."""
         now_ns = self._now_ns()
         stamped_ns, exposures = min(self._seen, key=lambda seen: abs(seen[0] - taken_ns), default=(0, {}))
-        doubts = {
+        refusals = {
             TrackingRefusal.NO_CAMERA: report.side not in self._sides,
             TrackingRefusal.FUTURE: taken_ns > now_ns + APART_NS,
             TrackingRefusal.STALE: taken_ns < now_ns - OLDEST_REPORT_S * 1e9,
@@ -267,7 +267,7 @@ class Tracking:
             TrackingRefusal.PASSED_OVER: report.side not in exposures,
             TrackingRefusal.TOO_MANY: not self._memory.has_room(report.consumer, taken_ns * 1e-9),
         }
-        return next((refusal for refusal, holds in doubts.items() if holds), None) or exposures[report.side]
+        return next((refusal for refusal, holds in refusals.items() if holds), None) or exposures[report.side]
 
     def _refuse(self, reason: TrackingRefusal) -> None:
         self.tally.refused[reason] += 1

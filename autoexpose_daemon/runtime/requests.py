@@ -106,7 +106,7 @@ class PendingShot:
         return AnsweredShot(frame.setting, trigger, {side: frame.frame_id for side, (_, frame) in self._seen.items()})
 
     @property
-    def shortfall(self) -> str:
+    def why_late(self) -> str:
         """Why it was not answered in time."""
         missing = " and ".join(sorted(self._cameras - self._seen.keys()))
         if not self._seen or not missing:  # nothing is missing once all cameras are gone
@@ -226,7 +226,7 @@ class Requests:
         """To be called at least ten times a second."""
         self._note_bounds()
         if self.shot is not None and now_ns > self.shot.deadline_ns:
-            self._give_up(self.shot.shortfall)
+            self._give_up(self.shot.why_late)
 
     def _apply(self, request: Request) -> ExposureSetting | None:
         """Make all changes, or raise ConfigurationError; returns the setting of a shot, which is still to be taken."""

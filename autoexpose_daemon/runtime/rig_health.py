@@ -29,16 +29,16 @@ from drivers.triggers.rate import HOST_RATE_TOLERANCE, RATE_TOLERANCE, RateWatch
 from drivers.triggers.record import RigRecord
 from drivers.triggers.writes import EffectWatch
 from imaging.errors import AutoexposeError
-from imaging.frames import Doubt, Frame, Side, StereoPair
+from imaging.frames import ClockTrouble, Frame, Side, StereoPair
 
 log = logging.getLogger(__name__)
 
 Kind = str
-"""The kind of trouble, such as "refused"; a camera has one complaint of each kind at a time."""
+"""The kind of trouble, such as "refused"; a camera has one trouble of each kind at a time."""
 
 
-class Complaints:
-    """Keeps the complaints of a rig; `present` is read by other threads."""
+class Troubles:
+    """Keeps the troubles of a rig; `present` is read by other threads."""
 
     def __init__(self, present: dict[tuple[Side, Kind], str]) -> None:
         self.present = present
@@ -71,8 +71,8 @@ class Complaints:
 
     def end_all(self, side: Side) -> None:
         """The camera is replaced or gone."""
-        for complained, kind in list(self.present):
-            if complained == side:
+        for camera, kind in list(self.present):
+            if camera == side:
                 self.end(side, kind)
 
     def _log(self, side: Side, kind: Kind, sentence: str) -> None:
@@ -88,11 +88,11 @@ _NO_METADATA = "its frames no longer say how they were taken: their exposure is 
 
 
 class FrameWatch:
-    """Checks every complete frame; counts in `telemetry`, complains in `complaints`."""
+    """Checks every complete frame; counts in `telemetry`, reports in `troubles`."""
 
-    def __init__(self, telemetry: Telemetry, complaints: Complaints, record: RigRecord, config: Config) -> None:
+    def __init__(self, telemetry: Telemetry, troubles: Troubles, record: RigRecord, config: Config) -> None:
         self._telemetry = telemetry
-        self._complaints = complaints
+        self._troubles = troubles
         self._record = record
         tolerance = HOST_RATE_TOLERANCE if config.trigger.by_host else RATE_TOLERANCE
         self._rates = RateWatch(config.trigger.rate_hz, config.trigger_sources, tolerance)
@@ -107,34 +107,34 @@ class FrameWatch:
     def frame(self, side: Side, frame: Frame) -> None:
         """The next complete frame of a camera."""
         self._incomplete[side] = 0
-        self._complaints.end(side, "incomplete")
-        self._complaints.judge(side, "rate", self._rates.frame(side, frame))
-        self._complaints.judge(side, "effect", self._effects[side].frame(frame, self._record.history(side)))
+        self._troubles.end(side, "incomplete")
+        self._troubles.judge(side, "rate", self._rates.frame(side, frame))
+        self._troubles.judge(side, "effect", self._effects[side].frame(frame, self._record.history(side)))
         self._telemetry.counts.frames_off_setting = sum(watch.frames_off_setting for watch in self._effects.values())
         if frame.setting_source == "chunk":
             self._with_metadata.add(side)
-            self._complaints.end(side, "metadata")
+            self._troubles.end(side, "metadata")
         elif side in self._with_metadata:
             self._telemetry.counts.frames_without_exposure_metadata += 1
-            self._complaints.begin(side, "metadata", _NO_METADATA)
+            self._troubles.begin(side, "metadata", _NO_METADATA)
 
-    def doubt(self, side: Side, doubt: Doubt) -> None:
+    def report_clock(self, side: Side, trouble: ClockTrouble) -> None:
         """A camera's numbers or time stamps are not believed: told with any complete frame, and once."""
-        self._telemetry.counts.clock_jumps += doubt.kind == "jump"
-        log.warning("%s camera: %s", side, doubt.sentence)
+        self._telemetry.counts.clock_jumps += trouble.kind == "jump"
+        log.warning("%s camera: %s", side, trouble.sentence)
 
     def incomplete(self, side: Side) -> None:
         """A frame of a camera arrived with holes."""
         self._incomplete[side] += 1
         if self._incomplete[side] >= INCOMPLETE_FRAMES:
-            self._complaints.begin(side, "incomplete", _INCOMPLETE)
+            self._troubles.begin(side, "incomplete", _INCOMPLETE)
 
     def silent(self, side: Side) -> None:
-        """A camera sends no frames: complaints about them end."""
+        """A camera sends no frames: troubles about them end."""
         self._rates.gone(side)
         self._incomplete[side] = 0
         for kind in ("rate", "incomplete"):
-            self._complaints.end(side, kind)
+            self._troubles.end(side, kind)
 
     def gone(self, side: Side) -> None:
         """The camera is lost: everything is judged afresh when it returns."""
@@ -210,8 +210,8 @@ class RigHealth:
 
     def __init__(self, config: Config, telemetry: Telemetry, record: RigRecord, triggers: HostTriggers) -> None:
         self._telemetry = telemetry
-        self._complaints = Complaints(telemetry.complaints)
-        self._frame_watch = FrameWatch(telemetry, self._complaints, record, config)
+        self._troubles = Troubles(telemetry.troubles)
+        self._frame_watch = FrameWatch(telemetry, self._troubles, record, config)
         # By PTP, too, cameras expose only on request, which pauses while their clocks are not synchronised.
         needs_pulses = config.trigger.mode in ("external", "ptp")
         self._stuck = StuckStreams(1.0 / config.trigger.rate_hz, needs_pulses=needs_pulses)
@@ -242,7 +242,7 @@ class RigHealth:
             case PacketsRefused(side, packets):
                 self._telemetry.counts.refused_packets += packets.count
                 if side in self._silent:
-                    self._complaints.begin(side, "strangers", f"{packets}: {_WHOSE_PACKETS}")
+                    self._troubles.begin(side, "strangers", f"{packets}: {_WHOSE_PACKETS}")
             case CameraGone(side, error, final):
                 self._gone(side, error, final, now_ns)
             case CameraReady():
@@ -254,15 +254,15 @@ class RigHealth:
             case WriteFailed(side, asked, error):
                 self._telemetry.counts.refused_writes += 1
                 self._frame_watch.refused(side)
-                self._complaints.begin(side, "refused", f"{asked} was refused: {error}")
+                self._troubles.begin(side, "refused", f"{asked} was refused: {error}")
 
     def _arrived(self, side: Side, frame: Frame | IncompleteFrame, now_ns: int) -> None:
         """Look at any frame, whole or not, late or not."""
         self._stuck.arrived(side, now_ns)
         self._silent.discard(side)
-        self._complaints.end(side, "strangers")
-        if isinstance(frame, Frame) and frame.doubt is not None:
-            self._frame_watch.doubt(side, frame.doubt)
+        self._troubles.end(side, "strangers")
+        if isinstance(frame, Frame) and frame.clock_trouble is not None:
+            self._frame_watch.report_clock(side, frame.clock_trouble)
 
     def pair(self, pair: StereoPair) -> None:
         """Look at a pair: do the cameras still respond as calibrated?"""
@@ -272,7 +272,7 @@ class RigHealth:
     def counted(self, pair: StereoPair, uncounted: Mapping[Side, str]) -> None:
         """Note which frames of a pair did not count for the decision on it, and why."""
         for side in pair.frames:
-            self._complaints.judge(side, "uncounted", uncounted.get(side))
+            self._troubles.judge(side, "uncounted", uncounted.get(side))
 
     def tune(self, tuning: Tuning) -> None:
         """Continue with the responses of another tuning."""
@@ -283,14 +283,14 @@ class RigHealth:
         for finding in self._record.findings(now_ns):
             log.warning("%s", finding)
         for side in self._telemetry.present:
-            self._complaints.judge(side, "clock", self._triggers.trouble(side, now_ns))
+            self._troubles.judge(side, "clock", self._triggers.trouble(side, now_ns))
         return self._stuck.reasons(self._telemetry.cameras, now_ns, self._record.unpaced)
 
     def _ready(self, event: CameraReady) -> None:
         side, camera = event.side, event.description
         self._telemetry.counts.reconnects += side in self._ever_ready
         self._ever_ready.add(side)
-        self._complaints.end(side, GONE)
+        self._troubles.end(side, GONE)
         log.info("%s camera: %s %s %s, ready", side, camera.vendor, camera.model, camera.serial)
         for limitation in camera.limitations:
             log.warning("%s camera %s: %s", side, camera.serial, limitation)
@@ -298,7 +298,7 @@ class RigHealth:
 
     def _gone(self, side: Side, error: AutoexposeError, final: bool, now_ns: int) -> None:
         if self._telemetry.cameras.get(side) != GONE:
-            self._complaints.end_all(side)
+            self._troubles.end_all(side)
         self._telemetry.cameras[side] = GONE
         self._telemetry.ptp.pop(side, None)
         self._frame_watch.gone(side)
@@ -307,17 +307,17 @@ class RigHealth:
             if self._out == self._sides or (side not in self._ever_ready and self._starting(now_ns)):
                 raise error
         what_now = "it stays out until the daemon is restarted" if final else "trying again"
-        self._complaints.change(side, GONE, f"{error}; {what_now}")
+        self._troubles.change(side, GONE, f"{error}; {what_now}")
 
     def _starting(self, now_ns: int) -> bool:
         opened_ns = self._telemetry.opened_ns
         return opened_ns is None or now_ns - opened_ns < START_PATIENCE_NS
 
     def _written(self, event: Written) -> None:
-        self._complaints.end(event.side, "refused")
+        self._troubles.end(event.side, "refused")
         if event.read_back.agrees_with(event.asked):
-            self._complaints.end(event.side, ADJUSTED)
+            self._troubles.end(event.side, ADJUSTED)
         else:
             self._telemetry.counts.adjusted_writes += 1
             taken = f"{event.asked} was asked for, the camera took {event.read_back}"
-            self._complaints.begin(event.side, ADJUSTED, taken)
+            self._troubles.begin(event.side, ADJUSTED, taken)

@@ -12,7 +12,7 @@ from autoexpose_daemon.config.control import region_of
 from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.config.load import camera_setup
 from autoexpose_daemon.config.request import RegionRequest, Request
-from autoexpose_daemon.config.section import AreaConfig, mistakes
+from autoexpose_daemon.config.section import AreaConfig, error_sentences
 from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.picture.region import Region
 from drivers.aravis import open_camera
@@ -62,7 +62,7 @@ class Tuning:
             others = {name: getattr(config, name) for name in Config.model_fields}
             Config.model_validate(others | sections | {"control": checked})  # whether the sections fit each other
         except ValidationError as error:
-            raise ConfigurationError(mistakes(error, Config)[0]) from error
+            raise ConfigurationError(error_sentences(error, Config)[0]) from error
         tuning = copy(self)
         # The copy keeps the responses, which are read once.
         tuning.config, tuning.regions = config.model_copy(update=sections), regions

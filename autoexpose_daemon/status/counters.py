@@ -30,19 +30,19 @@ class Counter:
         Its name in words, for terminal, page and log.
     meaning
         What is counted, in a sentence.
-    anomaly
-        Whether it should stay at 0. Terminal and log show an anomaly that is not 0, and the page marks it.
+    unusual
+        Whether it should stay at 0. Terminal and log show it when it is not 0, and the page marks it.
     """
 
     name: str
     topic: Topic
     label: str
     meaning: str
-    anomaly: bool = True
+    unusual: bool = True
 
 
-def _counter(topic: Topic, label: str, meaning: str, anomaly: bool = True) -> Any:
-    return field(default=0, metadata={"topic": topic, "label": label, "meaning": meaning, "anomaly": anomaly})
+def _counter(topic: Topic, label: str, meaning: str, unusual: bool = True) -> Any:
+    return field(default=0, metadata={"topic": topic, "label": label, "meaning": meaning, "unusual": unusual})
 
 
 # fmt: off
@@ -51,7 +51,7 @@ def _counter(topic: Topic, label: str, meaning: str, anomaly: bool = True) -> An
 class Counts:
     """The counters, in the order in which they are shown; a daemon of a different version may lack some of them."""
 
-    pairs: Count = _counter("triggers", "stereo pairs", "Triggers that made a stereo pair.", anomaly=False)
+    pairs: Count = _counter("triggers", "stereo pairs", "Triggers that made a stereo pair.", unusual=False)
     pairs_without_decision: Count = _counter(
         "triggers", "pairs without a decision", "Pairs that control skipped for a newer one, or had used a frame of.")
     mismatched_pairs: Count = _counter(
@@ -76,9 +76,9 @@ class Counts:
     decisions_without_imu: Count = _counter(
         "writes", "decisions without the IMU", "Decisions by optical flow although an IMU is configured.")
     decisions_at_darkest_limit: Count = _counter(
-        "writes", "decisions at the darkest limit", "Decisions held at the darkest setting allowed.", anomaly=False)
+        "writes", "decisions at the darkest limit", "Decisions held at the darkest setting allowed.", unusual=False)
     decisions_at_brightest_limit: Count = _counter(
-        "writes", "decisions at the brightest limit", "Decisions held at the brightest setting allowed.", anomaly=False)
+        "writes", "decisions at the brightest limit", "Decisions held at the brightest setting allowed.", unusual=False)
 # fmt: on
 
 
@@ -88,9 +88,9 @@ def counters(counts: Counts) -> Iterator[tuple[Counter, int]]:
         yield Counter(entry.name, **entry.metadata), getattr(counts, entry.name)
 
 
-def anomalies(counts: Counts) -> Iterator[tuple[Counter, int]]:
+def unusual_counts(counts: Counts) -> Iterator[tuple[Counter, int]]:
     """The counters that should be 0 and are not."""
-    return ((counter, count) for counter, count in counters(counts) if counter.anomaly and count)
+    return ((counter, count) for counter, count in counters(counts) if counter.unusual and count)
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,7 +13,7 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
-from autoexpose_daemon.status.counters import DURATIONS, anomalies
+from autoexpose_daemon.status.counters import DURATIONS, unusual_counts
 from autoexpose_daemon.status.document import CameraStatus, DurationStatus, PublishStatus, Status
 from autoexpose_daemon.status.inputs import ImuTally, LightTally
 from autoexpose_daemon.status.states import State
@@ -93,7 +93,7 @@ def line_of(status: Status) -> str:
     if requested := str(status.requests or ""):
         parts.append(f"requested: {requested}")
     parts += [f"{name} {text}" for name, text in _responses(status)]
-    parts += [f"{counter.label}: {count}" for counter, count in anomalies(status.counts)]
+    parts += [f"{counter.label}: {count}" for counter, count in unusual_counts(status.counts)]
     parts += [f"{name} {text}" for name, text in _outlets(status)]
     if status.frame_to_node_ms.p50_ms is not None:
         parts.append(f"frame to node {status.frame_to_node_ms.p50_ms:.1f}/{status.frame_to_node_ms.p99_ms:.1f} ms")
@@ -105,7 +105,7 @@ def _rows(status: Status) -> Iterator[tuple[str, str]]:
     yield from ((f"{side} camera", _camera(camera, absent)) for side, camera in status.cameras.items())
     yield "pairs", f"{status.counts.pairs}   {status.rate_hz:.1f} per second   for {duration_text(status.open_s)}"
     yield "lost", lost_in_words(status.lost)
-    yield from ((counter.label, str(count)) for counter, count in anomalies(status.counts))
+    yield from ((counter.label, str(count)) for counter, count in unusual_counts(status.counts))
     applied = newest_setting(status)
     if applied is not None:
         yield "level E", f"{applied.level:.2f} stops  {_bar(applied.level)}"

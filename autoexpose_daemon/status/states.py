@@ -14,7 +14,7 @@ START_PATIENCE_NS = 10_000_000_000
 controller for 3 s; two searches of a second each, and the pauses between them, add to that."""
 
 ADJUSTED = "adjusted"
-"""The kind of complaint that does not degrade: cameras round, and frames carry the setting they were taken with."""
+"""The kind of trouble that does not degrade: cameras round, and frames carry the setting they were taken with."""
 
 SILENCE_NS = 1_000_000_000
 SILENCE_PERIODS = 5.0
@@ -62,16 +62,16 @@ def judge(telemetry: Telemetry, expected: Expectation, now_ns: int) -> Health:
         return Health(State.FAILED, (telemetry.failure,))
     if telemetry.last_pair_ns is None and now_ns - expected.since_ns < max(START_PATIENCE_NS, expected.silence_ns):
         return Health(State.STARTING)
-    reasons = tuple(_shortcomings(telemetry, expected, now_ns))
+    reasons = tuple(_reasons(telemetry, expected, now_ns))
     return Health(State.DEGRADED, reasons) if reasons else Health(State.EXPOSING)
 
 
-def _shortcomings(telemetry: Telemetry, expected: Expectation, now_ns: int) -> Iterator[str]:
+def _reasons(telemetry: Telemetry, expected: Expectation, now_ns: int) -> Iterator[str]:
     cameras = {side: telemetry.cameras.get(side, GONE) for side in expected.sides}
     gone = [side for side, camera in cameras.items() if camera == GONE]
     present = [side for side in cameras if side not in gone]
-    complaints = telemetry.complaints.copy()  # the control thread changes it
-    incomplete = [side for side in present if (side, "incomplete") in complaints]
+    troubles = telemetry.troubles.copy()  # the control thread changes it
+    incomplete = [side for side in present if (side, "incomplete") in troubles]
     whole = [side for side in present if side not in incomplete]
     silent = [side for side in whole if _silent(telemetry.last_frame_ns.get(side), expected, now_ns)]
     # The last frame of one camera before the trigger stops may be lost: it then falls silent a little earlier.
@@ -79,7 +79,7 @@ def _shortcomings(telemetry: Telemetry, expected: Expectation, now_ns: int) -> I
     if silent and all(_silent(telemetry.last_frame_ns.get(side), expected, soon_ns) for side in whole):
         silent = whole
     for side in gone:
-        yield f"{side} camera gone" + (f": {complaints[side, GONE]}" if (side, GONE) in complaints else "")
+        yield f"{side} camera gone" + (f": {troubles[side, GONE]}" if (side, GONE) in troubles else "")
     if silent and silent == present:
         yield "no triggers" if expected.triggered else "no frames"
     else:
@@ -90,9 +90,9 @@ def _shortcomings(telemetry: Telemetry, expected: Expectation, now_ns: int) -> I
         telemetry.last_pair_ns, expected, now_ns - round(expected.silence_ns)
     ):
         yield "frames form no stereo pairs"
-    for (side, kind), complaint in complaints.items():
+    for (side, kind), trouble in troubles.items():
         if kind not in (GONE, ADJUSTED):
-            yield f"{side} camera: {complaint}"
+            yield f"{side} camera: {trouble}"
     for side, misfit in list(telemetry.misfits.items()):  # the control thread adds to it
         yield f"calibration of the {side} camera does not fit: {misfit}"
     if telemetry.publishing is not None and telemetry.publishing.trouble:

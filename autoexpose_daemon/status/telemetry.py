@@ -183,7 +183,7 @@ class Telemetry:
         Triggers that made no pair, by reason.
     ptp
         What each open camera says about its PTP clock, in `trigger.mode` ptp.
-    complaints
+    troubles
         What is wrong with the cameras now, in words, by camera and kind.
     misfits
         Why a camera's calibration does not fit, in words, for each such camera.
@@ -215,7 +215,7 @@ class Telemetry:
     last_frame_ns: dict[Side, int] = field(default_factory=dict)
     last_pair_ns: int | None = None
     ptp: dict[Side, PtpState] = field(default_factory=dict)
-    complaints: dict[tuple[Side, str], str] = field(default_factory=dict)
+    troubles: dict[tuple[Side, str], str] = field(default_factory=dict)
     misfits: dict[Side, str] = field(default_factory=dict)
     applied: ExposureSetting | None = None
     newest: dict[Side, ExposureSetting] = field(default_factory=dict)

@@ -96,8 +96,8 @@ def _odd_exposure(tones: Tones, solution: ResponseSolution) -> Finding | None:
     if not known.any():
         return None
     unsure = np.interp(tones.greys - tones.middle, np.arange(GREY_LEVELS), solution.uncertainty_stops)
-    errors, doubts = (_medians(values, known) for values in (stops - radiance, np.where(inside, unsure, np.nan)))
-    errors[np.abs(errors) < ODD_SIGMAS * doubts] = 0.0
+    errors, uncertainties = (_medians(values, known) for values in (stops - radiance, np.where(inside, unsure, np.nan)))
+    errors[np.abs(errors) < ODD_SIGMAS * uncertainties] = 0.0
     worst = int(np.argmax(np.abs(errors)))
     if abs(errors[worst]) <= ODD_EXPOSURE_STOPS:
         return None
@@ -132,7 +132,7 @@ ROUNDS = 3
 """Errors count from the middle of the accurate grey levels, and decide which those are."""
 
 
-def with_doubts(
+def widen_errors(
     solution: ResponseSolution, witness: NoiseWitness | None, *, one_brightness: bool = False
 ) -> ResponseSolution:
     """The solution, its errors widened by what neither grey levels nor noise rule out, and where they are small.

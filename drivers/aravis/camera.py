@@ -305,7 +305,7 @@ class AravisCamera:
             source,
             self._pixel_format.layout,
             placed.by_arrival,
-            placed.doubt,
+            placed.clock_trouble,
         )
 
     def _taken_with(

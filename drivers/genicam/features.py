@@ -103,10 +103,10 @@ def apply_features(nodes: NodeMap, setup: CameraSetup) -> None:
     if not features:
         return
     driven = any(feature.name in GAINS for feature in features) and gain_driven(nodes)
-    complaints = [*refuse_driven(setup, driven)] or set_features(nodes, features)
-    if complaints:
-        kind = NodeError if all(isinstance(complaint, NodeError) for complaint in complaints) else ConfigurationError
-        raise kind(f"camera {nodes.serial}: features: {'; '.join(map(str, complaints))}")
+    errors = [*refuse_driven(setup, driven)] or set_features(nodes, features)
+    if errors:
+        kind = NodeError if all(isinstance(error, NodeError) for error in errors) else ConfigurationError
+        raise kind(f"camera {nodes.serial}: features: {'; '.join(map(str, errors))}")
     done = ", ".join(f"{feature.key} {_written(feature.value)}" for feature in features)
     log.info("camera %s: features set: %s", nodes.serial, done)
 
@@ -118,7 +118,7 @@ def set_features(nodes: NodeMap, features: Sequence[FeatureSetting]) -> list[Aut
     refused (locked, or out of bounds before the others were set) or changed (as binning does with the region) are set
     again. So a region may move and grow, whatever it was before.
     """
-    return [complaint for run in _runs(nodes, features) for complaint in _set_run(nodes, run)]
+    return [error for run in _runs(nodes, features) for error in _set_run(nodes, run)]
 
 
 def _set_run(nodes: NodeMap, run: Sequence[FeatureSetting]) -> list[AutoexposeError]:
@@ -130,10 +130,10 @@ def _set_run(nodes: NodeMap, run: Sequence[FeatureSetting]) -> list[AutoexposeEr
             wrong[feature.key] = _refusal(nodes, feature)
         for key, feature in wanted.items():
             wrong[key] = wrong.get(key) or _change(nodes, feature)
-        complaints = {key: error for key, error in wrong.items() if error is not None}
-        if not complaints or len(complaints) >= fewest:
-            return list(complaints.values())
-        pending, fewest = [wanted[key] for key in complaints], len(complaints)
+        errors = {key: error for key, error in wrong.items() if error is not None}
+        if not errors or len(errors) >= fewest:
+            return list(errors.values())
+        pending, fewest = [wanted[key] for key in errors], len(errors)
 
 
 @contextlib.contextmanager

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from drivers.camera import IncompleteFrame
 from drivers.genicam.nodes import NodeMap
-from imaging.frames import Doubt, DoubtKind
+from imaging.frames import ClockTrouble, ClockTroubleKind
 
 LATCH_ERROR_NS = 1_000_000
 """A latch that had to wait for the processor may be off by this much: not a jump."""
@@ -48,7 +48,7 @@ class Placed:
     host_time_ns: int | None
     device_time_ns: int
     by_arrival: bool = False
-    doubt: Doubt | None = None
+    clock_trouble: ClockTrouble | None = None
 
     @property
     def incomplete(self) -> IncompleteFrame:
@@ -116,7 +116,7 @@ class FrameTimeline:
         self._delays_ns: deque[int] = deque(maxlen=JUDGED_STEPS)  # the same, of all the latest frames
         self._misread = 0  # readings of the clock in a row that contradict time stamps and arrivals
         self._said: set[str] = set()
-        self._doubts: deque[Doubt] = deque()
+        self._clock_troubles: deque[ClockTrouble] = deque()
 
     def read(self, offset_ns: int) -> None:
         """The camera's clock was read again: host time minus its time. Any thread."""
@@ -157,8 +157,8 @@ class FrameTimeline:
         self._paces_ns.append((passed_ns if told else arrival_ns - last.seen.arrival_ns) / counted)
         device_time_ns = stamp_ns if told else last.device_time_ns + passed_ns
         self._last = _Last(seen, last.frame_id + counted, device_time_ns, host_ns)
-        doubt = self._doubts.popleft() if self._doubts and confirmed_ns is not None else None
-        return Placed(self._last.frame_id, confirmed_ns, device_time_ns, self.by_arrival, doubt)
+        trouble = self._clock_troubles.popleft() if self._clock_troubles and confirmed_ns is not None else None
+        return Placed(self._last.frame_id, confirmed_ns, device_time_ns, self.by_arrival, trouble)
 
     @property
     def _distrusts_stamps(self) -> bool:
@@ -206,7 +206,7 @@ class FrameTimeline:
             return stamp_ns
         self._wrapped_ns += self._wrap_ns
         again = f"start again every {self._wrap_ns * 1e-9:.1f} s"
-        self._doubt("wrap", f"its time stamps have 32 bits and {again}; they are continued")
+        self._report("wrap", f"its time stamps have 32 bits and {again}; they are continued")
         return stamp_ns + self._wrap_ns
 
     def _map(self, seen: _Seen, host_ns: int) -> None:
@@ -246,7 +246,7 @@ class FrameTimeline:
         if self._misread > 1:  # one alone may be of a clock that was set after the frame was taken
             self._offsets_ns = self._offsets_ns or deque(maxlen=ARRIVAL_WINDOW)
             apart_s = abs(host_ns - seen.arrival_ns) * 1e-9
-            self._doubt(
+            self._report(
                 "reading",
                 f"its clock, as it is read, and the time stamps of its frames are {apart_s:.3g} s apart: it is not "
                 "believed, and frames are placed by their arrival",
@@ -270,7 +270,7 @@ class FrameTimeline:
         shortest_ns, passed_ns = self._shortest_ns, host_ns - last.host_ns
         if counted == 1 or (counted > 1 and passed_ns >= SHORT_PERIODS * counted * shortest_ns):
             return counted
-        self._doubt(
+        self._report(
             "counter",
             f"its frame counter went from {last.seen.counter} to {seen.counter} in {passed_ns * 1e-6:.1f} ms, by its "
             "time stamps and the arrival of its frames: where it cannot be right, frames are counted by these",
@@ -302,7 +302,7 @@ class FrameTimeline:
         jump_ns, self._jump_ns = self._jump_ns, 0
         if abs(jump_ns) >= JUMP_NS:
             jumped = f"jumped by {jump_ns * 1e-9:+.1f} s"
-            self._doubts.append(Doubt("jump", f"its clock {jumped}; its frames keep their place"))
+            self._clock_troubles.append(ClockTrouble("jump", f"its clock {jumped}; its frames keep their place"))
 
     def _tell_distrust(self, last: _Last, seen: _Seen) -> None:
         if not self._distrusts_stamps:
@@ -313,13 +313,13 @@ class FrameTimeline:
         passed_ns, arrived_ns = seen.stamp_ns - last.seen.stamp_ns, seen.arrival_ns - last.seen.arrival_ns
         went = f"went on by {passed_ns * 1e-6:.3g} ms while {arrived_ns * 1e-6:.3g} ms passed"
         how = went if passed_ns else "stand still"
-        self._doubt("stamps", f"its time stamps {how} and are not believed: its frames are placed by their arrival")
+        self._report("stamps", f"its time stamps {how} and are not believed: its frames are placed by their arrival")
 
-    def _doubt(self, kind: DoubtKind, sentence: str) -> None:
+    def _report(self, kind: ClockTroubleKind, sentence: str) -> None:
         """Say so, once."""
         if kind not in self._said:
             self._said.add(kind)
-            self._doubts.append(Doubt(kind, sentence))
+            self._clock_troubles.append(ClockTrouble(kind, sentence))
 
 
 def _counted(counter: int, last: int) -> int:

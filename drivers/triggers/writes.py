@@ -73,7 +73,7 @@ class WriteHistory:
             pass  # replaced by a newer one before it was written
         return command
 
-    def doubt(self) -> None:
+    def forget_certainty(self) -> None:
         """The camera refused a setting, and may have taken part of it."""
         self._certain = 0
 
@@ -215,7 +215,7 @@ class RigWrites:
 
     def refused(self, side: Side) -> None:
         """A camera refused a setting, perhaps its first one: it is asked again."""
-        self.histories[side].doubt()
+        self.histories[side].forget_certainty()
         self._present.add(side)
 
     def gone(self, side: Side) -> None:

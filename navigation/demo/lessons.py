@@ -115,9 +115,9 @@ class Lessons:
                 raise AutoexposeError("interrupted while a lap was taught")
             robot.joystick = STANDSTILL
             teach.send_signal(signal.SIGINT)
-            said, complaint = teach.communicate(timeout=STARTS_S)
+            said, errors = teach.communicate(timeout=STARTS_S)
         if teach.returncode != 0 or not file.exists():
-            raise AutoexposeError(f"autoexpose teach failed: {complaint.strip() or said.strip()}")
+            raise AutoexposeError(f"autoexpose teach failed: {errors.strip() or said.strip()}")
 
     def repeat(self, file: Path, light: str, policy: str) -> Lap:
         """Drive the lap again from beside the start, by what the cameras see, in another light."""

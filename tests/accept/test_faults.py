@@ -22,7 +22,7 @@ import pytest
 from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.demo.fakes import read_pulses
 from autoexpose_daemon.runtime.setup import Tuning
-from autoexpose_daemon.status.counters import anomalies
+from autoexpose_daemon.status.counters import unusual_counts
 from autoexpose_daemon.status.states import Expectation, judge
 from calibration.response.file import ResponseFile
 from fake_camera.device.faults import Fault
@@ -92,7 +92,7 @@ def wait_for_state(run: Run, *words: str) -> None:
 def counts(run: Run) -> Counter[str]:
     telemetry = run.daemon.telemetry
     lost = {str(reason): count for reason, count in telemetry.lost.items()}
-    return Counter({counter.name: count for counter, count in anomalies(telemetry.counts)} | lost)
+    return Counter({counter.name: count for counter, count in unusual_counts(telemetry.counts)} | lost)
 
 
 @contextlib.contextmanager

@@ -102,7 +102,7 @@ class VirtualRun:
         self.wait_until(taken, f"frames of {exposure_time_us:g} us")
 
     def counts(self) -> Counter[str]:
-        counts = Counter({c.name: n for c, n in counters(self.telemetry.counts) if c.anomaly or c.name == "pairs"})
+        counts = Counter({c.name: n for c, n in counters(self.telemetry.counts) if c.unusual or c.name == "pairs"})
         counts.update({reason.value: count for reason, count in self.rig.control.record.tally.lost.items()})
         return +counts
 

@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from calibration.judges.noise_witness import NoiseWitness, hear_noise
-from calibration.judges.solution import with_doubts
+from calibration.judges.solution import widen_errors
 from calibration.noise.photon_transfer import photon_transfer
 from calibration.report import facts
 from calibration.response.file import Origin, ResponseSolution
@@ -129,7 +129,7 @@ def test_noise_that_neighbours_share_is_no_evidence(processing: Processing, resp
 def test_without_a_witness_medians_are_no_better_than_the_residual() -> None:
     """And next to black and saturation, where what is clipped may have been mixed in, nothing is covered."""
     known = replace(response_known_to(lambda grey: 0.0 * grey + 1e-4), residual_grey=0.5)
-    silent, heard = with_doubts(known, None), with_doubts(known, AGREES)
+    silent, heard = widen_errors(known, None), widen_errors(known, AGREES)
     assert (heard.covered, silent.covered) == ((10, 250), (16, 239))
     assert silent.uncertainty_stops[64] == pytest.approx(0.5 / 64 / np.log(2.0), rel=0.2)
 
@@ -138,7 +138,7 @@ def test_doubts_only_widen_the_error() -> None:
     solution = solve_tones(calibrated(noisy_sweep(scene="flat")).by_exposure)
     assert solution.uniform
     for witness in (None, NoiseWitness(1.0, False, 1.0, 0.01), NoiseWitness(0.9, True, 2.0, 0.0)):
-        wider = with_doubts(solution, witness)
+        wider = widen_errors(solution, witness)
         assert (wider.uncertainty_stops >= solution.uncertainty_stops).all()
         assert wider.accurate is not None
         assert solution.covered[0] <= wider.accurate[0] < wider.accurate[1] <= solution.covered[1]
@@ -155,7 +155,7 @@ AGREES = NoiseWitness(1.0, False, 1.0, 0.0)
 
 
 def test_the_error_is_stated_where_it_is_small() -> None:
-    worse_when_dark = with_doubts(response_known_to(lambda grey: 0.02 / np.maximum(grey, 1.0)), AGREES)
+    worse_when_dark = widen_errors(response_known_to(lambda grey: 0.02 / np.maximum(grey, 1.0)), AGREES)
     assert worse_when_dark.accurate is not None
     low, high = worse_when_dark.accurate
     assert 10 < low < 30
@@ -165,10 +165,10 @@ def test_the_error_is_stated_where_it_is_small() -> None:
 
 
 def test_errors_of_stops_are_stated_for_all_that_was_seen() -> None:
-    assert with_doubts(response_known_to(lambda grey: 3.0 + 0.0 * grey), AGREES).accurate == (10, 250)
+    assert widen_errors(response_known_to(lambda grey: 3.0 + 0.0 * grey), AGREES).accurate == (10, 250)
 
 
 def test_a_third_of_the_grey_levels_is_too_few_to_state_an_error_for() -> None:
     """They are known to 0.001 stops, and all to 0.04."""
-    solution = with_doubts(response_known_to(lambda grey: np.where(np.abs(grey - 130) < 40, 0.0005, 0.02)), AGREES)
+    solution = widen_errors(response_known_to(lambda grey: np.where(np.abs(grey - 130) < 40, 0.0005, 0.02)), AGREES)
     assert solution.accurate == (10, 250)

@@ -242,7 +242,7 @@ class VirtualCamera:
             setting,
             "chunk" if told else "ledger",
             by_arrival=placed.by_arrival,
-            doubt=placed.doubt,
+            clock_trouble=placed.clock_trouble,
             pulse=pulse,
         )
 

@@ -142,7 +142,7 @@ class Day:
         telemetry = self.rig.control.telemetry
         losses = {reason: telemetry.lost.get(LossReason(reason), 0) for reason in LOSSES}
         counted = counters(telemetry.counts)
-        anomalies = {counter.name: count for counter, count in counted if counter.anomaly}
+        anomalies = {counter.name: count for counter, count in counted if counter.unusual}
         return losses | anomalies | {"pairs": telemetry.counts.pairs}
 
     def _see_pair(self, step: ControlStep) -> None:

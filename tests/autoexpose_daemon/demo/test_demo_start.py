@@ -24,7 +24,7 @@ from autoexpose_daemon.demo.fakes import (
 )
 from autoexpose_daemon.demo.options import SIZES, DemoOptions, Transport
 from autoexpose_daemon.demo.run import run_demo
-from autoexpose_daemon.demo.show import cores, held_rate_hz, pairs_per_s, shortfall
+from autoexpose_daemon.demo.show import cores, held_rate_hz, pairs_per_s, rate_notice
 from fake_camera.imaging import ImageSettings, Pixels
 from fake_camera.warm_up import frame_s
 from fake_camera.world.sensor import SIZES as simulated_sizes
@@ -72,7 +72,7 @@ def test_a_slow_simulation_runs_at_a_rate_that_it_sustains(
     source = SlowSource(1.0, 1e-3 * frame_ms)  # the first frame pays for caches, and does not count
     possible_hz = pairs_per_s(frame_s(source, "Mono8", source.clock_s), processors)
     assert held_rate_hz(possible_hz) == rate_hz
-    assert shortfall(possible_hz, rate_hz, asked=False) == words
+    assert rate_notice(possible_hz, rate_hz, asked=False) == words
 
 
 def test_larger_frames_take_longer() -> None:
@@ -84,10 +84,10 @@ def test_the_fake_cameras_have_these_sizes() -> None:
 
 
 def test_a_requested_rate_is_kept_and_commented_on() -> None:
-    assert shortfall(41.3, 60.0, asked=True) == (
+    assert rate_notice(41.3, 60.0, asked=True) == (
         "this machine renders 41 frames a second: at 60 Hz the fake cameras will lose some"
     )
-    assert shortfall(41.3, 30.0, asked=True) is None
+    assert rate_notice(41.3, 30.0, asked=True) is None
 
 
 def test_a_container_has_as_many_cores_as_its_quota(tmp_path: Path) -> None:

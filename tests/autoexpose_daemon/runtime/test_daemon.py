@@ -74,8 +74,8 @@ def test_cameras_with_one_ptp_clock_expose_together_and_go_on_without_their_mast
             assert {state.status for state in telemetry.ptp.values()} <= {"Slave", "Uncalibrated"}
             assert float(np.median(telemetry.skew_ms.latest_ms)) < 1.0
             master.close()
-            run.wait_until(lambda: ("left", "clock") in telemetry.complaints, "a word on the master's end")
-            assert "no longer synchronised" in telemetry.complaints["left", "clock"]
+            run.wait_until(lambda: ("left", "clock") in telemetry.troubles, "a word on the master's end")
+            assert "no longer synchronised" in telemetry.troubles["left", "clock"]
             run.wait_for_pairs(5)
             assert median_skew_periods(run, 20) < 0.1
 

@@ -330,10 +330,10 @@ def test_a_shot_whose_cameras_are_all_gone_fails_in_a_whole_sentence() -> None:
     pending = PendingShot(SHOT, 10**9, Future())
     pending.decided([], ["left", "right"])
     pending.is_in(StereoPair(6, {"left": Frame(np.zeros((1, 1), np.uint8), 8, 6, 0, 0, 0, SHOT)}))
-    assert pending.shortfall.startswith("no frame of the right camera was taken")
+    assert pending.why_late.startswith("no frame of the right camera was taken")
     for side in SIDES:
         pending.see(CameraGone(side, AutoexposeError("unplugged"), final=False))
-    assert pending.shortfall.startswith("no frame was taken with it in time")
+    assert pending.why_late.startswith("no frame was taken with it in time")
 
 
 def test_a_rig_of_one_camera_has_no_right_region() -> None:

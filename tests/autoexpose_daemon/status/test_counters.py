@@ -31,21 +31,21 @@ def text_of(status: Status) -> str:
     return screen.getvalue()
 
 
-@pytest.mark.parametrize("anomaly", [True, False])
-def test_a_new_line_of_the_table_shows_wherever_counters_do(anomaly: bool) -> None:
-    entry = field(default=0, metadata=FLASHES | {"anomaly": anomaly})
+@pytest.mark.parametrize("unusual", [True, False])
+def test_a_new_line_of_the_table_shows_wherever_counters_do(unusual: bool) -> None:
+    entry = field(default=0, metadata=FLASHES | {"unusual": unusual})
     more = make_dataclass("More", [("flashes", int, entry)], bases=(Counts,), slots=True)
     telemetry = Telemetry(counts=more())
     telemetry.counts.flashes += 3  # type: ignore[attr-defined]
 
     status = describe(telemetry, CONFIG)
     assert json.loads(status.to_json())["counts"]["flashes"] == 3
-    assert ("flashes of lightning", 3, anomaly) in tables(status)["triggers"]
+    assert ("flashes of lightning", 3, unusual) in tables(status)["triggers"]
     metrics = exposition("rig", status).decode()
     assert "# HELP autoexpose_flashes_total Flashes of lightning.\n" in metrics
     assert 'autoexpose_flashes_total{rig="rig"} 3.0\n' in metrics
-    assert ("flashes of lightning: 3" in line_of(status)) == anomaly
-    assert bool(re.search(r"flashes of lightning +3", text_of(status))) == anomaly
+    assert ("flashes of lightning: 3" in line_of(status)) == unusual
+    assert bool(re.search(r"flashes of lightning +3", text_of(status))) == unusual
 
 
 def test_every_counter_has_a_row_in_the_docs_in_its_own_words() -> None:

@@ -60,7 +60,7 @@ def test_a_calibration_that_does_not_fit_degrades() -> None:
 
 def test_what_is_wrong_with_a_camera_stands_in_the_state() -> None:
     seen = telemetry(right=GONE, right_ns=LONG_AGO_NS, pair_ns=LONG_AGO_NS)
-    seen.complaints = {("left", "refused"): "1 us was refused", ("right", "gone"): "no camera with serial B answers"}
+    seen.troubles = {("left", "refused"): "1 us was refused", ("right", "gone"): "no camera with serial B answers"}
     assert str(judge(seen, STEREO, NOW_NS)) == (
         "degraded: right camera gone: no camera with serial B answers; left camera: 1 us was refused"
     )
@@ -68,13 +68,13 @@ def test_what_is_wrong_with_a_camera_stands_in_the_state() -> None:
 
 def test_a_camera_whose_frames_are_all_incomplete_sends_frames() -> None:
     seen = telemetry(left_ns=LONG_AGO_NS, pair_ns=LONG_AGO_NS)
-    seen.complaints = {("left", "incomplete"): "all its frames arrive incomplete"}
+    seen.troubles = {("left", "incomplete"): "all its frames arrive incomplete"}
     assert str(judge(seen, STEREO, NOW_NS)) == "degraded: left camera: all its frames arrive incomplete"
 
 
 def test_a_camera_that_rounds_is_as_good_as_another() -> None:
     seen = telemetry()
-    seen.complaints = {("left", ADJUSTED): "25 us was asked for, the camera took 24 us"}
+    seen.troubles = {("left", ADJUSTED): "25 us was asked for, the camera took 24 us"}
     assert judge(seen, STEREO, NOW_NS).state is State.EXPOSING
 
 

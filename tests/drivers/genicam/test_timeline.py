@@ -66,8 +66,8 @@ class Camera:
         placed = self.timeline.place(counter, stamp_ns, arrival_ns, exposure_ns)
         self.placed.append(placed)
         self.errors_ns.append(None if placed.host_time_ns is None else placed.host_time_ns - start_ns)
-        if placed.doubt is not None:
-            self.said.append(placed.doubt.sentence)
+        if placed.clock_trouble is not None:
+            self.said.append(placed.clock_trouble.sentence)
 
     def frames(self, count: int = 200) -> None:
         for number in range(count):

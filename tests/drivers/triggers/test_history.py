@@ -105,7 +105,7 @@ def test_what_the_nodes_held_is_known_from_the_last_write_before() -> None:
     assert history.held_since(9) is None  # from then to the first write they may have held anything
     assert history.held_since(25) == [at(3000), at(2000)]
     assert history.held_since(30) == [at(3000)]
-    history.doubt()
+    history.forget_certainty()
     assert history.held_since(40) is None
     history.write(written(at(4000), 50))
     assert history.held_since(45) is None

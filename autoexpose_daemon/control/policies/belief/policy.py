@@ -116,7 +116,7 @@ class Belief(ExposurePolicy):
     @property
     def uncounted(self) -> dict[Side, str]:
         """The cameras that show nothing, unless that is all of them."""
-        found = {side: remark for side, belief in self.beliefs.items() if (remark := belief.remark())}
+        found = {side: reason for side, belief in self.beliefs.items() if (reason := belief.why_uncounted())}
         return found if len(found) < len(self.beliefs) else {}
 
     @property

@@ -189,7 +189,7 @@ class SceneBelief:
         repeated = self.latest is not None and np.array_equal(self.latest, seen.count)
         return not repeated or not shows(seen.count)
 
-    def remark(self) -> str | None:
+    def why_uncounted(self) -> str | None:
         """What is wrong with the camera, in words to follow "left camera"; None if it shows something."""
         if self.latest is None or self.age_s < SILENT_S:
             return None
