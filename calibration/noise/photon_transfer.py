@@ -166,7 +166,7 @@ def photon_transfer(sweep: Sweep) -> PhotonTransfer:
     line = _fit_line(curve, lines.black.value, limit_dn)
     if line is None:
         return PhotonTransfer(None, steadiness.refusals or (_too_few(curve, None, limit_dn),), curve)
-    findings = [*steadiness.findings, *_doubts(curve, line, lines, limit_dn, steadiness)]
+    findings = [*steadiness.findings, *_findings(curve, line, lines, limit_dn, steadiness)]
     if saturation_dn is None:
         findings.append(_UNSATURATED)
     model = None
@@ -230,7 +230,7 @@ def _weighted_line(curve: VarianceCurve, used: NDArray[np.bool_]) -> _Line | Non
     return _Line(float(offset), float(slope), covariance * max(spread, 1.0), used)
 
 
-def _doubts(
+def _findings(
     curve: VarianceCurve, line: _Line, lines: LightLines, limit_dn: float, steadiness: Steadiness
 ) -> Iterator[Finding]:
     """Whether grey levels are in proportion to light, and cover enough."""
