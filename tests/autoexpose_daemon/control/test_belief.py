@@ -174,3 +174,19 @@ def test_light_is_measured_by_the_camera_whose_frame_before_was_not_lost() -> No
         frame = at_time(expose(SCENE, START, 10.0 - 0.25 * index), index)
         loop.step(StereoPair(index, dict.fromkeys(sides, frame)))
     assert list(belief.forecast.changes)[-6:] == pytest.approx([0.25] * 6, abs=0.03)
+
+
+def test_light_is_measured_by_a_camera_at_its_own_setting() -> None:
+    """The left one's frame is lost while the right one has another exposure: that is no change of light."""
+    loop = ControlLoop("belief", LINEAR, LIMITS, START)
+    belief = loop._policy
+    assert isinstance(belief, Belief)
+    darker = ExposureSetting(START.exposure_time_us / 2.0, START.gain_db)
+    for index, sides in enumerate(["both", "both", "right", "both"]):
+        frames = {
+            side: at_time(expose(SCENE, setting, 10.0), index)
+            for side, setting in (("left", START), ("right", darker))
+            if sides in ("both", side)
+        }
+        loop.step(StereoPair(index, frames))
+    assert list(belief.forecast.changes)[-3:] == pytest.approx([0.0] * 3, abs=0.03)

@@ -171,11 +171,11 @@ class Belief(ExposurePolicy):
 
     def _light_change(self, look: Look, seen: Contrast, observation: Observation) -> LightChange:
         """By how much the light has changed for a camera."""
-        level = observation.setting.level
-        light = self.registrations[look.side].change(look, level) or LightChange(0.0, measured=False)
+        levels = {each.side: (each.setting or observation.setting).level for each in observation.looks}
+        light = self.registrations[look.side].change(look, levels[look.side]) or LightChange(0.0, measured=False)
         for other in observation.looks:
             if other is not look:
-                self.registrations[other.side].remember(other, level)
+                self.registrations[other.side].remember(other, levels[other.side])
         if not light.measured:  # no less than that if the picture is white, no more if it is black
             white = seen.count[:, -1].sum() > seen.count[:, 0].sum()
             return LightChange(max(light.stops, 0.0) if white else min(light.stops, 0.0), measured=False)
@@ -194,7 +194,7 @@ class Belief(ExposurePolicy):
         best = int(values.argmax())
         wanted = min(float(levels[beyond + best]), observation.limits.brightest.level)
         reason = _reason(wanted - before, looks[best]) + ("" if observation.steering is None else "; steered")
-        faults = "".join(f"; {side} camera {remark}" for side, remark in self.uncounted.items())
+        faults = "".join(f"; {side} camera {reason}" for side, reason in self.uncounted.items())
         return Target(wanted, reason + faults)
 
     def _prospects(self, levels: Array, observation: Observation) -> tuple[Array, Array]:
