@@ -15,7 +15,7 @@ from typing import Literal
 import numpy as np
 
 from calibration.document import Finding
-from calibration.sources.session import Session
+from calibration.session import Session
 from drivers.genicam.metadata import FRAMES_AFTER
 from imaging.exposure import DB_PER_STOP, ExposureLimits, ExposureSetting
 from imaging.frames import Frame

@@ -11,8 +11,8 @@ import cv2
 import numpy as np
 
 from calibration.response.file import SIGMAS, Origin, ResponseSolution
-from calibration.result import Verdict, calibrate
-from calibration.sources.sweep import Shot, Sweep, SweepPlan
+from calibration.response.result import Verdict, calibrate
+from calibration.sweep import Shot, Sweep, SweepPlan
 from evaluation.arrays import Floats
 from fake_camera.world.lighting import Change, Flicker, LightScript
 from imaging.exposure import ExposureLimits, ExposureSetting, linear_gain

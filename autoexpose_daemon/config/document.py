@@ -24,7 +24,7 @@ from autoexpose_daemon.config.section import (
 )
 from autoexpose_daemon.messages.keys import LAST_ROS2_DOMAIN, LOOPBACK, ROUTER, check_key_expression, check_rig_name
 from autoexpose_daemon.messages.write import Stamp
-from calibration.gain.file import GainFile
+from calibration.gain import GainFile
 from calibration.geometry.file import check_camera, check_pair, load_geometry
 from calibration.geometry.numbers import baseline_note
 from calibration.response.file import ResponseFile

@@ -28,7 +28,7 @@ from autoexpose_daemon.runtime.setup import openers
 from autoexpose_daemon.service.logs import set_up_logging
 from autoexpose_daemon.service.service import Service, add_outlets
 from autoexpose_daemon.status.panel import display
-from calibration.geometry.formats.ros import ros_yaml
+from calibration.geometry.opencv import ros_yaml
 from drivers.aravis import find_cameras
 from imaging.errors import AutoexposeError
 from imaging.frames import SIDES, Side

@@ -13,14 +13,13 @@ import typer
 from rich.console import Console
 
 from calibration.commands.rig import check_place
-from calibration.geometry.file import check_pair, load_geometry
-from calibration.geometry.formats.read import read_rigs
-from calibration.geometry.formats.rig import RigGeometry, joined
-from calibration.geometry.formats.ros import ros_yaml
-from calibration.geometry.formats.tum import is_times_txt
+from calibration.geometry.file import check_pair, load_geometry, read_rigs
 from calibration.geometry.numbers import baseline_note, numbers
+from calibration.geometry.opencv import ros_yaml
+from calibration.geometry.rig import RigGeometry, joined
+from calibration.geometry.slam import is_times_txt
+from calibration.images import image_paths
 from calibration.response.file import ResponseFile, is_tum_table, read_tum_table
-from calibration.sources.images import image_paths
 from calibration.vignetting.file import VignettingFile, read_vignette_picture
 from documents.files import SIGNATURE, open_regular, read_text, replace_file
 from imaging.errors import ConfigurationError

@@ -18,16 +18,22 @@ from rich.live import Live
 from rich.progress import track
 
 from calibration.commands.rig import CameraMode, rig_of_config
-from calibration.geometry.board import DEFAULT_DICTIONARY, MARKER_SHARE, Board, BoardFinder, BoardView
-from calibration.geometry.capture import ENOUGH_VIEWS, Capture
+from calibration.geometry.board import (
+    DEFAULT_DICTIONARY,
+    ENOUGH_VIEWS,
+    MARKER_SHARE,
+    Board,
+    BoardFinder,
+    BoardView,
+    Capture,
+)
 from calibration.geometry.file import load_geometry
 from calibration.geometry.fit import GeometryResult, calibrate_geometry
-from calibration.geometry.formats.kalibr import camchain_yaml
-from calibration.geometry.formats.ros import ros_yaml
-from calibration.report import check_extra
-from calibration.report.page import geometry_facts, write_geometry_report
-from calibration.sources.images import image_paths, read_grey8
-from calibration.sources.session import RATE_HZ, SLOWEST_HZ, PairOfCameras, Session, whole_grey8
+from calibration.geometry.opencv import ros_yaml
+from calibration.geometry.slam import camchain_yaml
+from calibration.images import image_paths, read_grey8
+from calibration.report import check_extra, geometry_facts, write_geometry_report
+from calibration.session import RATE_HZ, SLOWEST_HZ, PairOfCameras, Session, whole_grey8
 from documents.files import replace_file
 from drivers.aravis import open_camera
 from imaging.errors import AutoexposeError, ConfigurationError

@@ -20,8 +20,8 @@ from calibration.latency import TRIALS, WriteEffect, capture_latency
 from calibration.noise.light_lines import Estimate, NoiseModel
 from calibration.noise.photon_transfer import PhotonTransfer, default_gains_db, photon_transfer, plan_noise
 from calibration.response.file import ResponseFile
-from calibration.sources.session import Session, session_setup
-from calibration.sources.sweep import Sweep
+from calibration.session import Session, session_setup
+from calibration.sweep import Sweep
 from drivers.aravis import AravisCamera, open_camera
 from imaging.errors import AutoexposeError, ConfigurationError
 from imaging.pixels import SAMPLES, PixelFormat, green_samples

@@ -12,10 +12,9 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from calibration.commands.rig import CameraMode, check_place, check_report, places_of, rig_of_config, tool
 from calibration.document import CameraIdentity
-from calibration.report import check_extra
-from calibration.report.page import vignetting_facts, write_vignetting_report
+from calibration.report import check_extra, vignetting_facts, write_vignetting_report
 from calibration.response.file import ResponseFile
-from calibration.sources.session import Session
+from calibration.session import Session
 from calibration.vignetting.field import LOOKS, FieldLook, capture_looks, field_of
 from calibration.vignetting.file import VignettingFile
 from calibration.vignetting.result import VignettingResult, calibrate_vignetting
@@ -77,7 +76,7 @@ def _response(path: Path | None, serial: str | None) -> ResponseFunction:
 
 
 def _of_images(folder: Path, response: Path | None) -> VignettingResult:
-    from calibration.sources.images import read_pictures  # noqa: PLC0415  it needs pillow, from the extra
+    from calibration.images import read_pictures  # noqa: PLC0415  it needs pillow, from the extra
 
     curve, pictures = _response(response, None), read_pictures(folder)
     looks = [FieldLook(field_of([picture], curve)) for picture in pictures]

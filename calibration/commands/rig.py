@@ -15,11 +15,11 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from calibration.document import CameraIdentity
-from calibration.gain.file import GainFile
+from calibration.gain import GainFile
 from calibration.response.file import Origin
-from calibration.result import Result, calibrate
-from calibration.sources.session import Session, session_setup
-from calibration.sources.sweep import Shot, Sweep, SweepPlan, plan_sweep
+from calibration.response.result import Result, calibrate
+from calibration.session import Session, session_setup
+from calibration.sweep import Shot, Sweep, SweepPlan, plan_sweep
 from documents import bounds
 from documents.strict_yaml import load_mapping
 from documents.text import quoted
@@ -54,7 +54,7 @@ class CameraMode:
     link_share: LinkShare | None = None
 
     def setup(self, rate_hz: float | None = None, *, own_gain: bool = False) -> CameraSetup:
-        """How to open it for a `calibration.sources.session.Session`.
+        """How to open it for a `calibration.session.Session`.
 
         A rate leaves out features that set another one, and `own_gain` (its gain in the numbers of its node) leaves
         out those that set a gain; in the rig they apply.
@@ -202,7 +202,7 @@ def _brighter(session: Session, plan: SweepPlan, name: str, console: Console) ->
 
 def measure_images(source: Path) -> Result:
     """Solve the sweep that a folder or a list of images holds; the camera is unknown."""
-    from calibration.sources.images import read_images  # noqa: PLC0415  it needs pillow, from the extra
+    from calibration.images import read_images  # noqa: PLC0415  it needs pillow, from the extra
 
     origin = Origin(date=datetime.now(UTC).replace(microsecond=0), tool=tool())
     return calibrate(f"the images of {source}", origin, read_images(source))

@@ -13,7 +13,7 @@ from calibration.document import Finding
 from calibration.geometry.board import TILTED_DEG, TILTS, Board, BoardView, Corners, covered, pose, tilts
 from calibration.geometry.numbers import check_plausible
 from calibration.geometry.rectify import alone, rectified
-from calibration.result import Verdict, verdict
+from calibration.response.result import Verdict, verdict
 from imaging.errors import ConfigurationError
 from imaging.frames import SIDES, Side
 from imaging.geometry import CameraGeometry

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.document import Finding
-from calibration.sources.sweep import Shot
+from calibration.sweep import Shot
 
 
 class Estimate(NamedTuple):

@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from calibration.geometry.board import CELLS
 from calibration.geometry.fit import GOOD_ERROR_PX, GeometryResult
 from calibration.response.file import ResponseSolution
-from calibration.result import Result
+from calibration.response.result import Result
 from calibration.vignetting.field import Array
 from calibration.vignetting.result import VignettingResult, residuals
 from imaging.frames import SIDES, Side

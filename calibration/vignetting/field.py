@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.sources.sweep import FIRST_TIME_US, Shot, StaticCamera, mean_of, time_bounds_us
+from calibration.sweep import FIRST_TIME_US, Shot, StaticCamera, mean_of, time_bounds_us
 from imaging.exposure import ExposureSetting
 from imaging.response import ResponseFunction, greys_of_codes
 

@@ -21,7 +21,7 @@ from calibration.document import (
     within,
     write_document,
 )
-from calibration.sources.images import read_grey
+from calibration.images import read_grey
 from calibration.vignetting.result import fit_grid, residuals
 from documents.bounds import Range
 from imaging.errors import ConfigurationError

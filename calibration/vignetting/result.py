@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 
 from calibration.document import Finding
-from calibration.result import Verdict, verdict
+from calibration.response.result import Verdict, verdict
 from calibration.vignetting.field import Array, FieldLook
 from imaging.errors import ConfigurationError
 from imaging.vignetting import LEAST_LIGHT, Vignetting, hats, middles, radius_squared

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from calibration.report.page import EXTRA
+from calibration.report import EXTRA
 from documents.text import readable
 from navigation.store import MapError, MapFile
 

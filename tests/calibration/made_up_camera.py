@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.sources.sweep import Shot, Sweep, SweepPlan
+from calibration.sweep import Shot, Sweep, SweepPlan
 from imaging.exposure import ExposureLimits, ExposureSetting
 
 SHAPE = (60, 80)

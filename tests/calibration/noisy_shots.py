@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.sources.sweep import Shot, Sweep
+from calibration.sweep import Shot, Sweep
 from fake_camera.imaging import ImageSettings
 from fake_camera.world.sensor import Sensor, SensorModel
 from imaging.exposure import ExposureSetting, linear_gain

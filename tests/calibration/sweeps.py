@@ -9,7 +9,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.sources.sweep import Shot, Sweep
+from calibration.sweep import Shot, Sweep
 from fake_camera.imaging import ImageSettings
 from fake_camera.world.lighting import LightScript
 from fake_camera.world.sensor import Sensor, SensorModel

@@ -3,9 +3,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calibration.commands.check import judge_agreement, plan_check
+from calibration.commands.app import judge_agreement, plan_check
 from calibration.response.file import ResponseSolution
-from calibration.solver.tones import agreement, compare, tones_by_exposure
+from calibration.response.tones import agreement, compare, tones_by_exposure
 from imaging.exposure import ExposureLimits, ExposureSetting
 from imaging.response import ResponseFunction
 from tests.calibration.made_up_camera import MadeUpCamera, gamma, linear, sweep

@@ -16,9 +16,9 @@ from calibration.commands.app import calibrate_app
 from calibration.commands.rig import CameraMode
 from calibration.document import CameraIdentity
 from calibration.response.file import Origin, ResponseFile
-from calibration.result import Result
-from calibration.result import calibrate as solved
-from calibration.sources.sweep import SweepPlan
+from calibration.response.result import Result
+from calibration.response.result import calibrate as solved
+from calibration.sweep import SweepPlan
 from imaging.errors import AutoexposeError, CameraError
 from imaging.exposure import ExposureSetting
 from imaging.pixels import PixelFormat
@@ -166,7 +166,7 @@ def test_what_cannot_be_is_one_sentence(
 @pytest.fixture
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     """Half the exposures, for half the time, and no plots, which take as long again."""
-    monkeypatch.setattr("calibration.sources.sweep.STEP_STOPS", 1.0)
+    monkeypatch.setattr("calibration.sweep.STEP_STOPS", 1.0)
     monkeypatch.setattr("calibration.report.plots._png", lambda figure: b"")
 
 
@@ -210,7 +210,7 @@ def test_a_camera_is_swept_checked_and_predicted_as_it_really_is(tmp_path: Path)
 @pytest.mark.wire
 @pytest.mark.usefixtures("quick")
 def test_a_wall_is_swept_at_two_gains(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("calibration.sources.sweep.STEP_STOPS", 0.8)  # a wall shows too little in full stops
+    monkeypatch.setattr("calibration.sweep.STEP_STOPS", 0.8)  # a wall shows too little in full stops
     file = tmp_path / "left.response.yaml"
     with bright_camera(tmp_path, "gamma", "wall", 1000) as camera:
         code, output = calibrate("response", "--camera", camera.serial, "-o", str(file))

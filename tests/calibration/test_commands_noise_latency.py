@@ -26,7 +26,7 @@ from calibration.latency import WriteEffect
 from calibration.noise.light_lines import Estimate, NoiseModel
 from calibration.noise.photon_transfer import PhotonTransfer, default_gains_db, plan_noise
 from calibration.response.file import Origin, ResponseFile
-from calibration.sources.session import session_setup
+from calibration.session import session_setup
 from drivers.aravis import open_camera
 from drivers.setup import CameraSetup
 from fake_camera.world.sensor import SensorModel

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration.solver.curves import (
+from calibration.response.curves import (
     Ends,
     InverseCurve,
     _responses,
@@ -19,8 +19,8 @@ from calibration.solver.curves import (
     residuals_from_others,
     usable,
 )
-from calibration.solver.free_curve import _roughness
-from calibration.solver.tones import Tones, tones_by_exposure
+from calibration.response.free_curve import _roughness
+from calibration.response.tones import Tones, tones_by_exposure
 
 from .sweeps import TIMES_US, Bench
 

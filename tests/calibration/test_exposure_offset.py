@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from calibration.response.file import Origin
-from calibration.result import Result, calibrate
-from calibration.solver.solve import solve_response
-from calibration.sources.sweep import Shot, Sweep
+from calibration.response.result import Result, calibrate
+from calibration.response.solve import solve_response
+from calibration.sweep import Shot, Sweep
 from evaluation.sweeps import errors_stops
 from imaging.exposure import ExposureSetting
 from imaging.response import ResponseFunction

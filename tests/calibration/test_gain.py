@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
-from calibration.gain.solve import FIRST_LOOKS, MOST_LOOKS, GainCurve, capture_gain, solve_gain
-from calibration.sources.sweep import Shot
+from calibration.gain import FIRST_LOOKS, MOST_LOOKS, GainCurve, capture_gain, solve_gain
+from calibration.sweep import Shot
 from imaging.exposure import ExposureLimits, ExposureSetting, linear_gain
 
 SHAPE = (96, 128)

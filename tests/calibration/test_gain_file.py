@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from calibration.document import CameraIdentity, Finding
-from calibration.gain.file import GainFile
+from calibration.gain import GainFile
 from imaging.errors import ConfigurationError
 from imaging.gain_scale import GainScale
 from tests.calibration.test_commands import calibrate

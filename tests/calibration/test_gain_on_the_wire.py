@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from calibration.gain.file import GainFile
+from calibration.gain import GainFile
 from fake_camera.genapi.raw_gain import RawGain
 from imaging.gain_scale import GainScale
 from tests.autoexpose_daemon.stereo import running_daemon
@@ -41,8 +41,8 @@ def camera(stack: ExitStack, side: str, lux: float, description: Path, line0: st
 
 @pytest.mark.wire
 def test_a_raw_gain_is_measured_as_it_is(tmp_path: Path, description: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("calibration.gain.solve.FIRST_LOOKS", 3)
-    monkeypatch.setattr("calibration.gain.solve.MOST_LOOKS", 5)
+    monkeypatch.setattr("calibration.gain.FIRST_LOOKS", 3)
+    monkeypatch.setattr("calibration.gain.MOST_LOOKS", 5)
     path, law = tmp_path / "left.gain.yaml", LAWS["left"]
     with ExitStack() as stack:
         camera(stack, "left", 600.0, description, unique("wire"))

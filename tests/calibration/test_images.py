@@ -10,8 +10,8 @@ import pytest
 from PIL import Image
 from PIL.TiffImagePlugin import IFDRational
 
-from calibration.solver.solve import solve_response
-from calibration.sources.images import image_paths, read_images
+from calibration.images import image_paths, read_images
+from calibration.response.solve import solve_response
 from imaging.errors import ConfigurationError
 from tests.calibration.sweeps import TIMES_US, Bench
 

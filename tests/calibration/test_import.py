@@ -10,8 +10,8 @@ import pytest
 import yaml
 
 from calibration.geometry.file import check_pair, load_geometry
+from calibration.images import timed_files
 from calibration.response.file import ResponseFile, read_tum_table, tum_table
-from calibration.sources.images import timed_files
 from calibration.vignetting.file import VignettingFile
 from imaging.errors import ConfigurationError
 from imaging.frames import SIDES

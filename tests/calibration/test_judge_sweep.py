@@ -9,11 +9,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration.judges.solution import judge_solution
-from calibration.judges.stillness import moved_share
-from calibration.judges.sweep import judge_sweep
-from calibration.solver.solve import solve_response
-from calibration.sources.sweep import Shot, Sweep
+from calibration.response.judgement import judge_solution, judge_sweep
+from calibration.response.solve import solve_response
+from calibration.response.stillness import moved_share
+from calibration.sweep import Shot, Sweep
 from fake_camera.world.lighting import Change, Flicker, LightScript
 from imaging.exposure import DB_PER_STOP, ExposureSetting
 from tests.calibration.sweeps import TIMES_US, UP_DOWN_UP, WIDTH, Bench, Radiance, duration_s, scene

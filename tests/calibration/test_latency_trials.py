@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from calibration import latency as trials_module
+from calibration import session as session_module
 from calibration.latency import WriteEffect, capture_latency
-from calibration.sources import session as session_module
-from calibration.sources.session import Session
+from calibration.session import Session
 from drivers.camera import CameraDescription
 from imaging.exposure import ExposureLimits, ExposureSetting
 from imaging.frames import Frame, SettingSource

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from calibration.judges.noise_witness import NoiseWitness, hear_noise
-from calibration.judges.solution import widen_errors
 from calibration.noise.photon_transfer import photon_transfer
 from calibration.report import facts
 from calibration.response.file import Origin, ResponseSolution
-from calibration.result import Result, calibrate
-from calibration.solver.solve import solve_response, solve_tones
-from calibration.sources.sweep import Sweep
+from calibration.response.judgement import widen_errors
+from calibration.response.noise_witness import NoiseWitness, hear_noise
+from calibration.response.result import Result, calibrate
+from calibration.response.solve import solve_response, solve_tones
+from calibration.sweep import Sweep
 from evaluation.sweeps import Processing, process_of
 from imaging.response import ResponseFunction
 from tests.calibration.noisy_shots import Scene, noisy_sweep

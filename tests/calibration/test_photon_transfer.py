@@ -11,9 +11,16 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from calibration.noise.photon_transfer import PhotonTransfer, _weighted_line, photon_transfer
-from calibration.noise.variance_curve import VarianceCurve, quantised, variance_curve, without_quantisation
-from calibration.sources.sweep import Shot, Sweep
+from calibration.noise.photon_transfer import (
+    PhotonTransfer,
+    VarianceCurve,
+    _weighted_line,
+    photon_transfer,
+    quantised,
+    variance_curve,
+    without_quantisation,
+)
+from calibration.sweep import Shot, Sweep
 from fake_camera.imaging import PIXEL_FORMATS
 from imaging.exposure import ExposureSetting
 from tests.calibration.noisy_shots import MODEL, Scene, noisy_sweep

@@ -12,13 +12,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from calibration.judges.solution import judge_solution
-from calibration.judges.sweep import judge_sweep
+from calibration.images import read_images
 from calibration.response.file import Origin, ResponseFile
-from calibration.result import calibrate
-from calibration.solver.solve import solve_response
-from calibration.sources.images import read_images
-from calibration.sources.sweep import Shot, Sweep
+from calibration.response.judgement import judge_solution, judge_sweep
+from calibration.response.result import calibrate
+from calibration.response.solve import solve_response
+from calibration.sweep import Shot, Sweep
 from evaluation.sweeps import HEIGHT, PROCESSINGS, WIDTH, Processing, errors_stops, scored, simulated
 from imaging.exposure import ExposureSetting
 from imaging.response import ResponseFunction

@@ -16,8 +16,8 @@ from calibration.document import CameraIdentity
 from calibration.report import write_report
 from calibration.report.plots import DASHES
 from calibration.response.file import Origin
-from calibration.result import Result, calibrate
-from calibration.solver.tones import compare
+from calibration.response.result import Result, calibrate
+from calibration.response.tones import compare
 from imaging.pixels import PixelFormat
 from imaging.python310 import UTC
 from tests.calibration.made_up_camera import MadeUpCamera, gamma, linear, sweep

@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from calibration import session as session_module
 from calibration.commands.rig import rig_of_config
-from calibration.sources import session as session_module
-from calibration.sources.session import FRAMES_TO_OBEY, Session, session_setup
+from calibration.session import FRAMES_TO_OBEY, Session, session_setup
 from drivers.aravis import open_camera
 from drivers.camera import CameraDescription, IncompleteFrame
 from drivers.genicam.features import refuse_driven

@@ -11,11 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from calibration.judges.solution import judge_solution
-from calibration.judges.sweep import judge_sweep
 from calibration.response.file import ResponseSolution
-from calibration.solver.solve import solve_response
-from calibration.sources.sweep import Shot, Sweep
+from calibration.response.judgement import judge_solution, judge_sweep
+from calibration.response.solve import solve_response
+from calibration.sweep import Shot, Sweep
 from imaging.errors import ConfigurationError
 from imaging.exposure import ExposureSetting
 from imaging.response import ResponseFunction, prediction_tables

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calibration.sources.sweep import KEPT_PIXELS, LONGEST_TIME_US, Shot, SweepPlan, exposure_span_us, plan_sweep
+from calibration.sweep import KEPT_PIXELS, LONGEST_TIME_US, Shot, SweepPlan, exposure_span_us, plan_sweep
 from imaging.exposure import ExposureLimits, ExposureSetting
 from tests.calibration.made_up_camera import LIMITS, Curve, MadeUpCamera, gamma, linear
 

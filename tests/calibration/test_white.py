@@ -11,7 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from calibration.gain.white import (
+from calibration.sweep import Shot
+from calibration.white import (
     COLOURS,
     GreySurface,
     error_of,
@@ -21,7 +22,6 @@ from calibration.gain.white import (
     judge_surface,
     ratios_for,
 )
-from calibration.sources.sweep import Shot
 from fake_camera.imaging import ImageSettings
 from fake_camera.world.colour import WHITE, Tints, balanced
 from fake_camera.world.sensor import Sensor, SensorModel
@@ -157,7 +157,7 @@ def test_a_camera_is_balanced_over_the_wire_and_opens_with_what_is_pasted(
         ):
             code, output = calibrate("white", "--camera", serial, *arguments)
             assert (code, words in output) == (1, True), output
-        monkeypatch.setattr("calibration.commands.measure_white.RATIO", "BalanceGain")
+        monkeypatch.setattr("calibration.commands.measure_gain.RATIO", "BalanceGain")
         code, output = calibrate("white", "--camera", serial)
         assert code == 1
         assert "it has no BalanceGain for red and blue" in output

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from autoexpose_daemon.control.loop import ControlLoop
-from calibration.solver.solve import solve_response
+from calibration.response.solve import solve_response
 from evaluation.arena.race import course_of, race
 from evaluation.scenes.scenarios import SCENARIOS
 from evaluation.stage.camera import Entrant

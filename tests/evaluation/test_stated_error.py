@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calibration.judges.stillness import moved_share
-from calibration.solver.solve import solve_response
+from calibration.response.solve import solve_response
+from calibration.response.stillness import moved_share
 from evaluation.sweeps import KINDS, Kind, Processing, scored, simulated
 
 

@@ -49,11 +49,11 @@ from autoexpose_daemon.status.inputs import Answer, AnsweredShot
 from autoexpose_daemon.status.panel import line_of
 from autoexpose_daemon.status.telemetry import Consumers
 from calibration.document import CameraIdentity, Finding
-from calibration.gain.file import GainFile
+from calibration.gain import GainFile
 from calibration.geometry.file import load_geometry
-from calibration.geometry.formats.ros import ros_yaml
+from calibration.geometry.opencv import ros_yaml
+from calibration.images import read_images, timed_files
 from calibration.response.file import Origin, ResponseFile
-from calibration.sources.images import read_images, timed_files
 from calibration.vignetting.file import VignettingFile
 from drivers.genicam.image_format import decode_pixels
 from drivers.host import network

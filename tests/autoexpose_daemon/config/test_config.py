@@ -22,7 +22,7 @@ from autoexpose_daemon.control import parameters
 from autoexpose_daemon.control.parameters import ControlParameters
 from autoexpose_daemon.control.picture.region import Rectangle
 from calibration.document import CameraIdentity
-from calibration.gain.file import GainFile
+from calibration.gain import GainFile
 from calibration.response.file import Origin, ResponseFile
 from calibration.vignetting.file import VignettingFile
 from documents import bounds

@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 import yaml
 
-from calibration.geometry.formats.kalibr import read_camchain
-from calibration.geometry.formats.ros import read_camera, ros_yaml
+from calibration.geometry.opencv import read_camera, ros_yaml
+from calibration.geometry.slam import read_camchain
 from imaging.frames import SIDES, Side
 from imaging.geometry import CameraGeometry
 

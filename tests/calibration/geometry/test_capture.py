@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from calibration.commands.measure_geometry import progress_text
-from calibration.geometry import capture as module
-from calibration.geometry.board import Board
-from calibration.geometry.capture import Capture
-from calibration.sources.session import whole_grey8
+from calibration.geometry import board as module
+from calibration.geometry.board import Board, Capture
+from calibration.session import whole_grey8
 from fake_camera.world.scene.board import BoardPath
 from imaging.exposure import ExposureSetting
 from imaging.frames import Frame

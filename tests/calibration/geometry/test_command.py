@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 import yaml
 
-from calibration.geometry import capture
+from calibration.geometry import board
 from calibration.geometry.board import Board, BoardFinder
 from calibration.geometry.file import check_pair, load_geometry
 from fake_camera.world.scene.board import BoardPath
@@ -158,7 +158,7 @@ def test_a_board_is_drawn_to_scale(tmp_path: Path, name: str) -> None:
 
 @pytest.mark.wire
 def test_two_cameras_are_watched_until_views_suffice(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(capture, "MOST_VIEWS", 1)
+    monkeypatch.setattr(board, "MOST_VIEWS", 1)
     light = tmp_path / "light.yaml"
     light.write_text(yaml.safe_dump(STEADY))
     wire, options = unique("wire"), ["--scene", "board", "--light", str(light)]

@@ -16,8 +16,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from calibration.geometry.file import check_camera, check_pair, load_geometry
-from calibration.geometry.formats.kalibr import read_camchain
-from calibration.geometry.formats.ros import read_camera, ros_yaml
+from calibration.geometry.opencv import read_camera, ros_yaml
+from calibration.geometry.slam import read_camchain
 from imaging.errors import ConfigurationError
 from imaging.frames import SIDES, Side
 from imaging.geometry import CameraGeometry

@@ -15,11 +15,10 @@ import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from calibration.geometry.file import check_pair, load_geometry
-from calibration.geometry.formats.kalibr import camchain_yaml
-from calibration.geometry.formats.read import read_rig
-from calibration.geometry.formats.ros import ros_yaml
+from calibration.geometry.file import check_pair, load_geometry, read_rig
 from calibration.geometry.numbers import baseline_note
+from calibration.geometry.opencv import ros_yaml
+from calibration.geometry.slam import camchain_yaml
 from imaging.errors import ConfigurationError
 from imaging.frames import SIDES
 from imaging.geometry import CameraGeometry

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from calibration.sources.sweep import Shot
+from calibration.sweep import Shot
 from calibration.vignetting.field import FieldLook, field_of
 from fake_camera.imaging import ImageSettings
 from fake_camera.world.sensor import Sensor, SensorModel, falloff

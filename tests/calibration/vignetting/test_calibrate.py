@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calibration.sources.sweep import Shot
+from calibration.sweep import Shot
 from calibration.vignetting.field import Field, FieldLook, bright_exposure_us, capture_looks, cells, field_of
 from calibration.vignetting.result import calibrate_vignetting
 from fake_camera.imaging import ImageSettings

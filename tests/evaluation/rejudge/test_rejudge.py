@@ -15,7 +15,7 @@ from typer.testing import CliRunner, Result
 
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from autoexpose_daemon.recording.replay import report_replay
-from calibration.geometry.formats.ros import ros_yaml
+from calibration.geometry.opencv import ros_yaml
 from evaluation.odometry.tracking import lap
 from evaluation.rejudge.contest import Figures, recommended
 from evaluation.rejudge.following import ReferenceTrajectory, Trajectory, read_tum, tum

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.document import Finding
-from calibration.noise.variance_curve import grey_step, pairs_of
-from calibration.sources.sweep import Shot, Sweep
+from calibration.noise.photon_transfer import grey_step, pairs_of
+from calibration.sweep import Shot, Sweep
 from imaging.response import GREY_LEVELS, ResponseFunction
 
 MOST_CORRELATION = 0.03

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.response.file import ResponseSolution
-from calibration.sources.sweep import Shot, Sweep
+from calibration.sweep import Shot, Sweep
 from imaging.response import GREY_LEVELS, ResponseFunction, prediction_tables
 
 MAX_GROUPS = 400

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.document import Finding
-from calibration.solver.tones import Curve, Tones, exposure_index, grey8, of_exposures
-from calibration.sources.sweep import Sweep
+from calibration.response.tones import Curve, Tones, exposure_index, grey8, of_exposures
+from calibration.sweep import Sweep
 from imaging.response import GREY_LEVELS, ResponseFunction, prediction_table
 
 STEADY_STOPS = 0.015

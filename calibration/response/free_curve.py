@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.solver.curves import InverseCurve, Misfit, octaves, residuals
-from calibration.solver.tones import Curve, Tones
+from calibration.response.curves import InverseCurve, Misfit, octaves, residuals
+from calibration.response.tones import Curve, Tones
 
 SMOOTHNESS = (1e4, 1e3, 1e2, 10.0, 1.0, 0.1)
 """Weights tried for the squared second derivative against squared errors of medians, the smoothest first.

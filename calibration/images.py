@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from calibration.sources.sweep import Shot, Sweep
+from calibration.sweep import Shot, Sweep
 from documents.files import SIGNATURE, is_whole_png, open_regular, read_regular
 from documents.text import quoted
 from imaging.errors import ConfigurationError

@@ -83,7 +83,7 @@ OVERHEAD_S = 0.15
 
 
 class StaticCamera(Protocol):
-    """What a sweep needs from a camera on a tripod; see `calibration.sources.session.Session`."""
+    """What a sweep needs from a camera on a tripod; see `calibration.session.Session`."""
 
     @property
     def limits(self) -> ExposureLimits:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.document import Finding
-from calibration.sources.sweep import Shot, mean_of
+from calibration.sweep import Shot, mean_of
 from imaging.response import ResponseFunction, greys_of_codes
 
 Array = NDArray[np.float64]

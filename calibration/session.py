@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.sources.sweep import Shot
+from calibration.sweep import Shot
 from drivers.camera import Camera, CameraDescription
 from drivers.genicam.metadata import FRAMES_AFTER
 from drivers.setup import CameraSetup, TriggerSetup

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.response.file import ResponseModel
-from calibration.solver.tones import Curve, Tones
+from calibration.response.tones import Curve, Tones
 from imaging.response import GREY_LEVELS
 
 CLEAR_OF_ENDS_GREY = 0.8

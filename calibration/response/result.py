@@ -7,13 +7,12 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 from calibration.document import Finding
-from calibration.judges.noise_witness import NoiseWitness, hear_noise
-from calibration.judges.solution import gains_disagree, judge_solution, uniform_scene, widen_errors
-from calibration.judges.sweep import judge_sweep
+from calibration.response.curves import covered_greys
 from calibration.response.file import Origin, ResponseFile, ResponseSolution
-from calibration.solver.curves import covered_greys
-from calibration.solver.solve import solve_tones
-from calibration.solver.tones import (
+from calibration.response.judgement import gains_disagree, judge_solution, judge_sweep, uniform_scene, widen_errors
+from calibration.response.noise_witness import NoiseWitness, hear_noise
+from calibration.response.solve import solve_tones
+from calibration.response.tones import (
     Agreement,
     Tones,
     agreement,
@@ -22,7 +21,7 @@ from calibration.solver.tones import (
     tones_by_shot,
     with_brighter,
 )
-from calibration.sources.sweep import Shot, Sweep
+from calibration.sweep import Shot, Sweep
 
 Verdict = Literal["believe it", "with care", "refused"]
 

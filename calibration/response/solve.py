@@ -8,8 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.response.file import ResponseSolution
-from calibration.solver.curves import (
+from calibration.response.curves import (
     Ends,
     FamilyFit,
     InverseCurve,
@@ -22,9 +21,10 @@ from calibration.solver.curves import (
     residuals_from_others,
     usable,
 )
-from calibration.solver.free_curve import FreeFit, fit_as_smooth, fit_free
-from calibration.solver.tones import Curve, Tones, tones_by_exposure
-from calibration.sources.sweep import Sweep
+from calibration.response.file import ResponseSolution
+from calibration.response.free_curve import FreeFit, fit_as_smooth, fit_free
+from calibration.response.tones import Curve, Tones, tones_by_exposure
+from calibration.sweep import Sweep
 from imaging.errors import ConfigurationError
 from imaging.response import GREY_LEVELS, ResponseFunction
 

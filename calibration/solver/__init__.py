@@ -1,1 +1,0 @@
-"""From a sweep to a response function."""

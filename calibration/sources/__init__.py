@@ -1,1 +1,0 @@
-"""Where shots come from: a live camera on a tripod, or files."""
