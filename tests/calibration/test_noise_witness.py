@@ -17,7 +17,7 @@ from calibration.response.file import Origin, ResponseSolution
 from calibration.result import Result, calibrate
 from calibration.solver.solve import solve_response, solve_tones
 from calibration.sources.sweep import Sweep
-from evaluation.sweeps import Processing, process_of
+from tests.calibration.simulated_sweeps import Processing, process_of
 from imaging.response import ResponseFunction
 from tests.calibration.noisy_shots import Scene, noisy_sweep
 
