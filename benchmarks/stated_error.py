@@ -1,6 +1,6 @@
 """Whether the error that a response calibration states is the one it makes, over simulated sweeps sound and spoilt.
 
-Run with `.venv/bin/python benchmarks/stated_error.py [--processed] [--quick] [--seeds tuning|report] [--json FILE]`.
+Run with `.venv/bin/python -m benchmarks.stated_error [--processed] [--quick] [--seeds tuning|report] [--json FILE]`.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from rich.table import Table
 
 from evaluation.long_runs import LongProgress
 from evaluation.pool import over_processes
-from evaluation.sweeps import PROCESSINGS, Scene, Stated, scored, simulated
+from tests.calibration.simulated_sweeps import PROCESSINGS, Scene, Stated, scored, simulated
 
 FIRST_SEED = {"tuning": 0, "report": 700_005}
 """The method was chosen on the tuning seeds; the report seeds are for the figures in docs/calibration-method.md."""

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from evaluation.pool import over_processes
-from evaluation.sweeps import PROCESSINGS, Stated, scored, simulated
+from tests.calibration.simulated_sweeps import PROCESSINGS, Stated, scored, simulated
 
 pytestmark = pytest.mark.timeout(900)
 

@@ -17,9 +17,9 @@ from calibration.response.noise_witness import NoiseWitness, hear_noise
 from calibration.response.result import Result, calibrate
 from calibration.response.solve import solve_response, solve_tones
 from calibration.sweep import Sweep
-from evaluation.sweeps import Processing, process_of
 from imaging.response import ResponseFunction
 from tests.calibration.noisy_shots import Scene, noisy_sweep
+from tests.calibration.simulated_sweeps import Processing, process_of
 
 
 def misstated(sweep: Sweep, power: float) -> Sweep:

@@ -18,9 +18,9 @@ from calibration.response.judgement import judge_solution, judge_sweep
 from calibration.response.result import calibrate
 from calibration.response.solve import solve_response
 from calibration.sweep import Shot, Sweep
-from evaluation.sweeps import HEIGHT, PROCESSINGS, WIDTH, Processing, errors_stops, scored, simulated
 from imaging.exposure import ExposureSetting
 from imaging.response import ResponseFunction
+from tests.calibration.simulated_sweeps import HEIGHT, PROCESSINGS, WIDTH, Processing, errors_stops, scored, simulated
 from tests.calibration.test_commands import calibrate as run_calibrate
 from tests.data import data
 

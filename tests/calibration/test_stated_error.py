@@ -7,7 +7,7 @@ import pytest
 
 from calibration.response.solve import solve_response
 from calibration.response.stillness import moved_share
-from evaluation.sweeps import KINDS, Kind, Processing, scored, simulated
+from tests.calibration.simulated_sweeps import KINDS, Kind, Processing, scored, simulated
 
 
 def test_a_seed_gives_the_same_sweep_again() -> None:
