@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -22,21 +23,51 @@ from imaging.errors import ConfigurationError
 @with_config(ConfigDict(extra="forbid"))
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """A reason not to believe a calibration.
+    """A reason not to believe a calibration."""
 
-    Attributes
-    ----------
-    severity
-        "refused": no result can be drawn from this; "warned": there is a result, with less trust.
-    reason
-        A short name that stays the same between versions, such as "light_drift".
-    text
-        One sentence: what was seen, in numbers, and what to do.
-    """
-
+    # "refused": no result can be drawn from this; "warned": there is a result, with less trust
     severity: Literal["refused", "warned"]
-    reason: str
-    text: str
+    reason: str  # a short name that stays the same between versions, such as "light_drift"
+    text: str  # one sentence: what was seen, in numbers, and what to do
+
+
+Verdict = Literal["believe it", "with care", "refused"]
+
+
+def verdict(findings: Sequence[Finding]) -> Verdict:
+    """The worst of the findings, as advice."""
+    severities = {finding.severity for finding in findings}
+    return "refused" if "refused" in severities else "with care" if "warned" in severities else "believe it"
+
+
+class Judged:
+    """What has findings, and so a verdict: whether to believe it."""
+
+    __slots__ = ()
+    findings: tuple[Finding, ...]
+
+    @property
+    def verdict(self) -> Verdict:
+        """The worst of the findings, as advice."""
+        return verdict(self.findings)
+
+
+@contextmanager
+def located(place: object) -> Iterator[None]:
+    """Begin what is wrong with a content, a ConfigurationError, with its place: a file, or a key."""
+    try:
+        yield
+    except ConfigurationError as error:
+        raise ConfigurationError(f"{place}: {error}") from error
+
+
+@contextmanager
+def written(path: Path) -> Iterator[None]:
+    """Make what stops a file from being written a ConfigurationError that names the file."""
+    try:
+        yield
+    except OSError as error:
+        raise ConfigurationError(f"{path}: cannot be written ({error.strerror}): choose another place") from error
 
 
 D = TypeVar("D", bound=BaseModel)
@@ -79,6 +110,22 @@ def to_calibrate(command: str, serial: str) -> str:
     return f"calibrate this one: autoexpose calibrate {command} --camera {serial}"
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MeasuredFile:
+    """What the file of a measurement says beside its result; None: it does not say."""
+
+    camera: CameraIdentity | None = None
+    date: datetime | None = None
+    tool: str | None = None  # name and version of the program
+    findings: tuple[Finding, ...] = ()  # what made the verdict `with care`
+    path: Path | None = None  # where it was read from
+
+    def check_camera(self, serial: str, measured_by: str) -> None:
+        """Refuse a file of another camera. Raises ConfigurationError naming file, both cameras and what to do."""
+        if self.camera is not None:
+            self.camera.check_is(serial, self.path, measured_by)
+
+
 class CalibrationDocument(BaseModel):
     """The keys of every calibration file; the description of a field is the advice after a bad value.
 
@@ -92,15 +139,19 @@ class CalibrationDocument(BaseModel):
     tool: Text | None = optional("give name and version in quotes")
     findings: tuple[Finding, ...] | None = optional("keep it as it was written")
 
+    def measured(self, path: Path) -> dict[str, Any]:
+        """What it says for a `MeasuredFile`, read from a path."""
+        return {
+            "camera": self.camera,
+            "date": self.date,
+            "tool": self.tool,
+            "findings": self.findings or (),
+            "path": path,
+        }
+
 
 def read_document(model: type[D], path: Path, file_format: str) -> D:
-    """The content of a calibration file.
-
-    Raises
-    ------
-    ConfigurationError
-        Naming the file, the key and what to do.
-    """
+    """The content of a calibration file. Raises ConfigurationError naming the file, the key and what to do."""
     content = load_mapping(path, f"begin with 'format: {file_format}'")
     try:
         return model.model_validate(content)
@@ -111,17 +162,12 @@ def read_document(model: type[D], path: Path, file_format: str) -> D:
 def write_document(path: Path, document: Mapping[str, Any]) -> None:
     """Write a calibration file without the keys that say nothing (None, empty).
 
-    Raises
-    ------
-    ConfigurationError
-        When the file cannot be written; a former one then stays as it was.
+    Raises ConfigurationError when the file cannot be written; a former one then stays as it was.
     """
     said = {key: value for key, value in document.items() if value not in (None, {}, [])}
     text = yaml.safe_dump(said, sort_keys=False, default_flow_style=None, width=110, allow_unicode=True)
-    try:
+    with written(path):
         replace_file(path, text.encode())
-    except OSError as error:
-        raise ConfigurationError(f"{path}: cannot be written ({error.strerror}): choose another place") from error
 
 
 def _error_sentence(model: type[BaseModel], error: ErrorDetails, content: Mapping[Any, Any]) -> str:

@@ -6,9 +6,8 @@ import math
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
-from datetime import datetime
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,8 +15,8 @@ from pydantic import Field, model_validator
 
 from calibration.document import (
     CalibrationDocument,
-    CameraIdentity,
     Finding,
+    MeasuredFile,
     Name,
     Number,
     optional,
@@ -40,51 +39,22 @@ _Setting = Annotated[Number, within(_SETTING)]
 
 
 @dataclass(frozen=True, slots=True)
-class GainFile:
-    """The scale of a gain, the camera it belongs to, and how well it is known.
-
-    Attributes
-    ----------
-    scale
-        The scale itself.
-    camera
-        Which camera it was measured with; None: the file does not say.
-    error_db
-        How far any gain may be from the truth; None: the file does not say.
-    date, tool
-        When, and by which version.
-    findings
-        What made the verdict `with care`.
-    path
-        Where it was read from; None: nowhere.
-    """
+class GainFile(MeasuredFile):
+    """The scale of a gain, the camera it belongs to, and how well it is known."""
 
     scale: GainScale
-    camera: CameraIdentity | None = None
-    error_db: float | None = None
-    date: datetime | None = None
-    tool: str | None = None
-    findings: tuple[Finding, ...] = ()
-    path: Path | None = None
+    error_db: float | None = None  # how far any gain may be from the truth; None: the file does not say
 
     @classmethod
     def load(cls, path: Path) -> GainFile:
-        """Read a gain file.
-
-        Raises
-        ------
-        ConfigurationError
-            Naming the file, the key and what to do.
-        """
+        """Read a gain file. Raises ConfigurationError naming the file, the key and what to do."""
         document = read_document(_Document, path, FORMAT)
         scale = GainScale(document.node, document.settings, document.gains_db)
-        return cls(
-            scale, document.camera, document.error_db, document.date, document.tool, document.findings or (), path
-        )
+        return cls(scale, document.error_db, **document.measured(path))
 
     def save(self, path: Path) -> None:
-        """Write the file; ConfigurationError when it cannot be written."""
-        document: dict[str, Any] = {
+        """Write the file. Raises ConfigurationError when it cannot be written."""
+        document = {
             "format": FORMAT,
             "camera": self.camera and asdict(self.camera),
             "node": self.scale.node,
@@ -98,9 +68,8 @@ class GainFile:
         write_document(path, document)
 
     def check_belongs(self, serial: str) -> None:
-        """Refuse a file of another camera; ConfigurationError names file, camera and what to do."""
-        if self.camera is not None:
-            self.camera.check_is(serial, self.path, "gain")
+        """Refuse a file of another camera. Raises ConfigurationError naming file, camera and what to do."""
+        self.check_camera(serial, "gain")
 
 
 class _Document(CalibrationDocument):
@@ -144,21 +113,11 @@ LEAST_PATCHES = 0.02
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GainLook:
-    """What was seen at one gain.
+    """What was seen at one gain."""
 
-    Attributes
-    ----------
-    number
-        The gain, in the camera's own numbers.
-    time_us
-        The longer exposure time.
-    slopes
-        Part of full scale per us, of each patch, shape (patches,); NaN where it was clipped or hardly lit.
-    """
-
-    number: float
-    time_us: float
-    slopes: Array
+    number: float  # the gain, in the camera's own numbers
+    time_us: float  # the longer exposure time
+    slopes: Array  # part of full scale per us, of each patch, shape (patches,); NaN where it was clipped or hardly lit
 
     def gain_db(self, reference: GainLook) -> float:
         """Its gain above that of another look at the same scene; NaN where too little was seen in both."""
@@ -285,25 +244,14 @@ LEAST_ERROR_DB = 0.02
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GainCurve:
-    """Gains in dB above the lowest.
+    """Gains in dB above the lowest."""
 
-    Attributes
-    ----------
-    settings
-        The gains in the camera's own numbers, rising, shape (n,).
-    gains_db
-        Their values in dB, not falling, the first 0; empty if the looks give none.
-    error_db
-        How far any gain within the range may be from the truth: 0.02 dB, the spread of the two passes (two standard
-        errors), and what straight lines between the settings miss.
-    findings
-        Reasons not to believe it.
-    """
-
-    settings: Array
-    gains_db: Array
+    settings: Array  # the gains in the camera's own numbers, rising, shape (n,)
+    gains_db: Array  # their values in dB, not falling, the first 0; empty if the looks give none
+    # how far any gain within the range may be from the truth: 0.02 dB, the spread of the two passes (two standard
+    # errors), and what straight lines between the settings miss
     error_db: float
-    findings: tuple[Finding, ...]
+    findings: tuple[Finding, ...]  # reasons not to believe it
 
 
 def solve_gain(looks: GainLooks) -> GainCurve:

@@ -48,10 +48,7 @@ class _Columns(NamedTuple):
 def read_list(path: Path, beside: Callable[[Path], list[Path]]) -> list[tuple[Path, float]]:
     """The images of a list, and their exposure times in seconds; `beside` gives the images of a folder, by name.
 
-    Raises
-    ------
-    ConfigurationError
-        Naming the file and the line at fault.
+    Raises ConfigurationError naming the file and the line at fault.
     """
     rows = _rows(path)
     if all(len(row.cells) == 3 and all(_number(cell) is not None for cell in row.cells) for row in rows):
@@ -164,7 +161,6 @@ def _seconds(word: str, where: str, unit: str) -> float:
 
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".pgm", ".ppm")
-
 _EXIF_IFD, _EXPOSURE_TIME, _F_NUMBER, _SENSITIVITY = 0x8769, 0x829A, 0x829D, 0x8827
 _TIME_IN_NAME = re.compile(r"(?<![\d.])(\d+(?:\.\d+)?)(us|ms|s)(?![0-9A-Za-z])")
 _TUM_LIST = "times.txt"
@@ -181,12 +177,8 @@ class TimedFile:
 def timed_files(source: Path) -> list[TimedFile]:
     """The images of a folder (in the order of their names, timed by EXIF or else by name), or of a list.
 
-    A folder that holds a `times.txt`, as those of the TUM mono data set, is timed by that list.
-
-    Raises
-    ------
-    ConfigurationError
-        Naming the file and the line at fault.
+    A folder that holds a `times.txt`, as those of the TUM mono data set, is timed by that list. Raises
+    ConfigurationError naming the file and the line at fault.
     """
     if not source.is_dir():
         return [TimedFile(*entry) for entry in read_list(source, image_paths)]
@@ -224,10 +216,7 @@ def image_paths(folder: Path) -> list[Path]:
 def seconds_in_name(path: Path) -> float | None:
     """The exposure time in a file's name, None if there is none.
 
-    Raises
-    ------
-    ConfigurationError
-        For two times, or a time of 0.
+    Raises ConfigurationError for two times, or a time of 0.
     """
     found = _TIME_IN_NAME.findall(path.stem)
     if not found:
@@ -282,14 +271,9 @@ MOST_IMAGE_BYTES = 1 << 30
 def read_images(source: Path) -> Sweep:
     """A sweep from the images of a folder or of a list; `exposure_times` says where their times come from.
 
-    Colour images give their green channel: a single channel has one response and one saturation, a mix does not.
-    Images of 16 bits whose pixels all stay below 4096 are taken as 12 bits in 16. The gain is not known and given as
-    0 dB.
-
-    Raises
-    ------
-    ConfigurationError
-        One sentence that names the file, and the line where there is one.
+    Colour images give their green channel: a single channel has one response and one saturation, a mix does not. Images
+    of 16 bits whose pixels all stay below 4096 are taken as 12 bits in 16. The gain is not known and given as 0 dB.
+    Raises ConfigurationError: one sentence that names the file, and the line where there is one.
     """
     return Sweep(_shots(timed_files(source)))
 
@@ -297,10 +281,7 @@ def read_images(source: Path) -> Sweep:
 def read_pictures(folder: Path) -> tuple[Shot, ...]:
     """The images of a folder as `read_images` reads them; their exposure does not matter, and is given as 1 us.
 
-    Raises
-    ------
-    ConfigurationError
-        One sentence that names the file.
+    Raises ConfigurationError: one sentence that names the file.
     """
     if not folder.is_dir():
         raise ConfigurationError(f"{folder}: is not a folder: give one of pictures")
@@ -331,10 +312,7 @@ def _described(image: NDArray[Any]) -> str:
 def read_grey8(path: Path) -> NDArray[np.uint8]:
     """An image in 8 bits, the green channel if it is in colour; deeper ones are read as in `read_images`.
 
-    Raises
-    ------
-    ConfigurationError
-        One sentence that names the file.
+    Raises ConfigurationError: one sentence that names the file.
     """
     image = read_grey(path)
     if image.dtype == np.uint8:

@@ -35,23 +35,12 @@ UNCLEAR = 0.2
 
 @dataclass(frozen=True, slots=True)
 class TrialFrame:
-    """One frame around a write.
+    """One frame around a write."""
 
-    Attributes
-    ----------
-    frame_id
-        The camera's counter.
-    start_ns
-        When its exposure started (CLOCK_MONOTONIC).
-    grey
-        Its median grey level.
-    says_new
-        Whether its metadata say that it was taken with what was written; None when they do not say.
-    """
-
-    frame_id: int
-    start_ns: int
-    grey: float
+    frame_id: int  # the camera's counter
+    start_ns: int  # when its exposure started (CLOCK_MONOTONIC)
+    grey: float  # its median grey level
+    # whether its metadata say that it was taken with what was written; None when they do not say
     says_new: bool | None = None
 
 
@@ -69,32 +58,19 @@ class WriteTrial:
 
 @dataclass(frozen=True, slots=True)
 class WriteEffect:
-    """How long a write takes to show.
+    """How long a write takes to show."""
 
-    Attributes
-    ----------
-    quantity
-        What was written.
-    frames
-        Number of writes by the frames from the exposure under way at the write (0) to the first that shows it: 1 is the
-        very next exposure.
-    unclear
-        Writes for which that is unknown: two exposures met them, a frame was lost, or the light did not show them.
-    delay_us
-        Between these times after a write an exposure must start to show it, as (longest seen too early, shortest seen
-        late enough); if the first is above the second, time alone does not decide.
-    lead_us
-        How long after the start of an exposure the writes were made, as a median.
-    findings
-        Reasons not to trust it.
-    """
-
-    quantity: WrittenQuantity
+    quantity: WrittenQuantity  # what was written
+    # number of writes by the frames from the exposure under way at the write (0) to the first that shows it: 1 is the
+    # very next exposure
     frames: dict[int, int]
+    # writes for which that is unknown: two exposures met them, a frame was lost, or the light did not show them
     unclear: int
+    # between these times after a write an exposure must start to show it, as (longest seen too early, shortest seen
+    # late enough); if the first is above the second, time alone does not decide
     delay_us: tuple[float, float] | None
-    lead_us: float | None
-    findings: tuple[Finding, ...]
+    lead_us: float | None  # how long after the start of an exposure the writes were made, as a median
+    findings: tuple[Finding, ...]  # reasons not to trust it
 
     @property
     def mode(self) -> int | None:

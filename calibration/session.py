@@ -90,12 +90,8 @@ class Session:
         """This many shots in a row, all really taken with `setting` as the camera rounds it.
 
         If frames report their setting, it waits until they report this one. Otherwise it leaves out those that may
-        still show the previous setting: more than any camera that can be controlled needs.
-
-        Raises
-        ------
-        CameraError
-            Also when the camera sends no frames, or never takes the setting.
+        still show the previous setting: more than any camera that can be controlled needs. Raises CameraError, also
+        when the camera sends no frames, or never takes the setting.
         """
         previous, taken = self._present, self.write(setting)
         written_ns = time.monotonic_ns()
@@ -127,10 +123,7 @@ class Session:
     def next_frame(self, previous: ExposureSetting | None = None) -> Frame:
         """The next whole frame, awaited for as long as the present setting takes, and `previous` if it may still apply.
 
-        Raises
-        ------
-        CameraError
-            When none arrives in time.
+        Raises CameraError when none arrives in time.
         """
         exposures_us = [setting.exposure_time_us for setting in (self._present, previous) if setting is not None]
         patience_s = PATIENCE_S + 2e-6 * sum(exposures_us)
@@ -168,7 +161,6 @@ LONGEST_US = 5000.0
 """Longer exposures blur a board held by hand."""
 BRIGHT_GREY = 190.0
 """Aim for the brightest twentieth of the picture: paper shows all its detail, and nothing is white."""
-
 _START = ExposureSetting(2000.0, 0.0)
 _WAIT_NS = 100_000_000
 _DRAIN_NS = 20_000_000
@@ -191,10 +183,7 @@ class PairOfCameras:
     def next_pair(self) -> dict[Side, Frame]:
         """The newest pictures of both, each exposed according to the one before it.
 
-        Raises
-        ------
-        CameraError
-            When a camera sends none, or fails.
+        Raises CameraError when a camera sends none, or fails.
         """
         deadline_s = time.monotonic() + _PATIENCE_S
         until_ns = time.monotonic_ns() + _WAIT_NS

@@ -16,39 +16,22 @@ from imaging.pixels import Pixels
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Shot:
-    """One image of a sweep and how it was taken.
+    """One image of a sweep and how it was taken."""
 
-    Attributes
-    ----------
-    pixels
-        Grey levels, shape (height, width), uint8 or uint16; the same pixels of the sensor in all shots of a sweep.
-    bit_depth
-        Significant bits of a pixel: 8, 12 or 16.
-    setting
-        Exposure time and gain that were really applied.
-    time_s
-        When the exposure started (s), counted from anywhere; None for images from files, which do not say.
-    """
-
+    # grey levels, shape (height, width), uint8 or uint16; the same pixels of the sensor in all shots of a sweep
     pixels: Pixels
-    bit_depth: int
-    setting: ExposureSetting
+    bit_depth: int  # significant bits of a pixel: 8, 12 or 16
+    setting: ExposureSetting  # exposure time and gain that were really applied
+    # when the exposure started (s), counted from anywhere; None for images from files, which do not say
     time_s: float | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sweep:
-    """Shots of a static scene in the order in which they were taken, all of one size and bit depth.
+    """Shots of a static scene in the order in which they were taken, all of one size and bit depth."""
 
-    Attributes
-    ----------
-    shots
-        All of one gain.
-    brighter
-        The same exposure times at a higher gain, which make two brightnesses of one; none if the scene has many.
-    """
-
-    shots: tuple[Shot, ...]
+    shots: tuple[Shot, ...]  # all of one gain
+    # the same exposure times at a higher gain, which make two brightnesses of one; none if the scene has many
     brighter: tuple[Shot, ...] = ()
 
 
@@ -119,13 +102,7 @@ class SweepPlan:
         return replace(self, settings=tuple(replace(setting, gain_db=gain_db) for setting in self.settings))
 
     def run(self, camera: StaticCamera) -> Iterator[tuple[ExposureSetting, list[Shot]]]:
-        """Take the sweep, setting by setting.
-
-        Raises
-        ------
-        CameraError
-            When the camera fails.
-        """
+        """Take the sweep, setting by setting. Raises CameraError when the camera fails."""
         for setting in self.settings:
             yield setting, [_thinned(shot) for shot in camera.take(setting, self.frames)]
 

@@ -31,21 +31,11 @@ DECIMALS = 4
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GreySurface:
-    """What a camera sees of a grey surface.
+    """What a camera sees of a grey surface."""
 
-    Attributes
-    ----------
-    light
-        Mean light of red, green and blue, as shares of what saturates, shape (3,).
-    cells
-        The same by cell, shape (rows, columns, 3).
-    clipped
-        Share of the samples that are saturated.
-    """
-
-    light: Array
-    cells: Array
-    clipped: float
+    light: Array  # mean light of red, green and blue, as shares of what saturates, shape (3,)
+    cells: Array  # the same by cell, shape (rows, columns, 3)
+    clipped: float  # share of the samples that are saturated
 
     @property
     def spread(self) -> float:

@@ -19,20 +19,24 @@ from calibration.commands.measure_noise import latency, noise
 from calibration.commands.measure_vignetting import vignette
 from calibration.commands.rig import (
     CameraMode,
+    Cameras,
+    ConfigFile,
     check_gain,
     check_place,
     check_report,
+    chosen_rig,
     measure_camera,
     measure_images,
     places_of,
-    rig_of_config,
+    print_judged,
+    print_written,
     take,
 )
-from calibration.document import Finding
+from calibration.document import Finding, written
 from calibration.report import check_extra, facts, write_report
 from calibration.response.file import ResponseFile, curve_facts, origin_facts, tum_table
 from calibration.response.judgement import judge_sweep
-from calibration.response.result import Result, Verdict, verdict
+from calibration.response.result import Result
 from calibration.response.tones import Agreement, agreement, compare, grey8, tones_by_exposure
 from calibration.session import Session
 from calibration.sweep import FIRST_TIME_US, StaticCamera, Sweep, SweepPlan, time_bounds_us
@@ -58,29 +62,17 @@ _TRIES = 6  # a scene all black or all white gives only a direction
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Check:
-    """What a file predicts, compared with what the camera shows.
+    """What a file predicts, compared with what the camera shows."""
 
-    Attributes
-    ----------
-    agreement
-        Grey levels predicted and seen.
-    findings
-        What is wrong with the images, and with the file.
-    """
-
-    agreement: Agreement
-    findings: tuple[Finding, ...]
+    agreement: Agreement  # grey levels predicted and seen
+    findings: tuple[Finding, ...]  # what is wrong with the images, and with the file
 
 
 def check_camera(path: Path, serial: str, console: Console) -> Check:
     """Take a static scene at exposures over two stops up and down, and predict each from the others.
 
-    Raises
-    ------
-    ConfigurationError
-        When the file cannot be read, or belongs to another camera or mode.
-    CameraError
-        When the camera fails.
+    Raises ConfigurationError when the file cannot be read, or belongs to another camera or mode, and CameraError when
+    the camera fails.
     """
     file = ResponseFile.load(path)
     origin = file.origin
@@ -136,31 +128,25 @@ calibrate_app = typer.Typer(
 )
 
 
-Cameras = Annotated[list[str] | None, typer.Option("--camera", help="Serial number; twice for left and right.")]
-ConfigFile = Annotated[Path | None, typer.Option("-c", "--config", help="Both cameras of this configuration.")]
-Images = Annotated[Path | None, typer.Option(help="Without a camera: a folder of images, or a list with times.")]
-Output = Annotated[Path, typer.Option("-o", "--output", help="The response file; for two cameras, a folder.")]
-
-
 @calibrate_app.command()
 def response(
     *,
-    output: Output,
+    output: Annotated[Path, typer.Option("-o", "--output", help="The response file; for two cameras, a folder.")],
     camera: Cameras = None,
     config: ConfigFile = None,
-    images: Images = None,
+    images: Annotated[
+        Path | None, typer.Option(help="Without a camera: a folder of images, or a list with times.")
+    ] = None,
     gain_db: Annotated[float, typer.Option(help="Gain during the sweep (dB).")] = 0.0,
 ) -> None:
     """Sweep the exposure time on a static scene and recover the response, with a report beside the file."""
     check_extra()
     console = Console(highlight=False)
-    if [not camera, config is None, images is None].count(False) != 1:
-        raise ConfigurationError("say what to calibrate: one of --camera, --config and --images")
+    rig = chosen_rig(camera, config, images, options="--camera, --config and --images")
     jobs: dict[Path, Callable[[], Result]]
     if images is not None:
         jobs = {output: partial(measure_images, images)}
     else:
-        rig = [CameraMode(serial) for serial in camera or []] if config is None else rig_of_config(config)
         places = places_of(rig, output, "response")
         jobs = {path: partial(measure_camera, mode, gain_db, console) for path, mode in places.items()}
     previous = {path: _previous(path) for path in jobs}
@@ -184,18 +170,16 @@ def check(
     content = ResponseFile.load(file)
     for name, value in (*origin_facts(content.origin), *curve_facts(content)):
         console.print(f"{name}: {value}", soft_wrap=True)
-    findings = content.findings
     if camera is not None:
         held = check_camera(file, camera, console)
-        for line in _residual_lines(held):
-            console.print(line)
-        findings = held.findings
+        judged = print_judged(_residuals(held.agreement), held.findings, console)
     elif content.model is None:
         text = "verdict: none: the file does not say how it was measured; check it with --camera SERIAL"
         console.print(text, soft_wrap=True)
         return
-    _print_verdict(verdict(findings), findings, console)
-    if verdict(findings) == "refused":
+    else:
+        judged = print_judged((), content.findings, console)
+    if judged == "refused":
         raise typer.Exit(1)
 
 
@@ -211,13 +195,8 @@ def export(
     if output is None:
         typer.echo(text, nl=False)
         return
-    try:
-        with output.open("x", encoding="utf-8") as new:
-            new.write(text)
-    except FileExistsError:
-        raise ConfigurationError(f"{output}: already exists: name a new file") from None
-    except OSError as error:
-        raise ConfigurationError(f"{output}: cannot be written ({error.strerror}): choose another place") from error
+    with written(output), output.open("x", encoding="utf-8") as new:
+        new.write(text)
 
 
 calibrate_app.command("import")(import_files)
@@ -248,28 +227,18 @@ def _keep(results: dict[Path, Result], console: Console) -> None:
         if result.file is not None:
             result.file.save(path)
         report = write_report(path, result, None if comparison is None else (comparison, rig[0], rig[1]))
-        for name, value in facts(result):
-            console.print(f"{name}: {value}", soft_wrap=True)
-        for note in result.notes:
-            console.print(f"note: {note}", soft_wrap=True)
-        _print_verdict(result.verdict, result.findings, console)
-        console.print(f"written: {f'{path}, ' if result.file is not None else ''}{report}", soft_wrap=True)
+        print_judged((*facts(result), *(("note", note) for note in result.notes)), result.findings, console)
+        print_written(console, *([] if result.file is None else [path]), report)
     if comparison is not None:
         console.print(str(comparison), soft_wrap=True)
 
 
-def _print_verdict(judged: Verdict, findings: tuple[Finding, ...], console: Console) -> None:
-    for finding in findings:
-        console.print(f"{finding.severity}: {finding.text}", soft_wrap=True)
-    console.print(f"verdict: {judged}")
-
-
-def _residual_lines(held: Check) -> Iterator[str]:
-    """The residual for each change of level."""
+def _residuals(match: Agreement) -> Iterator[tuple[str, str]]:
+    """The residual for each change of level, and for all."""
     for delta in (-REACH_STOPS, -1.0, -0.5, 0.5, 1.0, REACH_STOPS):
-        part = held.agreement.near(delta)
+        part = match.near(delta)
         if part.enough:
-            yield f"{delta:+4.1f} stops: off by {part.residual_grey:.2f} grey levels rms"
-    if held.agreement.enough:
-        low, high = held.agreement.range_grey
-        yield f"residual: {held.agreement.residual_grey:.2f} grey levels rms, over grey {low} to {high}"
+            yield f"{delta:+4.1f} stops", f"off by {part.residual_grey:.2f} grey levels rms"
+    if match.enough:
+        low, high = match.range_grey
+        yield "residual", f"{match.residual_grey:.2f} grey levels rms, over grey {low} to {high}"

@@ -12,7 +12,8 @@ from typing import Annotated, Final, Literal
 import typer
 from rich.console import Console
 
-from calibration.commands.rig import check_place
+from calibration.commands.rig import check_place, make_folder, print_written
+from calibration.document import located, written
 from calibration.geometry.file import check_pair, load_geometry, read_rigs
 from calibration.geometry.numbers import baseline_note, numbers
 from calibration.geometry.opencv import ros_yaml
@@ -43,10 +44,7 @@ class Imported:
 def take_photometric(path: Path, side: Side, found: Imported) -> bool:
     """Take a file of the TUM mono data set that is not about geometry; False if it is none.
 
-    Raises
-    ------
-    ConfigurationError
-        Naming the file and the line.
+    Raises ConfigurationError naming the file and the line.
     """
     if _begins_as_png(path):
         vignetting = read_vignette_picture(path)
@@ -60,10 +58,8 @@ def take_photometric(path: Path, side: Side, found: Imported) -> bool:
         return True
     text = read_text(path, _MOST_TIMES_BYTES)
     if is_tum_table(text):
-        try:
+        with located(path):
             response = read_tum_table(text)
-        except ConfigurationError as error:
-            raise ConfigurationError(f"{path}: {error}") from error
         _take(found, f"{side}.response.yaml", f"cameras.{side}.response", ResponseFile(response))
         black, full = response.black_level, response.saturation
         found.said.append(f"{path}: response, 256 grey levels, black level {black}, saturation {full}")
@@ -129,21 +125,16 @@ def import_files(
     if geometries:
         rigs = {name: rig.scaled(UNITS_M[unit]) for name, rig in read_rigs(geometries, _size(size)).items()}
         _add_geometry(rigs, side, cameras, found)
-    try:
-        output.mkdir(exist_ok=True)
-    except OSError as error:
-        raise ConfigurationError(f"{output}: cannot be made ({error.strerror}): choose another folder") from error
+    make_folder(output)
     _check_places(output, found, files)
     for name, file in found.files.items():
         file.save(output / name)
     for name, text in found.texts.items():
-        try:
+        with written(output / name):
             replace_file(output / name, text.encode())
-        except OSError as error:
-            raise ConfigurationError(f"{output / name}: cannot be written ({error.strerror})") from error
     for line in found.said:
         console.print(line, soft_wrap=True)
-    console.print(f"written: {', '.join(str(output / name) for name in (*found.texts, *found.files))}", soft_wrap=True)
+    print_written(console, *(output / name for name in (*found.texts, *found.files)))
     for key, name in found.keys.items():
         console.print(f"for the configuration: {key}: {output / name}", soft_wrap=True)
     if TIMES in found.texts:
@@ -164,14 +155,12 @@ def _add_geometry(rigs: Mapping[str, RigGeometry], side: Side, cameras: str | No
             raise ConfigurationError(f"--cameras {cameras}: give two of {', '.join(rig.lenses)}, as LEFT,RIGHT")
     if not names:
         raise ConfigurationError(f"{', '.join(rigs)}: no file has a lens: give the one that has, too")
-    try:
+    with located(", ".join(rigs)):
         if len(names) == 1:
             geometries: dict[Side, CameraGeometry] = {side: rig.lenses[names[0]]}
         else:
             geometries = dict(zip(SIDES, rig.pair(*names[:2]), strict=True))
             check_pair(geometries)
-    except ConfigurationError as error:
-        raise ConfigurationError(f"{', '.join(rigs)}: {error}") from error
     for of, geometry in geometries.items():
         found.texts[f"{of}.yaml"] = ros_yaml(geometry, of)
         found.keys[f"cameras.{of}.calibration"] = f"{of}.yaml"

@@ -2,22 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
-from datetime import datetime
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 import yaml
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from calibration.commands.rig import CameraMode, check_place, places_of, rig_of_config, tool
-from calibration.document import CameraIdentity, Finding
-from calibration.gain import GainCurve, GainFile, GainLooks, capture_gain, solve_gain
-from calibration.response.file import ResponseFile
-from calibration.response.result import verdict
+from calibration.commands.rig import (
+    CameraMode,
+    Cameras,
+    ConfigFile,
+    check_place,
+    check_rig,
+    chosen_rig,
+    places_of,
+    print_judged,
+    print_written,
+    progress_of,
+    response_of,
+    stamp,
+)
+from calibration.document import CameraIdentity, verdict, written
+from calibration.gain import GainCurve, GainFile, capture_gain, solve_gain
 from calibration.session import Session
 from calibration.vignetting.field import FRAMES, bright_exposure_us
 from calibration.white import (
@@ -34,12 +43,11 @@ from calibration.white import (
 from drivers.aravis import open_camera, open_nodes
 from drivers.genicam.image_format import present_format
 from drivers.setup import FeatureSetting, as_list
-from imaging.errors import AutoexposeError, ConfigurationError
+from imaging.errors import ConfigurationError
 from imaging.exposure import ExposureLimits, ExposureSetting
 from imaging.frames import SIDES
 from imaging.gain_scale import GainScale
 from imaging.pixels import Layout, PixelFormat, Pixels, is_mosaic, rgb_samples
-from imaging.python310 import UTC
 from imaging.response import ResponseFunction
 
 MOST_NUMBERS = 1e6
@@ -49,18 +57,13 @@ MOST_NUMBERS = 1e6
 def gain(
     *,
     output: Annotated[Path, typer.Option("-o", "--output", help="The gain file; for two cameras, a folder.")],
-    camera: Annotated[
-        list[str] | None, typer.Option("--camera", help="Serial number; twice for left and right.")
-    ] = None,
-    config: Annotated[Path | None, typer.Option("-c", "--config", help="Both cameras of this configuration.")] = None,
+    camera: Cameras = None,
+    config: ConfigFile = None,
 ) -> None:
     """Measure what the numbers of a gain that is not in dB mean in dB, so that the daemon can drive it."""
     console = Console(highlight=False)
-    if (not camera) == (config is None):
-        raise ConfigurationError("say which gain to calibrate: one of --camera and --config")
-    rig = [CameraMode(serial) for serial in camera or []] if config is None else rig_of_config(config)
     refused = False
-    for path, mode in places_of(rig, output, "gain").items():
+    for path, mode in places_of(chosen_rig(camera, config), output, "gain").items():
         check_place(path, GainFile.load, "gain file")
         refused |= not _calibrate(path, mode, console)
     if refused:
@@ -72,23 +75,16 @@ def _calibrate(path: Path, mode: CameraMode, console: Console) -> bool:
     with Session(open_camera(mode.serial, mode.setup(own_gain=True))) as session:
         who = session.description
         _check_range(who.serial, who.gain_node, session.limits)
-        looks = _looks(session, console)
-    node = str(who.gain_node)
-    curve = solve_gain(looks)
-    console.print(f"camera: {who.vendor} {who.model}, serial {who.serial}", soft_wrap=True)
-    for line in _facts(node, curve):
-        console.print(line, soft_wrap=True)
-    for finding in curve.findings:
-        console.print(f"{finding.severity}: {finding.text}", soft_wrap=True)
-    judged = verdict(curve.findings)
-    console.print(f"verdict: {judged}")
-    if judged == "refused":
+        with progress_of(f"camera {who.serial}", console) as update:
+            looks = capture_gain(session, lambda done, total: update(completed=done, total=total))
+    node, curve = str(who.gain_node), solve_gain(looks)
+    facts = [("camera", f"{who.vendor} {who.model}, serial {who.serial}"), *_facts(node, curve)]
+    if print_judged(facts, curve.findings, console) == "refused":
         return False
     scale = GainScale(node, tuple(map(float, curve.settings)), tuple(map(float, curve.gains_db)))
     identity = CameraIdentity(who.vendor, who.model, who.serial)
-    now = datetime.now(UTC).replace(microsecond=0)
-    GainFile(scale, identity, round(curve.error_db, 3), now, tool(), curve.findings).save(path)
-    console.print(f"written: {path}", soft_wrap=True)
+    GainFile(scale, round(curve.error_db, 3), camera=identity, findings=curve.findings, **stamp()).save(path)
+    print_written(console, path)
     return True
 
 
@@ -102,29 +98,13 @@ def _check_range(serial: str, node: str | None, limits: ExposureLimits) -> None:
         )
 
 
-def _facts(node: str, curve: GainCurve) -> list[str]:
-    settings = f"gain: {node} {curve.settings[0]:g} to {curve.settings[-1]:g}, {len(curve.settings)} settings measured"
-    if not len(curve.gains_db):
-        return [settings]
-    middle = len(curve.settings) // 2
-    return [
-        settings,
-        f"in dB: 0 to {curve.gains_db[-1]:.2f}, and {curve.gains_db[middle]:.2f} at {curve.settings[middle]:g}",
-        f"error: {curve.error_db:.2f} dB at most, between the settings as well",
-    ]
-
-
-def _looks(session: Session, console: Console) -> GainLooks:
-    serial = session.description.serial
-    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("left"), TimeRemainingColumn())
-    try:
-        with Progress(*columns, console=console, speed_estimate_period=60.0) as progress:
-            bar = progress.add_task(f"camera {serial}", total=None)
-            return capture_gain(session, lambda done, total: progress.update(bar, completed=done, total=total))
-    except KeyboardInterrupt:
-        raise AutoexposeError(
-            f"camera {serial}: stopped before the measurement was complete: nothing was written"
-        ) from None
+def _facts(node: str, curve: GainCurve) -> Iterator[tuple[str, str]]:
+    settings = curve.settings
+    yield "gain", f"{node} {settings[0]:g} to {settings[-1]:g}, {len(settings)} settings measured"
+    if len(curve.gains_db):
+        middle = len(settings) // 2
+        yield "in dB", f"0 to {curve.gains_db[-1]:.2f}, and {curve.gains_db[middle]:.2f} at {settings[middle]:g}"
+        yield "error", f"{curve.error_db:.2f} dB at most, between the settings as well"
 
 
 RATIO, SELECTOR = "BalanceRatio", "BalanceRatioSelector"
@@ -134,21 +114,16 @@ Box = tuple[int, int, int, int]
 
 def white(
     *,
-    camera: Annotated[
-        list[str] | None, typer.Option("--camera", help="Serial number; twice for left and right.")
-    ] = None,
-    config: Annotated[Path | None, typer.Option("-c", "--config", help="The cameras of this configuration.")] = None,
+    camera: Cameras = None,
+    config: ConfigFile = None,
     pixel_format: Annotated[PixelFormat | None, typer.Option(help="The camera's own, if not given.")] = None,
     box: Annotated[str | None, typer.Option(help="The card's x,y,width,height in pixels (the whole picture).")] = None,
     output: Annotated[Path | None, typer.Option("-o", "--output", help="A new file for the features.")] = None,
 ) -> None:
     """Measure the ratios of colours that make a grey card grey, as features for the configuration."""
     console = Console(highlight=False)
-    if (not camera) == (config is None):
-        raise ConfigurationError("say which camera to calibrate: one of --camera and --config")
-    rig = [CameraMode(serial) for serial in camera or []] if config is None else rig_of_config(config)
-    if len(rig) > len(SIDES):
-        raise ConfigurationError(f"--camera is given {len(rig)} times: a rig has a left and a right camera")
+    rig = chosen_rig(camera, config)
+    check_rig(rig)
     if output is not None and (output.exists() or not output.parent.is_dir()):
         raise ConfigurationError(f"{output}: cannot be written: name a new file in an existing folder")
     place = None if box is None else _box(box)
@@ -159,43 +134,33 @@ def white(
         ratios = _measure(mode, place, console)
         if ratios is not None:
             sections[side] = {"serial": mode.serial, "features": as_list(_settings(ratios))}
-    if sections:
-        text = yaml.safe_dump({"cameras": sections}, sort_keys=False, allow_unicode=True)
-        _keep(text, output, console)
+    text = yaml.safe_dump({"cameras": sections}, sort_keys=False, allow_unicode=True)
+    if sections and output is None:
+        typer.echo(text, nl=False)
+    elif sections and output is not None:
+        with written(output):
+            output.write_text(text, encoding="utf-8")
+        print_written(console, output)
     if len(sections) < len(rig):
         raise typer.Exit(1)
 
 
 def _measure(mode: CameraMode, box: Box | None, console: Console) -> Ratios | None:
     """The ratios of a camera, measured and tried; None if they are refused."""
-    bounds = _bounds(mode)
-    response = ResponseFunction.linear()
-    if mode.response is not None:
-        file = ResponseFile.load(mode.response)
-        file.check_belongs(mode.serial)
-        response = file.response
+    bounds, response = _bounds(mode), response_of(mode.response, mode.serial)
     first = _look(mode, dict.fromkeys(bounds, 1.0), response, box)
+    seen = ", ".join(f"{name.lower()} {light:.3f}" for name, light in zip(COLOURS, first.light, strict=True))
+    facts = [("camera", mode.serial), ("light of the surface, without balance", f"{seen} of full scale")]
     findings, ratios = list(judge_surface(first)), None
-    if verdict(tuple(findings)) != "refused":
+    if verdict(findings) != "refused":
         ratios = ratios_for(first, list(bounds))
         findings += judge_ratios(ratios, bounds)
-    console.print(f"camera: {mode.serial}", soft_wrap=True)
-    seen = ", ".join(f"{name.lower()} {light:.3f}" for name, light in zip(COLOURS, first.light, strict=True))
-    console.print(f"light of the surface, without balance: {seen} of full scale", soft_wrap=True)
-    if ratios is not None and verdict(tuple(findings)) != "refused":
+    if ratios is not None and verdict(findings) != "refused":
         balanced = _look(mode, ratios, response, box)
         findings += judge_balanced(balanced)
-        console.print(f"ratios: {', '.join(f'{name.lower()} {ratio:.4f}' for name, ratio in ratios.items())}")
-        console.print(f"error: {error_of(first, balanced):.1%}, tried with the ratios set", soft_wrap=True)
-    return _judged(ratios, findings, console)
-
-
-def _judged(ratios: Ratios | None, findings: Sequence[Finding], console: Console) -> Ratios | None:
-    for finding in findings:
-        console.print(f"{finding.severity}: {finding.text}", soft_wrap=True)
-    judged = verdict(tuple(findings))
-    console.print(f"verdict: {judged}")
-    return None if judged == "refused" else ratios
+        facts.append(("ratios", ", ".join(f"{name.lower()} {ratio:.4f}" for name, ratio in ratios.items())))
+        facts.append(("error", f"{error_of(first, balanced):.1%}, tried with the ratios set"))
+    return None if print_judged(facts, findings, console) == "refused" else ratios
 
 
 def _bounds(mode: CameraMode) -> dict[str, tuple[float, float]]:
@@ -257,15 +222,3 @@ def _box(text: str) -> Box:
     if min(width, height) < LEAST_BOX_PX:
         raise ConfigurationError(f"--box {text!r}: is too small: give at least {LEAST_BOX_PX}x{LEAST_BOX_PX} pixels")
     return x, y, width, height
-
-
-def _keep(text: str, output: Path | None, console: Console) -> None:
-    """Print the features, or write them to a file."""
-    if output is None:
-        typer.echo(text, nl=False)
-        return
-    try:
-        output.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise ConfigurationError(f"{output}: cannot be written ({error.strerror}): choose another place") from error
-    console.print(f"written: {output}", soft_wrap=True)

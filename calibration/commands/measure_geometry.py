@@ -6,6 +6,7 @@ import os
 import re
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -17,7 +18,18 @@ from rich.console import Console
 from rich.live import Live
 from rich.progress import track
 
-from calibration.commands.rig import CameraMode, rig_of_config
+from calibration.commands.rig import (
+    CameraMode,
+    Cameras,
+    ConfigFile,
+    check_place,
+    check_rig,
+    chosen_rig,
+    make_folder,
+    print_judged,
+    print_written,
+)
+from calibration.document import written
 from calibration.geometry.board import (
     DEFAULT_DICTIONARY,
     ENOUGH_VIEWS,
@@ -51,8 +63,8 @@ Dictionary = Annotated[str, typer.Option(help="Dictionary of the markers, by Ope
 def geometry(
     *,
     output: Annotated[Path, typer.Option("-o", "--output", help="A folder for the calibration files and the report.")],
-    camera: Annotated[list[str] | None, typer.Option("--camera", help="Serial number; twice: left, right.")] = None,
-    config: Annotated[Path | None, typer.Option("-c", "--config", help="Both cameras of this configuration.")] = None,
+    camera: Cameras = None,
+    config: ConfigFile = None,
     left: Annotated[Path | None, typer.Option(help="Without cameras: a folder of the left one's pictures.")] = None,
     right: Annotated[Path | None, typer.Option(help="And the right camera's, with the same names.")] = None,
     squares: Squares = "9x6",
@@ -64,17 +76,14 @@ def geometry(
     check_extra()
     console = Console(highlight=False)
     board = board_of(squares, square_mm, marker_mm, dictionary)
-    from_files = left is not None or right is not None
-    if [not camera, config is None, not from_files].count(False) != 1:
-        raise ConfigurationError("say what to calibrate: one of --config, --camera (twice), and --left with --right")
+    rig = chosen_rig(camera, config, left or right, options="--config, --camera (twice), and --left with --right")
     _check_output(output)
-    if from_files:
-        if left is None or right is None:
-            raise ConfigurationError("--left and --right belong together: give a folder of pictures for each camera")
-        result = from_folders(board, left, right, console)
-    else:
-        rig = [CameraMode(serial) for serial in camera or []] if config is None else rig_of_config(config)
+    if rig:
         result = from_cameras(board, rig, console)
+    elif left is None or right is None:
+        raise ConfigurationError("--left and --right belong together: give a folder of pictures for each camera")
+    else:
+        result = from_folders(board, left, right, console)
     _keep(result, output, console)
     if result.verdict == "refused":
         raise typer.Exit(1)
@@ -128,8 +137,7 @@ def from_cameras(board: Board, rig: Sequence[CameraMode], console: Console) -> G
     """Calibrate two cameras live, showing what is covered."""
     if len(rig) != len(SIDES):
         raise ConfigurationError(f"a pair has two cameras, left and right: {len(rig)} given")
-    if rig[0].serial == rig[1].serial:
-        raise ConfigurationError(f"left and right are the same camera, {rig[0].serial}")
+    check_rig(rig)
     with ExitStack() as opened:
         sessions: dict[Side, Session] = {}
         for side, mode in zip(SIDES, rig, strict=True):
@@ -179,20 +187,11 @@ def _instead(finders: Mapping[Side, BoardFinder]) -> dict[Side, str]:
 
 def _check_output(folder: Path) -> None:
     """Make the folder, and refuse to replace anything but a calibration file, before anything is measured."""
-    try:
-        folder.mkdir(exist_ok=True)
-    except OSError as error:
-        raise ConfigurationError(f"{folder}: cannot be made ({error.strerror}): choose another folder") from error
+    make_folder(folder)
     if not os.access(folder, os.W_OK):
         raise ConfigurationError(f"{folder}: cannot be written: name a folder that you may write to")
     for side, name in (*FILES.items(), ("left", CAMCHAIN)):
-        if (folder / name).exists():
-            try:
-                load_geometry(folder / name, side)
-            except ConfigurationError as error:
-                raise ConfigurationError(
-                    f"{error}; it is not a calibration file to replace: choose another folder"
-                ) from None
+        check_place(folder / name, partial(load_geometry, side=side), "calibration file")
 
 
 def _keep(result: GeometryResult, folder: Path, console: Console) -> None:
@@ -203,19 +202,11 @@ def _keep(result: GeometryResult, folder: Path, console: Console) -> None:
         left, right = (result.geometries[side] for side in SIDES)
         texts[CAMCHAIN] = camchain_yaml(left, right, result.fit.rotation, result.fit.translation_m)
     for name, text in texts.items():
-        try:
+        with written(folder / name):
             replace_file(folder / name, text.encode())
-        except OSError as error:
-            raise ConfigurationError(
-                f"{folder / name}: cannot be written ({error.strerror}): choose another"
-            ) from error
     report = write_geometry_report(folder / REPORT, result)
-    for fact, value in geometry_facts(result):
-        console.print(f"{fact}: {value}", soft_wrap=True)
-    for finding in result.findings:
-        console.print(f"{finding.severity}: {finding.text}", soft_wrap=True)
-    console.print(f"verdict: {result.verdict}")
-    console.print(f"written: {', '.join(str(folder / name) for name in (*texts, report.name))}", soft_wrap=True)
+    print_judged(geometry_facts(result), result.findings, console)
+    print_written(console, *(folder / name for name in texts), report)
 
 
 def _rate_hz(mode: CameraMode) -> float:
@@ -243,10 +234,8 @@ def board(
         raise ConfigurationError(f"{output}: name a .pdf or .png file")
     drawn = board_picture(board_of(squares, square_mm, marker_mm, dictionary))
     dots_per_inch = 25.4 * PIXELS_PER_MM
-    try:
+    with written(output):
         Image.fromarray(drawn).save(output, resolution=dots_per_inch, dpi=(dots_per_inch, dots_per_inch))
-    except OSError as error:
-        raise ConfigurationError(f"{output}: cannot be written ({error.strerror}): choose another place") from error
     height_mm, width_mm = (side / PIXELS_PER_MM for side in drawn.shape)
     typer.echo(f"written: {output}, {width_mm:g} x {height_mm:g} mm: print it at 100 %, and measure a square")
 

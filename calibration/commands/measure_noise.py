@@ -11,10 +11,9 @@ from typing import Annotated, Any
 
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from calibration.commands.rig import check_gain, take
+from calibration.commands.rig import AddTo, check_gain, print_written, progress_of, take
 from calibration.document import Finding
 from calibration.latency import TRIALS, WriteEffect, capture_latency
 from calibration.noise.light_lines import Estimate, NoiseModel
@@ -32,10 +31,7 @@ log = logging.getLogger(__name__)
 def response_file_of(path: Path, serial: str) -> ResponseFile:
     """The response file of a camera, checked before the measurement.
 
-    Raises
-    ------
-    ConfigurationError
-        When it does not exist, or is of another camera.
+    Raises ConfigurationError when it does not exist, or is of another camera.
     """
     if not path.exists():
         raise ConfigurationError(
@@ -62,7 +58,7 @@ def noise(
     camera: Annotated[str, typer.Option(help="Serial number.")],
     gain_db: Annotated[list[float] | None, typer.Option(help="Gain to measure at (dB); may be repeated.")] = None,
     pixel_format: Annotated[PixelFormat | None, typer.Option(help="The deepest the camera has, if not given.")] = None,
-    output: Annotated[Path | None, typer.Option("-o", "--output", help="Response file to add the result to.")] = None,
+    output: AddTo = None,
 ) -> None:
     """Measure system gain, read noise, black level and full well at each gain, by photon transfer (EMVA 1288)."""
     console = Console(highlight=False)
@@ -79,7 +75,7 @@ def noise(
             console.print(f"{finding.severity} at {gain:g} dB: {finding.text}", soft_wrap=True)
     if file is not None and output is not None and models:
         replace(file, noise=noise_document(used_format, list(results.values()), file.noise)).save(output)
-        console.print(f"written: {output}", soft_wrap=True)
+        print_written(console, output)
     if len(models) < len(results):
         raise typer.Exit(1)
 
@@ -195,13 +191,14 @@ def latency(
     camera: Annotated[str, typer.Option(help="Serial number.")],
     rate_hz: Annotated[float, typer.Option(min=0.1, help="Frame rate to measure at, ideally the rig's.")] = 60.0,
     writes: Annotated[int, typer.Option(min=5, help="Writes of exposure time, and as many of gain.")] = TRIALS,
-    output: Annotated[Path | None, typer.Option("-o", "--output", help="Response file to add the result to.")] = None,
+    output: AddTo = None,
 ) -> None:
     """Measure how many frames it takes for a write of exposure time or of gain to show, and how regular that is."""
     console = Console(highlight=False)
     file = None if output is None else response_file_of(output, camera)
-    with Session(open_camera(camera, session_setup(rate_hz=rate_hz))) as session:
-        effects = _measure_writes(session, camera, rate_hz, writes, console)
+    setup = session_setup(rate_hz=rate_hz)
+    with Session(open_camera(camera, setup)) as session, progress_of(f"camera {camera}", console) as update:
+        effects = capture_latency(session, rate_hz, writes, lambda done, total: update(completed=done, total=total))
     if any(effect.frames or effect.unclear for effect in effects):
         console.print(latency_table(f"camera {camera} at {rate_hz:g} Hz", effects))
     for effect in effects:
@@ -214,7 +211,7 @@ def latency(
     refused = [effect for effect in effects if any(finding.severity == "refused" for finding in effect.findings)]
     if file is not None and output is not None and not refused:
         replace(file, latency=latency_document(rate_hz, effects)).save(output)
-        console.print(f"written: {output}", soft_wrap=True)
+        print_written(console, output)
     if refused:
         raise typer.Exit(1)
 
@@ -255,17 +252,3 @@ def latency_document(rate_hz: float, effects: Sequence[WriteEffect]) -> dict[str
             entry["findings"] = [asdict(finding) for finding in effect.findings]
         document[effect.quantity] = entry
     return document
-
-
-def _measure_writes(session: Session, serial: str, rate_hz: float, writes: int, console: Console) -> list[WriteEffect]:
-    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("left"), TimeRemainingColumn())
-    try:
-        with Progress(*columns, console=console) as progress:
-            bar = progress.add_task(f"camera {serial}", total=None)
-            return capture_latency(
-                session, rate_hz, writes, lambda done, total: progress.update(bar, completed=done, total=total)
-            )
-    except KeyboardInterrupt:
-        raise AutoexposeError(
-            f"camera {serial}: stopped before the measurement was complete: nothing was written"
-        ) from None

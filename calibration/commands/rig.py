@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from datetime import datetime
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, TypeVar, get_args
+from typing import Annotated, Any, TypeVar, get_args
 
+import typer
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from calibration.document import CameraIdentity
+from calibration.document import CameraIdentity, Finding, Verdict, located, verdict
 from calibration.gain import GainFile
-from calibration.response.file import Origin
+from calibration.response.file import Origin, ResponseFile
 from calibration.response.result import Result, calibrate
 from calibration.session import Session, session_setup
 from calibration.sweep import Shot, Sweep, SweepPlan, plan_sweep
@@ -32,6 +34,11 @@ from imaging.frames import SIDES, Side
 from imaging.gain_scale import GainScale
 from imaging.pixels import PIXEL_FORMATS, PixelFormat
 from imaging.python310 import UTC
+from imaging.response import ResponseFunction
+
+Cameras = Annotated[list[str] | None, typer.Option("--camera", help="Serial number; twice for left and right.")]
+ConfigFile = Annotated[Path | None, typer.Option("-c", "--config", help="The cameras of this configuration.")]
+AddTo = Annotated[Path | None, typer.Option("-o", "--output", help="Response file to add the result to.")]
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,13 +78,22 @@ class CameraMode:
         )
 
 
+def chosen_rig(
+    camera: Sequence[str] | None, config: Path | None, *others: object, options: str = "--camera and --config"
+) -> list[CameraMode]:
+    """The cameras that the options name; none if another source of images is given.
+
+    Raises ConfigurationError unless it is one of them all, and as `rig_of_config` does.
+    """
+    if [bool(camera), config is not None, *(other is not None for other in others)].count(True) != 1:
+        raise ConfigurationError(f"say what to calibrate: one of {options}")
+    return [CameraMode(serial) for serial in camera or []] if config is None else rig_of_config(config)
+
+
 def rig_of_config(path: Path) -> list[CameraMode]:
     """The cameras of the daemon's configuration file, left first; its other keys are left to `autoexpose config check`.
 
-    Raises
-    ------
-    ConfigurationError
-        Naming the file, the key and what to do.
+    Raises ConfigurationError naming the file, the key and what to do.
     """
     document = load_mapping(path, "begin with `cameras:`; see docs/configuration.md")
     cameras, image = _section(path, document, "cameras"), _section(path, document, "image")
@@ -103,7 +119,10 @@ def rig_of_config(path: Path) -> list[CameraMode]:
                 features = parse_features(camera.get("features", []))
             except ValueError as error:
                 raise ConfigurationError(f"{path}: cameras.{side}.features: {error}") from error
-            scale = _gain_scale(path, _file(path, camera, side, "gain_calibration"), side, serial)
+            scale, gain_file = None, _file(path, camera, side, "gain_calibration")
+            if gain_file is not None:
+                with located(f"{path}: cameras.{side}.gain_calibration"):
+                    scale = _gain_scale(gain_file, serial)
             response = _file(path, camera, side, "response")
             row = pixel_format and PIXEL_FORMATS[pixel_format]
             key = "exposure_count_us"
@@ -130,30 +149,38 @@ def _file(path: Path, camera: dict[Any, Any], side: Side, key: str) -> Path | No
     return None if file is None else path.parent / file
 
 
-def _gain_scale(path: Path, file: Path | None, side: Side, serial: str) -> GainScale | None:
-    if file is None:
-        return None
-    try:
-        gain_file = GainFile.load(file)
-        gain_file.check_belongs(serial)
-    except ConfigurationError as error:
-        raise ConfigurationError(f"{path}: cameras.{side}.gain_calibration: {error}") from error
-    return gain_file.scale
+def _gain_scale(path: Path, serial: str) -> GainScale:
+    file = GainFile.load(path)
+    file.check_belongs(serial)
+    return file.scale
 
 
-def places_of(rig: Sequence[CameraMode], output: Path, kind: str) -> dict[Path, CameraMode]:
-    """The file of each camera: `output`, or left.`kind`.yaml and right.`kind`.yaml in that folder, which is made."""
+def check_rig(rig: Sequence[CameraMode]) -> None:
+    """Refuse more than two cameras, and one of them twice. Raises ConfigurationError."""
     if len(rig) > len(SIDES):
         raise ConfigurationError(f"--camera is given {len(rig)} times: a rig has a left and a right camera")
     if len({mode.serial for mode in rig}) < len(rig):
         raise ConfigurationError(f"left and right are the same camera, {rig[0].serial}")
+
+
+def places_of(rig: Sequence[CameraMode], output: Path, kind: str) -> dict[Path, CameraMode]:
+    """The file of each camera: `output`, or left.`kind`.yaml and right.`kind`.yaml in that folder, which is made.
+
+    Raises ConfigurationError when they are no rig, or the folder cannot be made.
+    """
+    check_rig(rig)
     if len(rig) == 1:
         return {output: rig[0]}
-    try:
-        output.mkdir(exist_ok=True)
-    except OSError as error:
-        raise ConfigurationError(f"{output}: no folder for two cameras ({error.strerror}): choose another") from error
+    make_folder(output)
     return {output / f"{side}.{kind}.yaml": mode for side, mode in zip(SIDES, rig, strict=True)}
+
+
+def make_folder(path: Path) -> None:
+    """Make a folder, unless it is there. Raises ConfigurationError."""
+    try:
+        path.mkdir(exist_ok=True)
+    except OSError as error:
+        raise ConfigurationError(f"{path}: cannot be made ({error.strerror}): choose another folder") from error
 
 
 def _section(path: Path, document: dict[Any, Any], key: str, parent: str = "") -> dict[Any, Any]:
@@ -166,10 +193,7 @@ def _section(path: Path, document: dict[Any, Any], key: str, parent: str = "") -
 def measure_camera(mode: CameraMode, gain_db: float, console: Console) -> Result:
     """Sweep the exposure time of a camera that looks at a static scene, and solve the sweep.
 
-    Raises
-    ------
-    CameraError, ConfigurationError
-        When the camera cannot be opened, or fails.
+    Raises CameraError and ConfigurationError when the camera cannot be opened, or fails.
     """
     with Session(open_camera(mode.serial, mode.setup())) as session:
         check_gain(session, gain_db)
@@ -180,8 +204,7 @@ def measure_camera(mode: CameraMode, gain_db: float, console: Console) -> Result
             camera.pixel_format,
             mode.binning,
             sweep.shots[0].setting.gain_db,
-            datetime.now(UTC).replace(microsecond=0),
-            tool(),
+            **stamp(),
         )
         brighter = partial(_brighter, session, plan, mode.serial, console)
         return calibrate(f"camera {camera.serial}", origin, sweep, camera.limitations, brighter)
@@ -204,25 +227,47 @@ def measure_images(source: Path) -> Result:
     """Solve the sweep that a folder or a list of images holds; the camera is unknown."""
     from calibration.images import read_images  # noqa: PLC0415  it needs pillow, from the extra
 
-    origin = Origin(date=datetime.now(UTC).replace(microsecond=0), tool=tool())
-    return calibrate(f"the images of {source}", origin, read_images(source))
+    return calibrate(f"the images of {source}", Origin(**stamp()), read_images(source))
 
 
 def take(session: Session, plan: SweepPlan, name: str, console: Console) -> tuple[Shot, ...]:
-    """Take the shots of a plan under a progress bar with the time left."""
-    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("left"), TimeRemainingColumn())
+    """Take the shots of a plan. Raises CameraError when the camera fails, and AutoexposeError when interrupted."""
     shots: list[Shot] = []
+    with progress_of(f"camera {name}", console, sum(map(plan.seconds, plan.settings))) as update:
+        for setting, taken in plan.run(session):
+            shots += taken
+            update(advance=plan.seconds(setting), description=f"camera {name}: {setting.exposure_time_us:.0f} us")
+    return tuple(shots)
+
+
+@contextmanager
+def progress_of(
+    name: str, console: Console, total: float | None = None, todo: str = ""
+) -> Iterator[Callable[..., None]]:
+    """A progress bar with the time left, and `rich.progress.Progress.update` for it.
+
+    Raises AutoexposeError when the user interrupts the measurement.
+    """
+    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("left"), TimeRemainingColumn())
     try:
         with Progress(*columns, console=console, speed_estimate_period=60.0) as progress:
-            bar = progress.add_task(f"camera {name}", total=sum(map(plan.seconds, plan.settings)))
-            for setting, taken in plan.run(session):
-                shots += taken
-                progress.update(
-                    bar, advance=plan.seconds(setting), description=f"camera {name}: {setting.exposure_time_us:.0f} us"
-                )
+            yield partial(progress.update, progress.add_task(name + todo, total=total))
     except KeyboardInterrupt:
-        raise AutoexposeError(f"camera {name}: stopped before the sweep was done: nothing was written") from None
-    return tuple(shots)
+        raise AutoexposeError(f"{name}: stopped before the measurement was complete: nothing was written") from None
+
+
+def print_judged(facts: Iterable[tuple[str, str]], findings: Sequence[Finding], console: Console) -> Verdict:
+    """Print what was measured, what is wrong with it, and the verdict, which is returned."""
+    judged = verdict(findings)
+    said = ((finding.severity, finding.text) for finding in findings)
+    for name, text in (*facts, *said, ("verdict", judged)):
+        console.print(f"{name}: {text}", soft_wrap=True)
+    return judged
+
+
+def print_written(console: Console, *files: object) -> None:
+    """Print which files were written."""
+    console.print(f"written: {', '.join(map(str, files))}", soft_wrap=True)
 
 
 def check_gain(session: Session, gain_db: float) -> None:
@@ -235,9 +280,25 @@ def check_gain(session: Session, gain_db: float) -> None:
         )
 
 
-def tool() -> str:
-    """Name and version of this program."""
-    return f"autoexpose-daemon {version('autoexpose-daemon')}"
+def response_of(path: Path | None, serial: str | None) -> ResponseFunction:
+    """The response of a camera, from its file; linear without one.
+
+    Raises ConfigurationError when the file cannot be read, or is of another camera.
+    """
+    if path is None:
+        return ResponseFunction.linear()
+    file = ResponseFile.load(path)
+    if serial is not None:
+        file.check_belongs(serial)
+    return file.response
+
+
+def stamp() -> dict[str, Any]:
+    """When something was measured: `date` now, and `tool`, name and version of this program."""
+    return {
+        "date": datetime.now(UTC).replace(microsecond=0),
+        "tool": f"autoexpose-daemon {version('autoexpose-daemon')}",
+    }
 
 
 File = TypeVar("File")
@@ -246,10 +307,7 @@ File = TypeVar("File")
 def check_place(path: Path, load: Callable[[Path], File], kind: str) -> File | None:
     """The file that is to be replaced; refuses impossible names and files of another kind before anything is measured.
 
-    Raises
-    ------
-    ConfigurationError
-        Naming the file and what to do.
+    Raises ConfigurationError naming the file and what to do.
     """
     if path.is_dir() or not path.parent.is_dir() or not os.access(path.parent, os.W_OK):
         raise ConfigurationError(f"{path}: cannot be written: name a file in an existing folder that you may write to")

@@ -22,7 +22,6 @@ MARKER_SHARE = 0.7
 LEAST_MARKERS = 4
 LEAST_CORNERS = 8
 """Fewer corners do not fix a pose against noise."""
-
 _BLUR_PX = 1.0
 """Blur before corners are measured: as much as the lens of a real camera, against noise and aliasing."""
 _WINDOW_PX = (2, 11)
@@ -36,10 +35,7 @@ DEFAULT_DICTIONARY: Final = "DICT_5X5_100"
 class Board:
     """A board by its squares, sizes in metres; the default is 270 x 180 mm, and prints on A4.
 
-    Raises
-    ------
-    ConfigurationError
-        When there is no such board.
+    Raises ConfigurationError when there is no such board.
     """
 
     columns: int = 9
@@ -157,7 +153,6 @@ CELLS: Final = (6, 8)
 TILTED_DEG = 15.0
 """A board turned by less hardly tells the focal length from the distance."""
 TILTS: Final = ("left", "right", "up", "down")
-
 _GUESSED_WIDTHS = 1.2
 """A focal length that is good enough to see which way a board is tilted, in widths of the picture."""
 

@@ -102,10 +102,7 @@ FORMATS: Final = (
 def read_rigs(paths: Sequence[Path], size: Size | None = None) -> dict[str, RigGeometry]:
     """The cameras of each file, by its name; what OpenCV's sample writes into two files is one pair, of both names.
 
-    Raises
-    ------
-    ConfigurationError
-        Naming the file, the key and what to do.
+    Raises ConfigurationError naming the file, the key and what to do.
     """
     rigs = {str(path): read_rig(path, size) for path in paths}
     parts = [path for path in paths if rigs[str(path)].kind in KINDS]
@@ -121,10 +118,7 @@ def read_rigs(paths: Sequence[Path], size: Size | None = None) -> dict[str, RigG
 def read_rig(path: Path, size: Size | None = None) -> RigGeometry:
     """The cameras of a file; `size` is that of the pictures if the file does not say.
 
-    Raises
-    ------
-    ConfigurationError
-        Naming the file, the key and what to do.
+    Raises ConfigurationError naming the file, the key and what to do.
     """
     text = read_text(path, MOST_BYTES)
     try:
@@ -206,10 +200,7 @@ _SAME_PX = 0.01
 def load_geometry(path: Path, side: Side) -> CameraGeometry:
     """Read the file of a camera, or of a pair, of which the first camera is the left one.
 
-    Raises
-    ------
-    ConfigurationError
-        Naming the file, the key and what to do.
+    Raises ConfigurationError naming the file, the key and what to do.
     """
     rig = read_rig(path)
     names = list(rig.lenses)
@@ -234,10 +225,7 @@ def load_geometry(path: Path, side: Side) -> CameraGeometry:
 def check_camera(geometry: CameraGeometry, serial: str, size: tuple[int, int] | None = None) -> None:
     """Refuse the geometry of another camera, or of frames of another size; what is not known is not compared.
 
-    Raises
-    ------
-    ConfigurationError
-        Naming the camera and what to do.
+    Raises ConfigurationError naming the camera and what to do.
     """
     if geometry.serial is not None and geometry.serial != serial:
         raise ConfigurationError(
@@ -253,10 +241,7 @@ def check_camera(geometry: CameraGeometry, serial: str, size: tuple[int, int] | 
 def check_pair(pair: Mapping[Side, CameraGeometry]) -> None:
     """Refuse files that are not from one pair, either of which may be missing; for a rig of two cameras.
 
-    Raises
-    ------
-    ConfigurationError
-        Naming the key of the configuration.
+    Raises ConfigurationError naming the key of the configuration.
     """
     left, right = pair.get("left"), pair.get("right")
     if left is not None and left.projection[3]:

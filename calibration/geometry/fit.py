@@ -9,11 +9,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.document import Finding
+from calibration.document import Finding, Judged
 from calibration.geometry.board import TILTED_DEG, TILTS, Board, BoardView, Corners, covered, pose, tilts
 from calibration.geometry.numbers import check_plausible
 from calibration.geometry.rectify import alone, rectified
-from calibration.response.result import Verdict, verdict
 from imaging.errors import ConfigurationError
 from imaging.frames import SIDES, Side
 from imaging.geometry import CameraGeometry
@@ -24,24 +23,12 @@ FLAGS = cv2.CALIB_FIX_K3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Lens:
-    """What the views say about one camera.
+    """What the views say about one camera."""
 
-    Attributes
-    ----------
-    geometry
-        The geometry, not rectified.
-    error_px
-        Reprojection error over all views, rms.
-    focal_error
-        Standard error of the focal length, as a share of it.
-    normals
-        Normals of the board in each view, in the camera's axes, shape (views, 3).
-    """
-
-    geometry: CameraGeometry
-    error_px: float
-    focal_error: float
-    normals: NDArray[np.float64]
+    geometry: CameraGeometry  # the geometry, not rectified
+    error_px: float  # reprojection error over all views, rms
+    focal_error: float  # standard error of the focal length, as a share of it
+    normals: NDArray[np.float64]  # normals of the board in each view, in the camera's axes, shape (views, 3)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -103,23 +90,14 @@ def _fit_lens(board: Board, views: Sequence[BoardView], size: tuple[int, int], s
 
 @dataclass(frozen=True, slots=True)
 class ViewScore:
-    """The score of one view.
+    """The score of one view."""
 
-    Attributes
-    ----------
-    name
-        Name of the view.
-    error_px
-        Reprojection error in the picture of each camera that sees the board, rms, with the pose that fits best.
-    rows_px
-        How far apart a corner's rows in the two rectified pictures are, rms; None: not seen by both.
-    scale_error
-        Mean distance of neighbouring corners by triangulation over the true one, minus 1.
-    """
-
-    name: str
+    name: str  # name of the view
+    # reprojection error in the picture of each camera that sees the board, rms, with the pose that fits best
     error_px: Mapping[Side, float]
+    # how far apart a corner's rows in the two rectified pictures are, rms; None: not seen by both
     rows_px: float | None = None
+    # mean distance of neighbouring corners by triangulation over the true one, minus 1
     scale_error: float | None = None
 
 
@@ -280,34 +258,20 @@ HELD_OUT = 5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class GeometryResult:
-    """Views of a board, what they say, and whether to believe it.
+class GeometryResult(Judged):
+    """Views of a board, what they say, and whether to believe it."""
 
-    Attributes
-    ----------
-    board, views, size
-        What was shown, what was seen of it, and the width and height of the pictures.
-    findings
-        Reasons not to believe it.
-    fit, geometries
-        Both cameras, and their geometry as the files have it; None if the views give none.
-    used, held_out
-        How well single views agree: those of the fit, and the others.
-    """
-
+    # board, views, size: what was shown, what was seen of it, and the width and height of the pictures
     board: Board
     views: Sequence[BoardView]
     size: tuple[int, int]
-    findings: tuple[Finding, ...]
+    findings: tuple[Finding, ...]  # reasons not to believe it
+    # fit, geometries: both cameras, and their geometry as the files have it; None if the views give none
     fit: PairFit | None = None
     geometries: Mapping[Side, CameraGeometry] | None = None
+    # used, held_out: how well single views agree: those of the fit, and the others
     used: Sequence[ViewScore] = ()
     held_out: Sequence[ViewScore] = ()
-
-    @property
-    def verdict(self) -> Verdict:
-        """Whether to believe it."""
-        return verdict(self.findings)
 
 
 def calibrate_geometry(

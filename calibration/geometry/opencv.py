@@ -32,7 +32,6 @@ _KEYS: Mapping[str, tuple[str, ...]] = {
     "distortion_model": ("distortion_model", "distortion_type", "camera_model", "model"),
 }
 """What each thing is called: by camera_calibration, in messages, in OpenCV's samples and in what people write."""
-
 _ZERO = 1e-9
 """Rounding in another program, relative to the focal length; as a baseline, a nanometre."""
 
@@ -45,12 +44,8 @@ def is_camera(content: Mapping[Any, Any]) -> bool:
 def read_camera(content: Mapping[Any, Any], size: tuple[int, int] | None = None) -> RigGeometry:
     """The camera in the content of a file; keys of others are ignored. Our own files also say its serial.
 
-    `size` is that of the pictures if the file does not say it, as many of OpenCV's.
-
-    Raises
-    ------
-    ConfigurationError
-        Naming the key.
+    `size` is that of the pictures if the file does not say it, as many of OpenCV's. Raises ConfigurationError naming
+    the key.
     """
     said = _found(content, "distortion_model")
     model_key, model_name = said or ("distortion_model", "plumb_bob")
@@ -166,7 +161,6 @@ _PATTERNS = {
     thing: re.compile(rf"(left|right|l|r)?(?:{names})(left|right|l|r|[012])?") for thing, names in _THINGS.items()
 }
 _SIDE: Final[dict[str, Side]] = {"left": "left", "l": "left", "1": "left", "right": "right", "r": "right", "2": "right"}
-
 KINDS: Final = ("a pair of OpenCV", "where the cameras of OpenCV are")
 """Files with lenses, and without."""
 
@@ -194,10 +188,7 @@ def is_pair(content: Mapping[Any, Any]) -> bool:
 def read_pair(content: Mapping[Any, Any], size: tuple[int, int] | None = None) -> RigGeometry:
     """Both cameras, as far as a file has them: OpenCV's sample writes lenses and places into two files.
 
-    Raises
-    ------
-    ConfigurationError
-        Naming the key.
+    Raises ConfigurationError naming the key.
     """
     parts = parts_of(content)
     lenses: dict[str, CameraGeometry] = {}

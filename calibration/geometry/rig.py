@@ -27,7 +27,6 @@ EXTRA_NUMBERS: Final[dict[str, tuple[str, ...]]] = {
     "eucm": ("alpha", "beta"),
 }
 """What each model has beside focal lengths and principal point."""
-
 LARGEST_MISFIT_PX = 1.0
 """At the worst place: calibrations are hardly better in the corners of a wide picture, and real lenses bend by some 0.6
 pixels sideways there, which the equidistant model cannot follow."""
@@ -41,10 +40,7 @@ def as_equidistant(
 ) -> tuple[tuple[float, ...], tuple[float, ...], str]:
     """fx fy cx cy and coefficients of the equidistant lens that shows what this one does, and a note on how well.
 
-    Raises
-    ------
-    ConfigurationError
-        When it does not, within `LARGEST_MISFIT_PX` anywhere in the picture.
+    Raises ConfigurationError when it does not, within `LARGEST_MISFIT_PX` anywhere in the picture.
     """
     names = EXTRA_NUMBERS[model]
     if len(extra) != len(names) or len(distortion) not in (0, 4) or not min(k[:2]) > 0:
@@ -162,6 +158,8 @@ def lens_of(
 ) -> tuple[CameraGeometry, tuple[str, ...]]:
     """A lens that stands alone, and notes about it.
 
+    Raises ConfigurationError for numbers that no lens has, or that no model of ROS can follow.
+
     Parameters
     ----------
     size
@@ -170,11 +168,6 @@ def lens_of(
         As `model_of` gives it.
     k, distortion, extra
         fx, fy, cx, cy; coefficients in the model's order; for fov, omni, ds and eucm what else they have.
-
-    Raises
-    ------
-    ConfigurationError
-        For numbers that no lens has, or that no model of ROS can follow.
     """
     _check_size(size, k)
     if model in EXTRA_NUMBERS:
@@ -221,35 +214,20 @@ def _check_size(size: Size, k: tuple[float, ...]) -> None:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RigGeometry:
-    """The cameras of a file.
+    """The cameras of a file."""
 
-    Attributes
-    ----------
-    kind
-        What the file is, in words.
-    lenses
-        Each camera by the file's name for it, in the file's order: left before right.
-    places
-        From axes that all have in common to those of each camera whose place is known: shape (4, 4), metres.
-    is_rectified
-        Whether R and P of the lenses are the file's; else each lens stands alone.
-    notes
-        What was done to what the file says, one line each.
-    """
-
-    kind: str
+    kind: str  # what the file is, in words
+    # each camera by the file's name for it, in the file's order: left before right
     lenses: Mapping[str, CameraGeometry]
+    # from axes that all have in common to those of each camera whose place is known: shape (4, 4), metres
     places: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
-    is_rectified: bool = False
-    notes: tuple[str, ...] = ()
+    is_rectified: bool = False  # whether R and P of the lenses are the file's; else each lens stands alone
+    notes: tuple[str, ...] = ()  # what was done to what the file says, one line each
 
     def pair(self, left: str, right: str) -> tuple[CameraGeometry, CameraGeometry]:
         """Two of the cameras as a rectified pair.
 
-        Raises
-        ------
-        ConfigurationError
-            When the file does not know how they are placed, or they are no pair.
+        Raises ConfigurationError when the file does not know how they are placed, or they are no pair.
         """
         lenses = self._lens(left), self._lens(right)
         if self.is_rectified:
@@ -296,10 +274,7 @@ def side_of(name: str) -> Side | None:
 def joined(rigs: Mapping[str, RigGeometry]) -> RigGeometry:
     """The cameras of several files as one rig: those of one camera each become left and right.
 
-    Raises
-    ------
-    ConfigurationError
-        When two files contradict each other.
+    Raises ConfigurationError when two files contradict each other.
     """
     lenses: dict[str, CameraGeometry] = {}
     places: dict[str, NDArray[np.float64]] = {}

@@ -31,10 +31,7 @@ def names_in(content: Mapping[Any, Any]) -> list[str]:
 def read_camchain(content: Mapping[Any, Any]) -> RigGeometry:
     """The cameras of a chain, the first one left; whatever else it holds is ignored.
 
-    Raises
-    ------
-    ConfigurationError
-        Naming the key.
+    Raises ConfigurationError naming the key.
     """
     names = names_in(content)
     lenses: dict[str, CameraGeometry] = {}
@@ -228,10 +225,7 @@ def is_camera_txt(text: str) -> bool:
 def read_camera_txt(text: str) -> RigGeometry:
     """The camera of such a file; its third and fourth line, about rectified pictures, are left aside.
 
-    Raises
-    ------
-    ConfigurationError
-        Naming the line.
+    Raises ConfigurationError naming the line.
     """
     first, second, *_ = (*(line for line in text.splitlines() if line.strip()), "")
     name, words = _first(first)

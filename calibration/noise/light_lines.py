@@ -32,30 +32,18 @@ class NoiseModel:
     """Noise of a linear camera at one gain: variance = read_noise_dn**2 + system_gain * (grey - black_level_dn).
 
     Grey levels (DN) are those of the pixel format that was measured. Quantisation is taken out of the variances.
-
-    Attributes
-    ----------
-    gain_db
-        The camera's gain.
-    bit_depth
-        Bits of the grey levels.
-    system_gain
-        EMVA's K: grey levels per electron.
-    black_level_dn
-        Mean grey level without light, extrapolated to no exposure.
-    read_noise_dn, read_noise_e
-        Standard deviation of the grey level, and of the electrons it stands for, without light.
-    saturation_dn, full_well_e
-        Grey level at which pixels stop following the light, and the electrons that takes; at a high gain the output
-        is full before the pixel's own well is. None when the shots were too dark to show it.
     """
 
-    gain_db: float
-    bit_depth: int
-    system_gain: Estimate
-    black_level_dn: Estimate
+    gain_db: float  # the camera's gain
+    bit_depth: int  # bits of the grey levels
+    system_gain: Estimate  # EMVA's K: grey levels per electron
+    black_level_dn: Estimate  # mean grey level without light, extrapolated to no exposure
+    # read_noise_dn, read_noise_e: standard deviation of the grey level, and of the electrons it stands for, without
+    # light
     read_noise_dn: Estimate
     read_noise_e: Estimate
+    # saturation_dn, full_well_e: grey level at which pixels stop following the light, and the electrons that takes; at
+    # a high gain the output is full before the pixel's own well is. None when the shots were too dark to show it.
     saturation_dn: float | None
     full_well_e: Estimate | None
 
@@ -74,27 +62,13 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LightLines:
-    """Mean grey of patches of the scene, as far as no pixel of them is clipped: black + slope * exposure time.
+    """Mean grey of patches of the scene, as far as no pixel of them is clipped: black + slope * exposure time."""
 
-    Attributes
-    ----------
-    black
-        The grey level where all lines meet at no exposure.
-    slopes
-        Grey levels per us, of each patch; NaN where a patch was never seen.
-    grey
-        Mean grey, shape (shots, patches); NaN where clipped.
-    times_us
-        Exposure time of each shot.
-    rounding_dn
-        Error of a patch's mean grey where the noise is too small to average rounding away.
-    """
-
-    black: Estimate
-    slopes: Array
-    grey: Array
-    times_us: Array
-    rounding_dn: float
+    black: Estimate  # the grey level where all lines meet at no exposure
+    slopes: Array  # grey levels per us, of each patch; NaN where a patch was never seen
+    grey: Array  # mean grey, shape (shots, patches); NaN where clipped
+    times_us: Array  # exposure time of each shot
+    rounding_dn: float  # error of a patch's mean grey where the noise is too small to average rounding away
 
     def light(self, least_dn: float) -> Array:
         """How much brighter the light was in each shot than the lines say, as a part of it; shape (shots,).
@@ -183,19 +157,12 @@ _ADVICE = {
 
 @dataclass(frozen=True, slots=True)
 class Steadiness:
-    """What changed by itself.
+    """What changed by itself."""
 
-    Attributes
-    ----------
-    light
-        The largest change of light between shots of one setting, as a part of it; infinite if the scene moved, or
-        not all of its lights changed, which leaves it unknown.
-    findings
-        The changes worth reporting.
-    """
-
+    # the largest change of light between shots of one setting, as a part of it; infinite if the scene moved, or not all
+    # of its lights changed, which leaves it unknown
     light: float
-    findings: tuple[Finding, ...]
+    findings: tuple[Finding, ...]  # the changes worth reporting
 
     @property
     def refusals(self) -> tuple[Finding, ...]:

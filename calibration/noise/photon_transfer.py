@@ -36,27 +36,13 @@ Pixels = NDArray[np.float32]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class VarianceCurve:
-    """Temporal variance over mean grey (DN), one entry for each bin of mean grey that holds enough pixels.
+    """Temporal variance over mean grey (DN), one entry for each bin of mean grey that holds enough pixels."""
 
-    Attributes
-    ----------
-    mean
-        Mean grey of the bin's pixels, increasing.
-    variance
-        Variance of one grey level from image to image (DN squared), quantisation taken out.
-    degrees
-        Degrees of freedom of that variance: its relative standard error is sqrt(2 / degrees).
-    bin_width
-        Width of the bins (DN); the first begins at 0.
-    step
-        Difference between neighbouring grey levels: 16 if 12 bits are sent as 16.
-    """
-
-    mean: Array
-    variance: Array
-    degrees: Array
-    bin_width: float
-    step: int
+    mean: Array  # mean grey of the bin's pixels, increasing
+    variance: Array  # variance of one grey level from image to image (DN squared), quantisation taken out
+    degrees: Array  # degrees of freedom of that variance: its relative standard error is sqrt(2 / degrees)
+    bin_width: float  # width of the bins (DN); the first begins at 0
+    step: int  # difference between neighbouring grey levels: 16 if 12 bits are sent as 16
 
     def variance_at(self, mean: Array) -> Array:
         """The variance at any grey level, between those of the bins."""
@@ -155,10 +141,7 @@ SEARCH_FACTOR = 8.0
 def plan_noise(camera: StaticCamera, gain_db: float) -> SweepPlan:
     """Pairs of images at exposure times around that of this scene, and one of them again, to show a light that drifts.
 
-    Raises
-    ------
-    CameraError
-        When the camera fails.
+    Raises CameraError when the camera fails.
     """
     shortest_us, longest_us = time_bounds_us(camera.limits)
     half_us = half_exposure_us(camera, gain_db, FIRST_TIME_US)
@@ -221,24 +204,12 @@ MIN_SPAN = 0.15
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PhotonTransfer:
-    """What the shots at one gain say about noise.
+    """What the shots at one gain say about noise."""
 
-    Attributes
-    ----------
-    model
-        None when a finding refuses it.
-    findings
-        Reasons not to trust it.
-    curve
-        Variance over mean grey, for plots; None when there are no pairs.
-    used
-        Which bins of the curve the line was drawn through.
-    """
-
-    model: NoiseModel | None
-    findings: tuple[Finding, ...]
-    curve: VarianceCurve | None = None
-    used: NDArray[np.bool_] | None = None
+    model: NoiseModel | None  # None when a finding refuses it
+    findings: tuple[Finding, ...]  # reasons not to trust it
+    curve: VarianceCurve | None = None  # variance over mean grey, for plots; None when there are no pairs
+    used: NDArray[np.bool_] | None = None  # which bins of the curve the line was drawn through
 
 
 @dataclass(frozen=True, slots=True, eq=False)

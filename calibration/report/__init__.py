@@ -26,10 +26,7 @@ if TYPE_CHECKING:
 def write_page(path: Path, template: str, pictures: Sequence[ReportPicture], **content: object) -> Path:
     """Write the page that a template of this folder makes from its content, and return its path.
 
-    Raises
-    ------
-    ConfigurationError
-        When it cannot be written.
+    Raises ConfigurationError when it cannot be written.
     """
     page = _html(template, pictures, **content)
     try:
@@ -66,6 +63,8 @@ def check_extra() -> None:
 def write_report(path: Path, result: Result, other: tuple[Comparison, Result, Result] | None = None) -> Path:
     """Write the page next to a response file (`.html` and `.png` for its `.yaml`), and return its path.
 
+    Raises ConfigurationError when the files cannot be written.
+
     Parameters
     ----------
     path
@@ -74,11 +73,6 @@ def write_report(path: Path, result: Result, other: tuple[Comparison, Result, Re
         What the report shows.
     other
         For a rig: how left and right compare, and both results.
-
-    Raises
-    ------
-    ConfigurationError
-        When the files cannot be written.
     """
     from calibration.report.plots import comparison_picture, overview_png, pictures  # noqa: PLC0415  needs an extra
 

@@ -22,7 +22,6 @@ LEAST_BEND = 0.02
 SAME_BIAS_GREY = 0.1
 FEWEST_EXPOSURES = 3
 """Mean residuals that differ by less are alike; medians of fewer exposures may have an error in common."""
-
 SAME_GREY = 0.5
 SAME_STOPS = 0.15
 """A group whose medians differ by less, over more stops of exposure than that, is black or saturated."""
@@ -54,20 +53,11 @@ class InverseCurve:
     """log2 exposure over grey, given at some grey levels (nodes) and straight between them.
 
     Straight, that is, over the logarithm of grey above black: over it responses hardly bend, and power laws not at all.
-
-    Attributes
-    ----------
-    greys
-        Increasing, all above `black`, the last one at saturation; shape (nodes,).
-    stops
-        log2 exposure at `greys`, not decreasing.
-    black
-        Grey level without light, between whole levels.
     """
 
-    greys: Curve
-    stops: Curve
-    black: float
+    greys: Curve  # increasing, all above `black`, the last one at saturation; shape (nodes,)
+    stops: Curve  # log2 exposure at `greys`, not decreasing
+    black: float  # grey level without light, between whole levels
 
     @property
     def octaves(self) -> Curve:
@@ -147,17 +137,11 @@ def residuals_from_others(curve: InverseCurve, tones: Tones, within: NDArray[np.
 
 @dataclass(frozen=True, slots=True)
 class Misfit:
-    """How far a curve is from the medians.
+    """How far a curve is from the medians."""
 
-    Attributes
-    ----------
-    size
-        Root mean square of residuals over standard errors, outliers (of 4 times its own size) counting as such.
-    bias_grey
-        The largest mean residual between two nodes (grey levels): a bend that the curve lacks, however short.
-    """
-
+    # root mean square of residuals over standard errors, outliers (of 4 times its own size) counting as such
     size: float
+    # the largest mean residual between two nodes (grey levels): a bend that the curve lacks, however short
     bias_grey: float
 
     @classmethod
@@ -179,38 +163,25 @@ class Misfit:
 
 BASIS_CURVES = 4
 """Four in five curves of our family are then matched to 0.22 grey levels (root mean square), the worst to 0.6."""
-
 LEAST_BLACK_GREY = -2.0
 """A sensor may hide the lowest grey levels below 0, but hardly more."""
-
 BLACK_RANGE_GREY = 0.5
 """How far black may be from the lowest median seen, since grey levels are whole numbers."""
-
 _ROUNDS = 30
 """Only a bound: fits end when they stop improving."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Family:
-    """Curves that follow from a few parameters.
+    """Curves that follow from a few parameters."""
 
-    Attributes
-    ----------
-    model
-        Its name.
-    names
-        Names of the parameters, apart from black.
-    start, least, most
-        Where a fit starts, and its bounds.
-    log2_light
-        log2 of the light at shares of full scale (above 0, up to 1), by the parameters.
-    """
-
-    model: ResponseModel
-    names: tuple[str, ...]
+    model: ResponseModel  # its name
+    names: tuple[str, ...]  # names of the parameters, apart from black
+    # start, least, most: where a fit starts, and its bounds
     start: tuple[float, ...]
     least: tuple[float, ...]
     most: tuple[float, ...]
+    # log2 of the light at shares of full scale (above 0, up to 1), by the parameters
     log2_light: Callable[[Curve, Curve], Curve]
 
     def curve(self, black: float, parameters: Curve, saturation: float) -> InverseCurve:

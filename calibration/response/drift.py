@@ -21,10 +21,8 @@ LEAST_STOPS, MOST_STOPS = 0.2, 2.5
 SAME_STOPS = 0.02
 CALM_GREY = 1.0
 """By how much the followed grey levels may move (rms) between the two frames before a change, and after it."""
-
 CLIPPED_GREY = 3.0
 """This close to black or saturation, noise is cut off on one side."""
-
 LEAST_FOLLOWED = 8
 REMEMBERED = 128
 ENOUGH = 12
@@ -33,17 +31,10 @@ ENOUGH = 12
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Change:
-    """A change of exposure and of nothing else: the same parts of the scene before and after it.
+    """A change of exposure and of nothing else: the same parts of the scene before and after it."""
 
-    Attributes
-    ----------
-    stops
-        The change of exposure level.
-    before, after
-        Grey levels of equal shares of pixels, not rounded, float64, shape (n,), n up to ``len(SHARES)``.
-    """
-
-    stops: float
+    stops: float  # the change of exposure level
+    # before, after: grey levels of equal shares of pixels, not rounded, float64, shape (n,), n up to ``len(SHARES)``
     before: Greys
     after: Greys
 
@@ -143,7 +134,6 @@ def _rms(values: Greys) -> float:
 LEAST_CHANGES = 48
 LEAST_GAIN = 0.3
 """Share of the misfit that must disappear, on changes that were not used for the fit."""
-
 _KNOTS = 32
 _STIFFNESS = 1.0  # stops of bend from knot to knot that cost as much as a typical misfit
 _HUBER_STOPS = 0.1

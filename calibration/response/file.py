@@ -18,6 +18,7 @@ from calibration.document import (
     Finding,
     Number,
     Text,
+    located,
     optional,
     read_document,
     to_calibrate,
@@ -35,40 +36,25 @@ ResponseModel = Literal["linear", "gamma", "emor", "free"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ResponseSolution:
-    """A response function recovered from a sweep.
+    """A response function recovered from a sweep."""
 
-    Attributes
-    ----------
-    response
-        The response function; its log2 exposures are 0 at `response.saturation`, since a sweep fixes no scale.
-    model
-        The simplest kind of curve that explains the sweep as well as a free one: "linear" with clip, "gamma" (a power
-        law), "emor" (a few basis curves), or "free" (each grey level separately, monotone).
-    parameters
-        Those of the model by name, such as {"gamma": 0.45}; empty for a free curve.
-    uncertainty_stops
-        Standard error of the log2 exposure of each grey level (stops), float64, shape (256,).
-    covered
-        The first and last grey level that the sweep itself has seen; beyond them the curve is extended. Where noise
-        does not vouch for the images, those next to black and saturation do not count.
-    residual_grey
-        Root mean square of grey levels observed minus those predicted from the other exposures.
-    uniform
-        Whether the scene had one brightness only, so that grey levels cannot tell a curve from wrong exposure times.
-    accurate
-        The first and last of those that are known well, for which the error is stated; None: not judged yet.
-    hidden_light
-        The most light (saturation is 1) that black may contain, if exposures are all longer than stated.
-    """
-
+    # the response function; its log2 exposures are 0 at `response.saturation`, since a sweep fixes no scale
     response: ResponseFunction
+    # the simplest kind of curve that explains the sweep as well as a free one: "linear" with clip, "gamma" (a power
+    # law), "emor" (a few basis curves), or "free" (each grey level separately, monotone)
     model: ResponseModel
-    parameters: dict[str, float]
+    parameters: dict[str, float]  # those of the model by name, such as {"gamma": 0.45}; empty for a free curve
+    # standard error of the log2 exposure of each grey level (stops), float64, shape (256,)
     uncertainty_stops: NDArray[np.float64]
+    # the first and last grey level that the sweep itself has seen; beyond them the curve is extended. Where noise does
+    # not vouch for the images, those next to black and saturation do not count.
     covered: tuple[int, int]
-    residual_grey: float
+    residual_grey: float  # root mean square of grey levels observed minus those predicted from the other exposures
+    # the first and last of those that are known well, for which the error is stated; None: not judged yet
     accurate: tuple[int, int] | None = None
+    # whether the scene had one brightness only, so that grey levels cannot tell a curve from wrong exposure times
     uniform: bool = False
+    # the most light (saturation is 1) that black may contain, if exposures are all longer than stated
     hidden_light: float = 1.0
 
 
@@ -100,39 +86,25 @@ class Origin:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ResponseFile:
-    """A response function and what is known of it; everything but the curve may be unknown (None, empty).
+    """A response function and what is known of it; everything but the curve may be unknown (None, empty)."""
 
-    Attributes
-    ----------
-    response
-        The curve itself.
-    origin
-        Where it comes from.
-    model, parameters, covered, residual_grey, uncertainty_stops, accurate
-        See `calibration.response.file.ResponseSolution`.
-    times_checked
-        Whether the noise of the images could tell that exposure times are in proportion to light.
-    findings
-        What was found wrong with the sweep and its solution.
-    noise, latency
-        What else was measured of this camera, as in the file.
-    path
-        Where it was read from; None: nowhere.
-    """
-
-    response: ResponseFunction
-    origin: Origin = Origin()
+    response: ResponseFunction  # the curve itself
+    origin: Origin = Origin()  # where it comes from
+    # model, parameters, covered, residual_grey, uncertainty_stops, accurate: see
+    # `calibration.response.file.ResponseSolution`
     model: ResponseModel | None = None
     parameters: Mapping[str, float] = field(default_factory=dict)
     covered: tuple[int, int] | None = None
     residual_grey: float | None = None
-    findings: tuple[Finding, ...] = ()
+    findings: tuple[Finding, ...] = ()  # what was found wrong with the sweep and its solution
+    # noise, latency: what else was measured of this camera, as in the file
     noise: Mapping[str, Any] = field(default_factory=dict)
     latency: Mapping[str, Any] = field(default_factory=dict)
     uncertainty_stops: tuple[float, ...] = ()
     accurate: tuple[int, int] | None = None
+    # whether the noise of the images could tell that exposure times are in proportion to light
     times_checked: bool | None = None
-    path: Path | None = None
+    path: Path | None = None  # where it was read from; None: nowhere
 
     @classmethod
     def of_solution(
@@ -155,16 +127,11 @@ class ResponseFile:
     def load(cls, path: Path) -> ResponseFile:
         """Read a response file; a file with the curve alone, made by hand, is valid too.
 
-        Raises
-        ------
-        ConfigurationError
-            Naming the file, the key and what to do.
+        Raises ConfigurationError naming the file, the key and what to do.
         """
         document = read_document(_Document, path, FORMAT)
-        try:
+        with located(path):
             response = document.response()
-        except ConfigurationError as error:
-            raise ConfigurationError(f"{path}: {error}") from None
         known = {key: value for key, value in document if value is not None}
         origin = Origin(**{part.name: known[part.name] for part in fields(Origin) if part.name in known})
         rest = {part.name: known[part.name] for part in fields(cls) if part.name in known}
@@ -173,10 +140,7 @@ class ResponseFile:
     def save(self, path: Path) -> None:
         """Write the file, the curve last; log2 exposures are rounded to a millionth of a stop.
 
-        Raises
-        ------
-        ConfigurationError
-            When the file cannot be written.
+        Raises ConfigurationError when the file cannot be written.
         """
         origin, curve = self.origin, self.response
         document = {
@@ -206,10 +170,7 @@ class ResponseFile:
     def check_belongs(self, serial: str, pixel_format: str | None = None, binning: int | None = None) -> None:
         """Refuse a file of another camera or mode; what the file or the caller does not know is not compared.
 
-        Raises
-        ------
-        ConfigurationError
-            Naming file, key, camera and what to do.
+        Raises ConfigurationError naming file, key, camera and what to do.
         """
         if self.origin.camera is not None:
             self.origin.camera.check_is(serial, self.path, "response")
@@ -335,10 +296,7 @@ def is_tum_table(text: str) -> bool:
 def read_tum_table(text: str) -> ResponseFunction:
     """The response of such a table, in whatever unit its light is.
 
-    Raises
-    ------
-    ConfigurationError
-        When it has other than 256 numbers, or they do not rise.
+    Raises ConfigurationError when it has other than 256 numbers, or they do not rise.
     """
     words = text.replace(",", " ").split()
     if len(words) != GREY_LEVELS:

@@ -20,35 +20,23 @@ the smoothest curve that explains it as well as the roughest is taken.
 
 SHOULDER_GREY = 4.0
 """Just below saturation curves may bend within this many grey levels, as those with a shoulder do."""
-
 LEAST_STEP_STOPS = 1e-6
 """Least rise of the curve from one node to the next."""
-
 _ROUNDS = 4
 """Weights follow from the slope of the curve, the curve from the weights; it settles within a few rounds."""
-
 _SQUARE_UP_TO = 3.0
 """Standard deviations beyond which a residual counts by its size, no longer by its square."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FreeFit:
-    """The free curve that explains a sweep.
+    """The free curve that explains a sweep."""
 
-    Attributes
-    ----------
-    curve, misfit
-        The smoothest curve that is as good as any, and how well it fits.
-    errors_stops
-        Standard errors at its nodes, relative to the anchor.
-    smoothed_stops
-        What the curve would change by if it were one degree rougher: about what smoothness hides.
-    """
-
+    # curve, misfit: the smoothest curve that is as good as any, and how well it fits
     curve: InverseCurve
     misfit: Misfit
-    errors_stops: Curve
-    smoothed_stops: Curve
+    errors_stops: Curve  # standard errors at its nodes, relative to the anchor
+    smoothed_stops: Curve  # what the curve would change by if it were one degree rougher: about what smoothness hides
 
 
 def fit_free(tones: Tones, within: NDArray[np.bool_], prior: InverseCurve, anchor: int) -> FreeFit:

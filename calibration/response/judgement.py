@@ -27,16 +27,12 @@ from imaging.response import GREY_LEVELS, ResponseFunction
 
 MID_GREY = 24
 """Groups this far from the ends of what was seen must brighten with exposure, ..."""
-
 LEAST_RISE_GREY = 2.5
 """... by more than this many grey levels per stop: a power law of 0.3 gives twice as much."""
-
 FLAT_STOPS = 0.9
 """Brightness that stays the same over this many stops does not follow exposure; flicker may hide less."""
-
 AGREED_GREY = 2.0
 """Repeats agree when most differ by less."""
-
 SORTED_GREY = 0.7
 """Shots sorted by brightness fall into groups this tight if the stated exposures are right, but in another order.
 
@@ -127,16 +123,12 @@ def _us(level: float) -> str:
 
 
 FEWEST_EXPOSURES = 3
-
 FEWEST_LEVELS = 64
 """A response known over less than a quarter of its grey levels predicts hardly any image."""
-
 DARK_GREY, BRIGHT_GREY = 64, 224
 """Images without any structure are black below, white above; in between an automatic function holds them."""
-
 MOVED_SHARE = 0.03
 """Share of the textured parts of the image; more is not just a reflection or a passing fly."""
-
 MOVED_UNDER_CHANGING_LIGHT = 0.3
 """Light that changes differently in different places moves edges of shadows, too."""
 
@@ -229,22 +221,16 @@ def _few_levels(tones: Tones) -> list[Finding]:
 
 UNSEEN_GREY = 32
 """Grey levels missing in a row, at an end or in between, from which a warning is given."""
-
 POOR_FIT_GREY = 1.5
 """From here on, prediction tables are off by more than noise."""
-
 REFUSED_FIT_GREY = 6.0
 """Several times what a calibration should reach: no table is of use."""
-
 ODD_EXPOSURE_STOPS = 0.06
 """An exposure this far from what all others imply was not as stated."""
-
 REFUSED_ODD_STOPS = 0.25
 """As much as a fine step of exposure: the others can hardly be trusted either."""
-
 ODD_SIGMAS = 4.0
 """Standard errors of the response that an odd exposure is off by, too: in the dark the response may be hardly known."""
-
 MOVED_BETWEEN_EXPOSURES = 0.1
 """Share of the textured parts; more than in `judge_sweep`, since one image is predicted from another."""
 
@@ -335,10 +321,8 @@ def _moving(sweep: Sweep, response: ResponseFunction) -> Finding | None:
 ACCURACIES_STOPS = (0.0025, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
 ACCURATE_SHARE = 0.75
 """Accurate are the grey levels that are known to the best of these errors to which so many of those seen are known."""
-
 MIXED_GREY = 16
 """Grey levels from black and saturation within which the responses of simulated cameras that denoise were off most."""
-
 ROUNDS = 3
 """Errors count from the middle of the accurate grey levels, and decide which those are."""
 

@@ -59,31 +59,17 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class NoiseWitness:
-    """What the noise says about a response.
+    """What the noise says about a response."""
 
-    Attributes
-    ----------
-    power
-        The found light to this power is the light that the noise implies; 1: they agree.
-    doubted
-        Whether the power is hardly 1.
-    misfit
-        Chi squared for each variance, with the power 1.
-    dark_light
-        The light (saturation is 1) whose shot noise would explain all noise that may be there without light (two
-        standard errors more than is found): exposures that are longer than stated can hide at most this much.
-    sure
-        Whether the power is surely not 1.
-    correlation
-        That of the noise of neighbouring pixels, where it is largest: if it is not 0, something has changed the noise
-        since the photons arrived, so that it is no evidence of light.
-    """
-
-    power: float
-    doubted: bool
-    misfit: float
+    power: float  # the found light to this power is the light that the noise implies; 1: they agree
+    doubted: bool  # whether the power is hardly 1
+    misfit: float  # chi squared for each variance, with the power 1
+    # the light (saturation is 1) whose shot noise would explain all noise that may be there without light (two standard
+    # errors more than is found): exposures that are longer than stated can hide at most this much
     dark_light: float
-    sure: bool = False
+    sure: bool = False  # whether the power is surely not 1
+    # that of the noise of neighbouring pixels, where it is largest: if it is not 0, something has changed the noise
+    # since the photons arrived, so that it is no evidence of light
     correlation: float = 0.0
 
     @property
@@ -138,27 +124,16 @@ def _correlation(points: _Points) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Points:
-    """Variances of the difference in radiance of two shots, within groups of pixels alike in brightness.
+    """Variances of the difference in radiance of two shots, within groups of pixels alike in brightness."""
 
-    Attributes
-    ----------
-    lights, exposures, steps
-        Of both shots, shape (2, n): the light of the group (saturation is 1), the exposure by which it is divided for
-        the radiance, and the light between two grey levels.
-    variance
-        Shape (n,), that of rounding taken out.
-    degrees
-        Its degrees of freedom.
-    correlation
-        Of the differences of neighbouring pixels, shape (n,).
-    """
-
+    # lights, exposures, steps: of both shots, shape (2, n): the light of the group (saturation is 1), the exposure by
+    # which it is divided for the radiance, and the light between two grey levels
     lights: Array
     exposures: Array
     steps: Array
-    variance: Array
-    degrees: Array
-    correlation: Array
+    variance: Array  # shape (n,), that of rounding taken out
+    degrees: Array  # its degrees of freedom
+    correlation: Array  # of the differences of neighbouring pixels, shape (n,)
 
     def of_power(self, power: float, dark: float, slope: float) -> Array:
         """The variances under a power, with these amounts of read noise and of photons."""

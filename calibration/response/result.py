@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal
+from typing import Any
 
-from calibration.document import Finding
+from calibration.document import Finding, Judged
 from calibration.response.curves import covered_greys
 from calibration.response.file import Origin, ResponseFile, ResponseSolution
 from calibration.response.judgement import gains_disagree, judge_solution, judge_sweep, uniform_scene, widen_errors
@@ -23,52 +23,28 @@ from calibration.response.tones import (
 )
 from calibration.sweep import Shot, Sweep
 
-Verdict = Literal["believe it", "with care", "refused"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Result:
-    """A sweep, what it says, and whether to believe it.
+class Result(Judged):
+    """A sweep, what it says, and whether to believe it."""
 
-    Attributes
-    ----------
-    name
-        What was swept, in a few words.
-    origin
-        Camera and mode.
-    sweep
-        The images.
-    by_shot, by_exposure
-        Grey levels of parts of the scene in them.
-    findings
-        Reasons not to believe it.
-    notes
-        The camera's limitations, in words.
-    solution, agreement
-        The response, and how well it predicts the sweep's own images from each other; None when the sweep gives none.
-    witness
-        What the noise of the images says about the response, if it is that of photons; None: there is too little.
-    noise, latency
-        What was measured of this camera earlier, as its response file has it.
-    """
-
-    name: str
-    origin: Origin
-    sweep: Sweep
+    name: str  # what was swept, in a few words
+    origin: Origin  # camera and mode
+    sweep: Sweep  # the images
+    # by_shot, by_exposure: grey levels of parts of the scene in them
     by_shot: Tones
     by_exposure: Tones
-    findings: tuple[Finding, ...]
-    notes: tuple[str, ...] = ()
+    findings: tuple[Finding, ...]  # reasons not to believe it
+    notes: tuple[str, ...] = ()  # the camera's limitations, in words
+    # solution, agreement: the response, and how well it predicts the sweep's own images from each other; None when the
+    # sweep gives none
     solution: ResponseSolution | None = None
     agreement: Agreement | None = None
+    # what the noise of the images says about the response, if it is that of photons; None: there is too little
     witness: NoiseWitness | None = None
+    # noise, latency: what was measured of this camera earlier, as its response file has it
     noise: Mapping[str, Any] = field(default_factory=dict)
     latency: Mapping[str, Any] = field(default_factory=dict)
-
-    @property
-    def verdict(self) -> Verdict:
-        """Whether to believe it."""
-        return verdict(self.findings)
 
     @property
     def file(self) -> ResponseFile | None:
@@ -84,12 +60,6 @@ class Result:
         if previous is None or self.origin.camera is None or previous.origin.camera != self.origin.camera:
             return self
         return replace(self, noise=previous.noise, latency=previous.latency)
-
-
-def verdict(findings: tuple[Finding, ...]) -> Verdict:
-    """The worst of the findings, as advice."""
-    severities = {finding.severity for finding in findings}
-    return "refused" if "refused" in severities else "with care" if "warned" in severities else "believe it"
 
 
 def calibrate(

@@ -30,20 +30,15 @@ from imaging.response import GREY_LEVELS, ResponseFunction
 
 UNIFORM_STOPS = 1.0
 """Parts of the scene that differ by less see the same light at no two exposures, and so do not link them."""
-
 SHARES = (-0.8, -0.4, -0.2, 0.0, 0.25, 0.5, 1.0, 2.0, 4.0, 6.0)
 """Offsets tried, as shares of the shortest exposure that shows anything; the best is then refined."""
-
 REFINED = 8
 """Golden sections, each of which leaves 0.62 of the range."""
-
 ALIKE = 1.25
 """Medians of one image err together, which makes errors so much larger."""
-
 STEP = 0.1
 MOST_ERROR = 0.25
 """Of the shortest exposure: the step at which an error is measured, and the largest that counts."""
-
 _GOLDEN = (np.sqrt(5.0) - 1.0) / 2.0
 
 
@@ -98,49 +93,33 @@ def _least(function: Callable[[float], float], low: float, high: float) -> float
 
 FOLDS = 8
 """Fits without some exposures."""
-
 STUDENT = (12.71, 4.30, 3.18, 2.78, 2.57, 2.45, 2.36, 2.31)
 """Student's t within which 95 % lie, by degrees of freedom from 1: few exposures hardly know their own errors."""
-
 COUNTED = 0.4
 """Of the squares of what chance and the kind of curve do, with which the error covers simulated sweeps."""
-
 INTERPOLATED_GREY = 0.004
 """Error of the curve between its nodes, in grey levels."""
-
 OF_OFFSET = 0.7
 """So much of what the best offset changes is a standard error: if it is real, the curve is off by all of it."""
-
 UNVOUCHED = 4.0
 """So much further off may a free curve be where a scene of one brightness lets wrong times bend it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SweepFit:
-    """What was fitted to the tones of a sweep.
+    """What was fitted to the tones of a sweep."""
 
-    Attributes
-    ----------
-    tones, ends, within
-        The tones, where grey levels end, and which medians count.
-    simplest, free
-        The simplest family that explains the medians as well as any, and a curve of free shape.
-    explained
-        Whether that family explains them as well as the free curve.
-    uniform
-        Whether the scene has one brightness only, so that grey levels cannot tell a curve from wrong exposure times.
-    anchor
-        The node from which errors count, as only differences matter.
-    """
-
+    # tones, ends, within: the tones, where grey levels end, and which medians count
     tones: Tones
     ends: Ends
     within: NDArray[np.bool_]
+    # simplest, free: the simplest family that explains the medians as well as any, and a curve of free shape
     simplest: FamilyFit
     free: FreeFit
-    explained: bool
+    explained: bool  # whether that family explains them as well as the free curve
+    # whether the scene has one brightness only, so that grey levels cannot tell a curve from wrong exposure times
     uniform: bool
-    anchor: int
+    anchor: int  # the node from which errors count, as only differences matter
 
     @property
     def curve(self) -> InverseCurve:
@@ -206,7 +185,6 @@ class SweepFit:
 
 LINEAR_WITHIN_GREY = 0.4
 """Sensors are linear to about a percent: what a straight line explains this well (rms) counts as linear."""
-
 BLACK_ERROR_GREY = 1.0
 """How well black is known."""
 
@@ -214,12 +192,8 @@ BLACK_ERROR_GREY = 1.0
 def solve_response(sweep: Sweep) -> ResponseSolution:
     """Recover the response function: a free curve, or a family's if that explains as much.
 
-    Takes sweeps that `judge_sweep` does not refuse; about a second for 80 shots of 390000 pixels.
-
-    Raises
-    ------
-    ConfigurationError
-        When no group of pixels was seen, neither black nor saturated, at two exposures.
+    Takes sweeps that `judge_sweep` does not refuse; about a second for 80 shots of 390000 pixels. Raises
+    ConfigurationError when no group of pixels was seen, neither black nor saturated, at two exposures.
     """
     return solve_tones(tones_by_exposure(sweep))
 

@@ -20,40 +20,29 @@ REFUSED_STOPS = 0.05
 
 EXPLAINED = 0.93
 """Share of the variance that a step or a drift must account for."""
-
 ALIKE = 0.001
 """A step has one parameter, a drift three: a step that explains nearly as much is preferred.
 
 In a sweep up and down again that ends in long exposures, a drift looks like a step in the middle, to half a percent.
 """
-
 LAG_EXPLAINED = 0.2
 """Share that a lagging control must account for: a linear model does not include its limits."""
-
 LAG_SURPRISE = 0.6
 """Apart from how it started, a control repeats itself when the previous exposures repeat; light does not."""
-
 LONG_EXPOSURE_US = 15_000
 """Exposures this long or longer show hardly any flicker of mains."""
-
 FLICKER_CHANGE = 0.5
 """Change from shot to shot, relative to that between any two shots; 1 means no memory."""
-
 MOST_STEPS = 3
 """Lights may be switched off and on again; with more steps anything could be explained."""
-
 LAGS_SHOTS = (1, 4, 16)
 """Shots that a control may take to follow."""
-
 MID_GREY = 16
 """Groups nearer to the ends of what was seen are poor light meters."""
-
 MOST_STOPS = 4.0
 """Stops up to which a group measures changes of light; beyond its ends the scale is a guess."""
-
 LEAST_GROUPS = 3
 """Fewer groups do not judge a shot, unless there are no more."""
-
 _WORDS = {
     "auto_exposure": "after each change of exposure brightness goes back; switch auto exposure and auto gain off",
     "light_drift": "it drifts; wait until lamps are warm, or shut out daylight",
@@ -92,21 +81,11 @@ def _reason(light: Light, times: Curve, levels: Curve) -> str:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Light:
-    """How much more light each shot had than others of its exposure.
+    """How much more light each shot had than others of its exposure."""
 
-    Attributes
-    ----------
-    stops
-        By shot.
-    weights
-        Share of the groups of pixels that could measure it; 0 where it is unknown.
-    index
-        Which exposure each shot has.
-    """
-
-    stops: Curve
-    weights: Curve
-    index: NDArray[np.intp]
+    stops: Curve  # by shot
+    weights: Curve  # share of the groups of pixels that could measure it; 0 where it is unknown
+    index: NDArray[np.intp]  # which exposure each shot has
 
     @classmethod
     def of(cls, by_shot: Tones, levels: Curve, index: NDArray[np.intp]) -> Light:
@@ -212,22 +191,16 @@ def _lags(levels: Curve) -> Curve:
 
 
 BLOCK_PX = 16
-
 MOVED_CORRELATION = 0.35
 """Correlation between neighbouring pixels of a block's change: 0 for noise, above a half for edges that moved."""
-
 MOVED_GREY = 1.0
 """Root of the covariance between neighbouring pixels: less does not show in medians."""
-
 TEXTURED_GREY = 2.0
 """Standard deviation within a block: with less, nothing shows that it moved."""
-
 SEEN_AGAIN = 0.9
 """Correlation of a block with the same one in the next shot: with less, it is noise as much as texture."""
-
 SHIFTED = 0.3
 """Share of a change that a shift explains, which compression and denoising do not make."""
-
 REPLACED = 0.5
 """Share of the texture that changed, from which no shift is asked for: noise in what is seen again is less."""
 

@@ -20,7 +20,6 @@ MAX_SAMPLES = 16_000_000
 
 MEDIAN_FLOOR_GREY = 0.1
 """Least uncertainty of a median, since grey levels are whole numbers."""
-
 LEAST_SHARE = 0.05
 """Of what is stated, an exposure is taken to have been at least."""
 
@@ -29,24 +28,12 @@ Curve = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tones:
-    """Medians of the groups, which noise does not shift: the response is monotone, and so maps median to median.
+    """Medians of the groups, which noise does not shift: the response is monotone, and so maps median to median."""
 
-    Attributes
-    ----------
-    levels
-        Exposure levels in stops, shape (rows,), increasing by exposure or in the order of shots.
-    greys
-        Median grey level by row and group, interpolated between whole levels, shape (rows, groups).
-    errors
-        Their standard errors (grey levels), same shape.
-    middle
-        Where 8-bit grey level 0 lies on the scale of `greys`: 0, or 0.5 where the lower bits were cut off.
-    """
-
-    levels: Curve
-    greys: Curve
-    errors: Curve
-    middle: float
+    levels: Curve  # exposure levels in stops, shape (rows,), increasing by exposure or in the order of shots
+    greys: Curve  # median grey level by row and group, interpolated between whole levels, shape (rows, groups)
+    errors: Curve  # their standard errors (grey levels), same shape
+    middle: float  # where 8-bit grey level 0 lies on the scale of `greys`: 0, or 0.5 where the lower bits were cut off
 
     def longer(self, by: float) -> Tones:
         """The same if all exposures were longer than stated by that much, in the unit of ``2 ** levels``."""
@@ -158,17 +145,10 @@ Values = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Agreement:
-    """Grey levels of the same parts of the scene: predicted from another exposure, and seen; one entry per pair.
+    """Grey levels of the same parts of the scene: predicted from another exposure, and seen; one entry per pair."""
 
-    Attributes
-    ----------
-    delta_levels
-        The change of exposure level (stops) that was predicted over.
-    predicted, seen
-        Grey levels, not rounded.
-    """
-
-    delta_levels: Values
+    delta_levels: Values  # the change of exposure level (stops) that was predicted over
+    # predicted, seen: grey levels, not rounded
     predicted: Values
     seen: Values
 

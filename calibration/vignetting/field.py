@@ -25,26 +25,13 @@ LEAST_CELL_PX = 4
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Field:
-    """The light of a look.
+    """The light of a look."""
 
-    Attributes
-    ----------
-    light
-        The light of each cell, relative to the mean of all, shape (rows, columns).
-    level
-        The mean light, as a share of what saturates.
-    grey
-        Mean grey level above black, as a share of the range up to saturation.
-    clipped
-        Share of the pixels that are saturated.
-    texture
-        By how much the parts of a cell differ, as a share of its light: a standard deviation, root mean square of all.
-    """
-
-    light: Array
-    level: float
-    grey: float
-    clipped: float
+    light: Array  # the light of each cell, relative to the mean of all, shape (rows, columns)
+    level: float  # the mean light, as a share of what saturates
+    grey: float  # mean grey level above black, as a share of the range up to saturation
+    clipped: float  # share of the pixels that are saturated
+    # by how much the parts of a cell differ, as a share of its light: a standard deviation, root mean square of all
     texture: float
 
 
@@ -72,21 +59,11 @@ def cells(shape: tuple[int, ...]) -> tuple[int, int]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FieldLook:
-    """A flat field from one place.
+    """A flat field from one place."""
 
-    Attributes
-    ----------
-    field
-        What was seen.
-    short
-        The same with a shorter exposure time; None for pictures, which have none.
-    time_ratio
-        The shorter exposure time over the longer one.
-    """
-
-    field: Field
-    short: Field | None = None
-    time_ratio: float = 1.0
+    field: Field  # what was seen
+    short: Field | None = None  # the same with a shorter exposure time; None for pictures, which have none
+    time_ratio: float = 1.0  # the shorter exposure time over the longer one
 
     @property
     def light(self) -> Array:
@@ -117,13 +94,7 @@ _FACTOR = 8.0
 def capture_looks(
     camera: StaticCamera, response: ResponseFunction, pause: Callable[[float], None] = time.sleep
 ) -> Iterator[FieldLook]:
-    """Look again and again, with a pause between the looks.
-
-    Raises
-    ------
-    CameraError
-        When the camera fails.
-    """
+    """Look again and again, with a pause between the looks. Raises CameraError when the camera fails."""
     gain_db = camera.limits.min_gain_db
     time_us = bright_exposure_us(camera, gain_db)
     for number in range(LOOKS):

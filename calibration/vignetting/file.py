@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from datetime import datetime
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import cv2
 import numpy as np
@@ -13,9 +12,9 @@ from pydantic import Field, Strict, model_validator
 
 from calibration.document import (
     CalibrationDocument,
-    CameraIdentity,
-    Finding,
+    MeasuredFile,
     Number,
+    located,
     optional,
     read_document,
     within,
@@ -33,54 +32,22 @@ _Pixels = Annotated[int, Strict()]
 
 
 @dataclass(frozen=True, slots=True)
-class VignettingFile:
-    """A vignetting, the camera it belongs to, and how well it is known.
-
-    Attributes
-    ----------
-    vignetting
-        The vignetting itself.
-    camera
-        Which camera it was measured with; None: the file does not say.
-    error
-        How far relative light may be from the truth, as a share; None: the file does not say.
-    date, tool
-        When, and by which version.
-    findings
-        What made the verdict `with care`.
-    path
-        Where it was read from; None: nowhere.
-    """
+class VignettingFile(MeasuredFile):
+    """A vignetting, the camera it belongs to, and how well it is known."""
 
     vignetting: Vignetting
-    camera: CameraIdentity | None = None
-    error: float | None = None
-    date: datetime | None = None
-    tool: str | None = None
-    findings: tuple[Finding, ...] = ()
-    path: Path | None = None
+    error: float | None = None  # how far relative light may be from the truth, as a share; None: the file does not say
 
     @classmethod
     def load(cls, path: Path) -> VignettingFile:
-        """Read a vignetting file.
-
-        Raises
-        ------
-        ConfigurationError
-            Naming the file, the key and what to do.
-        """
+        """Read a vignetting file. Raises ConfigurationError naming the file, the key and what to do."""
         document = read_document(_Document, path, FORMAT)
-        try:
-            vignetting = document.vignetting()
-        except ConfigurationError as error:
-            raise ConfigurationError(f"{path}: {error}") from None
-        return cls(
-            vignetting, document.camera, document.error, document.date, document.tool, document.findings or (), path
-        )
+        with located(path):
+            return cls(document.vignetting(), document.error, **document.measured(path))
 
     def save(self, path: Path) -> None:
-        """Write the file; ConfigurationError when it cannot be written."""
-        document: dict[str, Any] = {
+        """Write the file. Raises ConfigurationError when it cannot be written."""
+        document = {
             "format": FORMAT,
             "camera": self.camera and asdict(self.camera),
             "date": self.date,
@@ -94,18 +61,12 @@ class VignettingFile:
     def check_belongs(self, serial: str, size: tuple[int, int] | None = None) -> None:
         """Refuse a file of another camera, or of frames of another size; an unknown size (None) is not compared.
 
-        Raises
-        ------
-        ConfigurationError
-            Naming file, camera and what to do.
+        Raises ConfigurationError naming file, camera and what to do.
         """
-        if self.camera is not None:
-            self.camera.check_is(serial, self.path, "vignette")
+        self.check_camera(serial, "vignette")
         if size is not None:
-            try:
+            with located(self.path):
                 self.vignetting.check_size(size, f"camera {serial}")
-            except ConfigurationError as error:
-                raise ConfigurationError(f"{self.path}: {error}") from None
 
 
 class _Document(CalibrationDocument):
@@ -146,10 +107,7 @@ _LEAST_PIXELS = 64
 def read_vignette_picture(path: Path) -> VignettingFile:
     """The vignetting of frames of the picture's size, and how far its grid is from the picture at the worst place.
 
-    Raises
-    ------
-    ConfigurationError
-        When it is no picture of 8 or 16 bits, or no lens lets through so little somewhere.
+    Raises ConfigurationError when it is no picture of 8 or 16 bits, or no lens lets through so little somewhere.
     """
     picture = read_grey(path).astype(np.float64)
     height, width = picture.shape
@@ -158,8 +116,6 @@ def read_vignette_picture(path: Path) -> VignettingFile:
     scale = min(_CELLS / max(width, height), 1.0)
     cells = (round(scale * width), round(scale * height))
     light = np.asarray(cv2.resize(picture, cells, interpolation=cv2.INTER_AREA), np.float64)
-    try:
+    with located(path):
         vignetting = fit_grid(light / max(light.max(), 1.0), (width, height), NODES)
-    except ConfigurationError as error:
-        raise ConfigurationError(f"{path}: {error}") from error
     return VignettingFile(vignetting, error=round(float(np.abs(residuals(vignetting, light)).max()), 4))

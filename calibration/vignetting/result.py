@@ -10,8 +10,7 @@ from typing import Literal
 
 import numpy as np
 
-from calibration.document import Finding
-from calibration.response.result import Verdict, verdict
+from calibration.document import Finding, Judged
 from calibration.vignetting.field import Array, FieldLook
 from imaging.errors import ConfigurationError
 from imaging.vignetting import LEAST_LIGHT, Vignetting, hats, middles, radius_squared
@@ -31,24 +30,15 @@ _REACH = 0.5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Solution:
-    """A vignetting, and how well it is known; errors are shares of the light.
+    """A vignetting, and how well it is known; errors are shares of the light."""
 
-    Attributes
-    ----------
-    vignetting, kind
-        The model that was chosen.
-    held_out
-        How far each kind, fitted to half of the looks, is from the other half, root mean square.
-    misfit
-        How far it is from the mean of all looks, at the worst place.
-    spread
-        How far it may be off because looks differ, at the worst place: half the difference between the two halves.
-    """
-
+    # vignetting, kind: the model that was chosen
     vignetting: Vignetting
     kind: Kind
+    # how far each kind, fitted to half of the looks, is from the other half, root mean square
     held_out: dict[Kind, float]
-    misfit: float
+    misfit: float  # how far it is from the mean of all looks, at the worst place
+    # how far it may be off because looks differ, at the worst place: half the difference between the two halves
     spread: float
 
 
@@ -248,39 +238,17 @@ LEAST_ERROR = 0.001
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class VignettingResult:
-    """Looks at a flat field, what they say, and whether to believe it.
+class VignettingResult(Judged):
+    """Looks at a flat field, what they say, and whether to believe it."""
 
-    Attributes
-    ----------
-    name
-        What was looked at, in a few words.
-    size
-        Width and height of the frames.
-    looks
-        What was seen.
-    findings
-        Reasons not to believe it.
-    mean
-        The light of cells, mean of all looks; None if they are refused.
-    solution
-        The vignetting; None if the looks give none.
-    error
-        How far relative light may be from the truth anywhere in the picture, as a share: as far as the looks show.
-    """
-
-    name: str
-    size: tuple[int, int]
-    looks: Sequence[FieldLook]
-    findings: tuple[Finding, ...]
-    mean: Array | None = None
-    solution: Solution | None = None
+    name: str  # what was looked at, in a few words
+    size: tuple[int, int]  # width and height of the frames
+    looks: Sequence[FieldLook]  # what was seen
+    findings: tuple[Finding, ...]  # reasons not to believe it
+    mean: Array | None = None  # the light of cells, mean of all looks; None if they are refused
+    solution: Solution | None = None  # the vignetting; None if the looks give none
+    # how far relative light may be from the truth anywhere in the picture, as a share: as far as the looks show
     error: float | None = None
-
-    @property
-    def verdict(self) -> Verdict:
-        """Whether to believe it."""
-        return verdict(self.findings)
 
     @property
     def slope(self) -> float | None:

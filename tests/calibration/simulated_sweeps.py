@@ -10,8 +10,9 @@ from typing import Literal
 import cv2
 import numpy as np
 
+from calibration.document import Verdict
 from calibration.response.file import SIGMAS, Origin, ResponseSolution
-from calibration.response.result import Verdict, calibrate
+from calibration.response.result import calibrate
 from calibration.sweep import Shot, Sweep, SweepPlan
 from evaluation.arrays import Floats
 from fake_camera.world.lighting import Change, Flicker, LightScript

@@ -17,7 +17,8 @@ MINIMUM = "format: autoexpose-gain/1\nnode: GainRaw\n"
 def test_what_is_saved_is_loaded(tmp_path: Path) -> None:
     path = tmp_path / "left.gain.yaml"
     finding = Finding("warned", "light_changed", "one gain measured twice differs by 0.20 dB")
-    GainFile(SCALE, CameraIdentity("Maker", "Model 7", "0012"), 0.05, tool="t", findings=(finding,)).save(path)
+    identity = CameraIdentity("Maker", "Model 7", "0012")
+    GainFile(SCALE, 0.05, camera=identity, tool="t", findings=(finding,)).save(path)
     loaded = GainFile.load(path)
     assert (loaded.scale, loaded.error_db, loaded.findings, loaded.path) == (SCALE, 0.05, (finding,), path)
     loaded.check_belongs("0012")

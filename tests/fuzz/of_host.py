@@ -151,7 +151,8 @@ def gain_seeds() -> Iterator[bytes]:
     path = in_file(b"", "made-gain.yaml")
     found = (Finding("warned", "light_changed", "One gain differs by 0.2 dB."),)
     scale = GainScale("GainRaw", (0.0, 10.0, 20.0), (0.0, 1.5, 6.0))
-    GainFile(scale, CameraIdentity("Acme", "M1", "0042"), 0.05, tool="autoexpose 0.1", findings=found).save(path)
+    identity = CameraIdentity("Acme", "M1", "0042")
+    GainFile(scale, 0.05, camera=identity, tool="autoexpose 0.1", findings=found).save(path)
     yield path.read_bytes()
     yield b"format: autoexpose-gain/1\nnode: Gain\nsettings: [1.0, 16.0]\ngains_db: [0.0, 24.0]\n"
 
@@ -168,7 +169,8 @@ def vignetting_seeds() -> Iterator[bytes]:
     path = in_file(b"", "made-vignetting.yaml")
     found = (Finding("warned", "uneven_light", "Opposite parts differ by 12 %."),)
     lens = Vignetting(720, 540, (350.0, 270.0), (-0.6, 0.2))
-    VignettingFile(lens, CameraIdentity("Acme", "M1", "0042"), 0.01, tool="autoexpose 0.1", findings=found).save(path)
+    identity = CameraIdentity("Acme", "M1", "0042")
+    VignettingFile(lens, 0.01, camera=identity, tool="autoexpose 0.1", findings=found).save(path)
     yield path.read_bytes()
     yield b"format: autoexpose-vignetting/1\nwidth: 90\nheight: 68\ngrid: [[0.5, 1.0, 0.5], [0.6, 1.0, 0.4]]\n"
 

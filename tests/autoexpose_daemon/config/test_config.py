@@ -374,7 +374,7 @@ def test_a_response_file_of_another_camera_is_refused(tmp_path: Path) -> None:
 
 def test_a_gain_file_is_read_beside_the_configuration_and_refused_for_another_camera(tmp_path: Path) -> None:
     scale = GainScale("GainRaw", (0.0, 240.0), (0.0, 24.0))
-    GainFile(scale, CameraIdentity("Maker", "Model 7", "B")).save(tmp_path / "g.yaml")
+    GainFile(scale, camera=CameraIdentity("Maker", "Model 7", "B")).save(tmp_path / "g.yaml")
     (tmp_path / "rig.yaml").write_text("cameras: {left: {serial: B, gain_calibration: g.yaml}, right: {serial: C}}")
     assert load_config(tmp_path / "rig.yaml").gain_scales == {"left": scale, "right": None}
     message = complaint(tmp_path, "cameras: {left: {serial: A, gain_calibration: g.yaml}}")
@@ -384,7 +384,7 @@ def test_a_gain_file_is_read_beside_the_configuration_and_refused_for_another_ca
 
 def test_a_vignetting_file_is_read_beside_the_configuration_and_refused_for_another_camera(tmp_path: Path) -> None:
     lens = Vignetting(720, 540, (359.5, 269.5), (-0.5,))
-    VignettingFile(lens, CameraIdentity("Maker", "Model 7", "B")).save(tmp_path / "v.yaml")
+    VignettingFile(lens, camera=CameraIdentity("Maker", "Model 7", "B")).save(tmp_path / "v.yaml")
     (tmp_path / "rig.yaml").write_text("cameras: {left: {serial: B, vignetting: v.yaml}, right: {serial: C}}")
     config = load_config(tmp_path / "rig.yaml")
     assert {side: file.vignetting for side, file in config.vignettings.items()} == {"left": lens}

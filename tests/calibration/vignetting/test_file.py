@@ -26,11 +26,11 @@ def test_what_is_written_is_read_back(tmp_path: Path) -> None:
     for vignetting in (POLYNOMIAL, GRID):
         file = VignettingFile(
             vignetting,
-            CameraIdentity("Autoexpose", "Fake", "0123"),
             0.004,
-            datetime(2026, 11, 23, tzinfo=UTC),
-            "autoexpose-daemon 0.1.0",
-            (Finding("warned", "uneven_light", "it is"),),
+            camera=CameraIdentity("Autoexpose", "Fake", "0123"),
+            date=datetime(2026, 11, 23, tzinfo=UTC),
+            tool="autoexpose-daemon 0.1.0",
+            findings=(Finding("warned", "uneven_light", "it is"),),
         )
         file.save(path)
         loaded = VignettingFile.load(path)
@@ -90,7 +90,7 @@ def test_a_bad_file_is_refused_in_a_sentence(tmp_path: Path, change: str, words:
 
 def test_files_of_other_cameras_and_sizes_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "v.yaml"
-    VignettingFile(POLYNOMIAL, CameraIdentity("A", "B", "L1")).save(path)
+    VignettingFile(POLYNOMIAL, camera=CameraIdentity("A", "B", "L1")).save(path)
     file = VignettingFile.load(path)
     file.check_belongs("L1", (720, 540))
     with pytest.raises(ConfigurationError, match=r"camera\.serial is L1, but this is camera L2"):
