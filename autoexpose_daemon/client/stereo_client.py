@@ -24,6 +24,7 @@ from autoexpose_daemon.client.pairs import PairAssembler, PairQueue, ReceivedPai
 from autoexpose_daemon.control.light_ahead import LightSeries
 from autoexpose_daemon.control.picture.tracked_cells import TrackedCells
 from autoexpose_daemon.messages.client import ConsumerTally, response_from_json, vignetting_from_json
+from autoexpose_daemon.messages.frames import DamagedMessageError
 from autoexpose_daemon.messages.inputs import RegisteredView, light_ahead, registration, tracked_cells
 from autoexpose_daemon.messages.keys import (
     CONSUMER_NAME,
@@ -37,7 +38,6 @@ from autoexpose_daemon.messages.keys import (
     side_of,
     tracking_key,
 )
-from autoexpose_daemon.messages.read import DamagedMessageError
 from autoexpose_daemon.publish.session import Endpoints, SessionHolder
 from documents.text import readable
 from drivers.log_throttle import LogThrottle

@@ -18,11 +18,10 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Console
 
 from autoexpose_daemon.config.document import Config
-from autoexpose_daemon.demo.analysis import StepLog, light_steps, pulses_in_window
+from autoexpose_daemon.demo.analysis import DemoRun, StepLog, figures, in_words, light_steps, pulses_in_window
 from autoexpose_daemon.demo.fakes import SERIALS, FakeCameras, newest_lux, read_pulses
 from autoexpose_daemon.demo.options import DemoOptions
 from autoexpose_daemon.demo.reference_step import reference_step_ms
-from autoexpose_daemon.demo.summary import DemoRun, figures, in_words
 from autoexpose_daemon.runtime.daemon import Daemon
 from autoexpose_daemon.runtime.setup import openers
 from autoexpose_daemon.service.logs import set_up_logging

@@ -16,7 +16,7 @@ from zenoh.handlers import Handler
 
 from autoexpose_daemon.config.document import ImuConfig
 from autoexpose_daemon.config.request import Request, check_size, read_request
-from autoexpose_daemon.messages.read import read_angular_rate
+from autoexpose_daemon.messages.frames import read_angular_rate
 from autoexpose_daemon.publish.session import Endpoints, SessionHolder, reading
 from autoexpose_daemon.runtime.inputs import AngularRate
 from autoexpose_daemon.status.inputs import Answer

@@ -20,6 +20,7 @@ from autoexpose_daemon.control.decision import Grounds
 from autoexpose_daemon.control.picture.tracked_cells import TrackedCells
 from autoexpose_daemon.control.step import ControlStep
 from autoexpose_daemon.messages.client import LARGEST_REPORT_BYTES, ConsumerTally
+from autoexpose_daemon.messages.frames import TOPICS, MessageWriter, realtime_offset_ns
 from autoexpose_daemon.messages.inputs import (
     LARGEST_LIGHT_BYTES,
     LARGEST_TRACKING_BYTES,
@@ -36,7 +37,6 @@ from autoexpose_daemon.messages.keys import (
     light_ahead_key,
     tracking_key,
 )
-from autoexpose_daemon.messages.write import TOPICS, MessageWriter, realtime_offset_ns
 from autoexpose_daemon.publish.inbound import WAITING_REQUESTS, Ask, ControlDoor
 from autoexpose_daemon.publish.ros2_keys import Attachments, Ros2Node
 from autoexpose_daemon.publish.session import Endpoints, SessionHolder, reading

@@ -15,8 +15,8 @@ from typing import Any, Literal, TypeVar
 import zenoh
 from zenoh.handlers import FifoChannel, Handler, RingChannel
 
+from autoexpose_daemon.messages.frames import DamagedMessageError
 from autoexpose_daemon.messages.keys import check_endpoints
-from autoexpose_daemon.messages.read import DamagedMessageError
 from documents.text import readable
 from drivers.log_throttle import LogThrottle
 from imaging.errors import AutoexposeError

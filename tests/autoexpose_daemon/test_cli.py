@@ -18,8 +18,7 @@ import typer
 import yaml
 
 from autoexpose_daemon.cli import main
-from autoexpose_daemon.cli.daemon import _explaining
-from autoexpose_daemon.cli.signals import stop_on_signals
+from autoexpose_daemon.cli.daemon import _explaining, stop_on_signals
 from autoexpose_daemon.service.notify import Notifier
 from calibration.document import CameraIdentity
 from calibration.response.file import Origin, ResponseFile

@@ -13,8 +13,7 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from autoexpose_daemon.client.fleet import Condition, FleetClient, RigLine
-from autoexpose_daemon.client.status_client import StatusClient
+from autoexpose_daemon.client.status_client import Condition, FleetClient, RigLine, StatusClient
 from autoexpose_daemon.client.top import follow_all, panel_of_all, show_all_once, show_once, summary, table_of_all
 from autoexpose_daemon.config.document import PublishConfig
 from autoexpose_daemon.messages.keys import status_key

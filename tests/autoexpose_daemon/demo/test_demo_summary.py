@@ -10,9 +10,8 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from autoexpose_daemon.demo.analysis import LightStep, StepLog
+from autoexpose_daemon.demo.analysis import DemoRun, LightStep, StepLog, figures, in_words
 from autoexpose_daemon.demo.options import DemoOptions
-from autoexpose_daemon.demo.summary import DemoRun, figures, in_words
 from autoexpose_daemon.status.panel import lost_in_words
 from autoexpose_daemon.status.telemetry import Telemetry
 from drivers.triggers.outcomes import Tally

@@ -10,8 +10,7 @@ import pytest
 
 from autoexpose_daemon.doctor import camera_report
 from autoexpose_daemon.doctor.camera_report import write_report
-from autoexpose_daemon.doctor.facts import gather
-from autoexpose_daemon.doctor.need import Need
+from autoexpose_daemon.doctor.facts import Need, gather
 from drivers.aravis import FoundCamera
 from drivers.setup import CameraSetup
 from imaging.errors import CameraError, ConfigurationError

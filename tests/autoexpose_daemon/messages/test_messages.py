@@ -14,16 +14,21 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from autoexpose_daemon.control.decision import Decision
-from autoexpose_daemon.messages.read import (
+from autoexpose_daemon.messages.frames import (
+    LAST_STAMP_NS,
+    TOPICS,
     DamagedMessageError,
+    Message,
+    MessageWriter,
     ReceivedImage,
+    Stamp,
     decision_of,
     frame_of,
     read_exposure_info,
     read_image,
+    realtime_offset_ns,
 )
 from autoexpose_daemon.messages.types import EXPOSURE_INFO, TYPESTORE, definition
-from autoexpose_daemon.messages.write import LAST_STAMP_NS, TOPICS, Message, MessageWriter, Stamp, realtime_offset_ns
 from imaging.exposure import ExposureSetting
 from imaging.frames import Frame, Side, StereoPair
 from imaging.geometry import CameraGeometry

@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from autoexpose_daemon.messages.frames import DamagedMessageError
 from autoexpose_daemon.messages.inputs import (
     FURTHEST_SHIFT_PX,
     MOST_MATCHES,
@@ -15,7 +16,6 @@ from autoexpose_daemon.messages.inputs import (
     read_registration,
     registration,
 )
-from autoexpose_daemon.messages.read import DamagedMessageError
 from tests.autoexpose_daemon.messages.registered_view import registered_view
 
 finite = st.floats(allow_nan=False, allow_infinity=False, width=32)

@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from autoexpose_daemon.control.parameters import FASTEST_TURN_RAD_S
+from autoexpose_daemon.messages.frames import DamagedMessageError
 from autoexpose_daemon.messages.inputs import (
     FASTEST_M_S,
     FURTHEST_M,
@@ -16,7 +17,6 @@ from autoexpose_daemon.messages.inputs import (
     twist,
     twist_stamped,
 )
-from autoexpose_daemon.messages.read import DamagedMessageError
 from navigation.drive.steering import STANDSTILL, Pose, Velocity
 
 velocities = st.builds(

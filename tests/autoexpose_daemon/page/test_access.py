@@ -13,7 +13,7 @@ from websockets.exceptions import ConnectionClosedError, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
 from autoexpose_daemon.page.access import COOKIE
-from autoexpose_daemon.page.live import CROWDED
+from autoexpose_daemon.page.app import CROWDED
 from autoexpose_daemon.page.pair_views import MOST_VIEWERS
 from autoexpose_daemon.page.serve import OnceAMinute, serve
 from imaging.errors import AutoexposeError

@@ -12,7 +12,7 @@ import yaml
 import zenoh
 
 from autoexpose_daemon.client import StereoClient
-from autoexpose_daemon.messages.read import read_exposure_info
+from autoexpose_daemon.messages.frames import read_exposure_info
 from autoexpose_daemon.messages.types import CAMERA_INFO, TYPESTORE
 from autoexpose_daemon.publish.session import Endpoints, open_session
 from autoexpose_daemon.runtime.setup import Tuning

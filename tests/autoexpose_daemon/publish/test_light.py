@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 from autoexpose_daemon.client import StereoClient
 from autoexpose_daemon.config.document import PublishConfig
 from autoexpose_daemon.control.light_ahead import LightSeries
+from autoexpose_daemon.messages.frames import DamagedMessageError
 from autoexpose_daemon.messages.inputs import LARGEST_LIGHT_BYTES, light_ahead, read_light_ahead
 from autoexpose_daemon.messages.keys import light_ahead_key
-from autoexpose_daemon.messages.read import DamagedMessageError
 from autoexpose_daemon.publish.session import Endpoints, open_session
 from autoexpose_daemon.recording.recorder import ContinuousRecorder
 from autoexpose_daemon.status.describe import describe

@@ -14,8 +14,7 @@ from hypothesis import strategies as st
 from autoexpose_daemon.client import StereoClient, pairs
 from autoexpose_daemon.client.pairs import PairAssembler, PairQueue, ReceivedPair
 from autoexpose_daemon.messages.client import ConsumerTally
-from autoexpose_daemon.messages.read import DamagedMessageError
-from autoexpose_daemon.messages.write import Message, MessageWriter, moment_ns
+from autoexpose_daemon.messages.frames import DamagedMessageError, Message, MessageWriter, moment_ns
 from imaging.exposure import ExposureSetting
 from imaging.frames import SIDES, Frame, Side, StereoPair
 from tests.autoexpose_daemon.publish.steps import DECISION, SETTING

@@ -21,7 +21,7 @@ from autoexpose_daemon.config.document import PublishConfig
 from autoexpose_daemon.control.step import ControlStep, StepInputs
 from autoexpose_daemon.messages import keys
 from autoexpose_daemon.messages.client import ConsumerTally, response_to_json
-from autoexpose_daemon.messages.write import MessageWriter
+from autoexpose_daemon.messages.frames import MessageWriter
 from autoexpose_daemon.publish.publisher import MAILBOX_PAIRS, Publisher
 from autoexpose_daemon.publish.session import Endpoints, open_session
 from autoexpose_daemon.status.telemetry import DropReason, PublishTally

@@ -15,7 +15,7 @@ import pytest
 import zenoh
 
 from autoexpose_daemon.config.document import PublishConfig
-from autoexpose_daemon.messages.read import read_exposure_info, read_image
+from autoexpose_daemon.messages.frames import read_exposure_info, read_image
 from tests.autoexpose_daemon.publish.router import router
 from tests.autoexpose_daemon.publish.steps import PATIENCE_S, endpoint, publishing, wait_until
 from tests.autoexpose_daemon.publish.test_router import router_file

@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 from autoexpose_daemon.client import StereoClient
 from autoexpose_daemon.config.document import PublishConfig
 from autoexpose_daemon.control.picture.tracked_cells import COLUMNS, ROWS, TrackedCells
+from autoexpose_daemon.messages.frames import DamagedMessageError
 from autoexpose_daemon.messages.inputs import LARGEST_TRACKING_BYTES, read_tracked_cells, tracked_cells
 from autoexpose_daemon.messages.keys import tracking_key
-from autoexpose_daemon.messages.read import DamagedMessageError
 from autoexpose_daemon.messages.types import TRACKED_CELLS, TYPESTORE, header, serialise
 from autoexpose_daemon.publish.session import Endpoints, open_session
 from autoexpose_daemon.recording.recorder import ContinuousRecorder

@@ -24,8 +24,7 @@ from autoexpose_daemon.messages.keys import LAST_ROS2_DOMAIN, frame_key
 from autoexpose_daemon.messages.types import BOOL, DIAGNOSTICS, EXPOSURE_INFO, IMAGE, STRING, TYPESTORE
 from autoexpose_daemon.publish.session import Endpoints, open_session
 from autoexpose_daemon.ros2.domain import Domain
-from autoexpose_daemon.ros2.idl import dds_type
-from autoexpose_daemon.ros2.node import Node
+from autoexpose_daemon.ros2.node import Node, dds_type
 from tests.autoexpose_daemon.publish.steps import PATIENCE_S, endpoint, publishing, wait_until
 from tests.autoexpose_daemon.scripted import scripted_daemon
 from tests.autoexpose_daemon.service.service_process import AUTOEXPOSE

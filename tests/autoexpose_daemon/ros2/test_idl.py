@@ -20,7 +20,7 @@ from autoexpose_daemon.messages.types import (
     TRACKED_CELLS,
     TYPESTORE,
 )
-from autoexpose_daemon.ros2.idl import dds_type
+from autoexpose_daemon.ros2.node import dds_type
 
 
 def filled(kind: Any) -> Any:
