@@ -7,7 +7,6 @@ import os
 import socket
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from types import TracebackType
 from typing import Annotated, Any, Final, Literal
 
 import typer
@@ -35,21 +34,9 @@ Rectangle = tuple[int, int, int, int]
 class ControlClient:
     """A connection for requests, open while its context is entered. Each call waits for the daemon's answer.
 
-    Parameters
-    ----------
-    rig
-        Name of the rig, `publish.rig` of the daemon's configuration.
-    connect
-        Endpoints of daemons or routers.
-    zenoh_file
-        A configuration file of zenoh, which then has the endpoints.
-    name
-        Who asks, for the daemon's log: 1 to 64 printable characters; None: user and host.
-
-    Raises
-    ------
-    AutoexposeError
-        From every call: a sentence that says why nothing has changed, from the daemon or because it cannot be reached.
+    `rig`, `connect` and `zenoh_file` are those of `StereoClient`; `name` says who asks, for the daemon's log: 1 to 64
+    printable characters, or None: user and host. Every call raises AutoexposeError when nothing has changed, with a
+    sentence that says why: the daemon's own, or that it cannot be reached.
     """
 
     def __init__(
@@ -74,9 +61,7 @@ class ControlClient:
             raise self._no_answer() from error
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         if self._session is not None:
             self._session.close()  # type: ignore[no-untyped-call]
 
@@ -257,8 +242,8 @@ def shot(
     gain_db: Annotated[float, typer.Option(help="Gain, dB.")] = 0.0,
 ) -> None:
     """Take one pair with another setting, and show which one it is."""
-    with _client(context) as client:
-        taken = client.shot(time_us, gain_db)
+    with context.obj as client:
+        taken: AnsweredShot = client.shot(time_us, gain_db)
     frames = ", ".join(f"{side} frame {taken.frame_ids[side]}" for side in sorted(taken.frame_ids))
     typer.echo(f"trigger {taken.trigger}: {frames}, taken with {taken.setting}")
 
@@ -269,14 +254,9 @@ def reset(context: typer.Context) -> None:
     _show(context, ControlClient.reset)
 
 
-def _client(context: typer.Context) -> ControlClient:
-    client: ControlClient = context.obj
-    return client
-
-
 def _show(context: typer.Context, ask: Callable[[ControlClient], Answer]) -> None:
     """Send the request, and print the settings then in force."""
-    with _client(context) as client:
+    with context.obj as client:
         for name, text in rows_of(ask(client)):
             typer.echo(f"{name:9} {plain(text)}")
 
@@ -284,10 +264,9 @@ def _show(context: typer.Context, ask: Callable[[ControlClient], Answer]) -> Non
 def rows_of(answer: Answer) -> list[tuple[str, str]]:
     """The settings in force, as rows of a name and a text."""
     requests = answer.requests
-    exposure = "decided by the policy" if requests.locked is None else f"locked at {requests.locked}"
     rows = [
         ("policy", answer.policy),
-        ("exposure", exposure),
+        ("exposure", "decided by the policy" if requests.locked is None else f"locked at {requests.locked}"),
         ("EV", f"{requests.ev_stops:+g}" if requests.ev_stops else "0"),
         ("bounds", str(requests.bounds or "unknown before a camera is open")),
         ("changed", ", ".join(requests.changed) or "nothing"),

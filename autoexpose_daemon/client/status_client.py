@@ -10,7 +10,6 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import TracebackType
 
 import zenoh
 
@@ -53,15 +52,7 @@ class StatusClient:
     """Follows the status that a rig's daemon sends once a second, and what `repeat` says, while its context is entered.
 
     It waits for a daemon that has not started yet, and finds it again after a restart. Readable from any thread.
-
-    Parameters
-    ----------
-    rig
-        Name of the rig, `publish.rig` of the daemon's configuration.
-    connect
-        Endpoints of daemons or routers.
-    zenoh_file
-        A configuration file of zenoh, which then has the endpoints.
+    Parameters and errors are those of `StereoClient`.
 
     Attributes
     ----------
@@ -71,11 +62,6 @@ class StatusClient:
         The response function of each camera.
     trouble
         Why there is no connection, in words; empty if there is one.
-
-    Raises
-    ------
-    ConfigurationError
-        If `rig` is not a valid name.
     """
 
     def __init__(self, rig: str = "rig", connect: Sequence[str] = (LOOPBACK,), zenoh_file: Path | None = None) -> None:
@@ -119,9 +105,7 @@ class StatusClient:
         self._holder.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._holder.closed.set()
         with self._news:
             self._news.notify_all()
@@ -183,31 +167,16 @@ class Condition(StrEnum):
 
 
 _RANKS = {condition: rank for rank, condition in enumerate(Condition)}
-_OF_STATE = {
-    State.FAILED: Condition.FAILED,
-    State.DEGRADED: Condition.DEGRADED,
-    State.STARTING: Condition.STARTING,
-    State.EXPOSING: Condition.EXPOSING,
-}
+_OF_STATE = {state: Condition[state.name] for state in State}
 
 
 @dataclass(frozen=True, slots=True)
 class RigLine:
     """A rig at one moment.
 
-    Attributes
-    ----------
-    rig, condition, why
-        Its name, how it is, and why it is not better, in words.
-    age_s
-        Time since its last status; everything below is from that status.
-    rate_hz
-        Complete pairs per second.
-    lost, lost_share
-        Triggers lost to faults since its cameras were opened, and their share of all triggers of the last minute;
-        the share is 0 until a second status arrives.
-    setting
-        The setting of the newest frame; None before the first.
+    `why` says in words why its condition is not better, `age_s` how old its last status is. `lost` are the triggers
+    lost to faults since its cameras were opened, `lost_share` their share of all triggers of the last minute, 0 until a
+    second status arrives. `rate_hz` counts complete pairs; `setting` is the newest frame's, None before the first.
     """
 
     rig: str
@@ -273,13 +242,7 @@ class _Rig:
 
 
 class Fleet:
-    """All rigs heard so far; callable on any thread.
-
-    Parameters
-    ----------
-    silent_s
-        A rig that has said nothing for longer is silent.
-    """
+    """All rigs heard so far; callable on any thread. A rig that has said nothing for `silent_s` is silent."""
 
     def __init__(self, silent_s: float = SILENT_S) -> None:
         self._silent_s = silent_s
@@ -325,15 +288,6 @@ class FleetClient:
     It waits for daemons and routers that are not running, and finds them again. Each endpoint has a session of its
     own: given several endpoints, a zenoh client talks to only one of them.
 
-    Parameters
-    ----------
-    connect
-        Endpoints of daemons or routers.
-    zenoh_file
-        A configuration file of zenoh, which then has the endpoints.
-    silent_s
-        A rig that has said nothing for longer is silent.
-
     Attributes
     ----------
     fleet
@@ -369,9 +323,7 @@ class FleetClient:
             holder.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         for holder in self._holders:
             holder.closed.set()
         for holder in self._holders:

@@ -14,7 +14,6 @@ import weakref
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from types import TracebackType
 
 import numpy as np
 import zenoh
@@ -61,21 +60,7 @@ _Take = Callable[[Side, bytes, int], ReceivedPair | None]
 class Inbox:
     """Filled by zenoh's thread, emptied by the client's. Does not know its client, so a forgotten one disconnects.
 
-    Parameters
-    ----------
-    rig, name
-        Of the daemon, and under which it shows this consumer.
-    endpoints
-        Of daemons or routers.
-    normalised
-        Whether pairs wait for the cameras' response functions.
-
-    Attributes
-    ----------
-    tally
-        The count so far; it goes on changing.
-    session
-        The connection.
+    With `normalised` pairs wait for the cameras' response functions; `tally` goes on changing.
     """
 
     def __init__(self, rig: str, name: str, endpoints: Endpoints, *, normalised: bool) -> None:
@@ -271,9 +256,7 @@ class StereoClient:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def _send(self, key: str, data: bytes) -> None:

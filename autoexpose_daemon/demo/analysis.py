@@ -41,16 +41,9 @@ class StepRecord:
 
 
 class StepLog:
-    """Observes the daemon's steps.
+    """Observes the daemon's steps: one record for each decision, and small pictures of the left camera by their times.
 
-    Attributes
-    ----------
-    steps
-        One for each decision.
-    pairs_ns
-        When the left frames of all complete pairs were taken, decided on or not (CLOCK_MONOTONIC).
-    pictures
-        Small pictures from the left camera, each with its time.
+    `pairs_ns` says when the left frames of all complete pairs were taken, decided on or not (CLOCK_MONOTONIC).
     """
 
     def __init__(self, picture_period_s: float) -> None:
@@ -216,20 +209,16 @@ def frames_to_steady(following: Sequence[StepRecord]) -> int | None:
 
 
 def _first_of_ten_near(following: Sequence[StepRecord], level: Callable[[StepRecord], float]) -> int | None:
+    def shows_near(record: StepRecord, level: float) -> bool:
+        clipped_share = record.saturated_share + record.black_share
+        return clipped_share < _LARGEST_CLIPPED_SHARE and abs(record.applied.level - level) <= _SETTLED_STOPS
+
     for index in range(len(following) - _SETTLED_FRAMES + 1):
         ten = following[index : index + _SETTLED_FRAMES]
         complete = ten[-1].trigger - ten[0].trigger == _SETTLED_FRAMES - 1
-        if complete and all(_shows(record) and _is_near(record, level(ten[0])) for record in ten):
+        if complete and all(shows_near(record, level(ten[0])) for record in ten):
             return ten[0].trigger - following[0].trigger
     return None
-
-
-def _shows(record: StepRecord) -> bool:
-    return record.saturated_share + record.black_share < _LARGEST_CLIPPED_SHARE
-
-
-def _is_near(record: StepRecord, level: float) -> bool:
-    return abs(record.applied.level - level) <= _SETTLED_STOPS
 
 
 def delay_frames(records: Sequence[StepRecord]) -> int | None:
@@ -289,7 +278,7 @@ def figures(run: DemoRun, steps: Sequence[LightStep]) -> dict[str, Any]:
             "cpu_percent": [round(100 * camera.cpu_s / run.cameras_took_s, 1) for camera in run.cameras],
         },
         "counts": asdict(telemetry.counts),
-        "steps": [_step_as_json(step) for step in steps],
+        "steps": [{name: value for name, value in asdict(step).items() if name != "mostly"} for step in steps],
         "settings": [asdict(setting) for setting in light_settings(run.pulses, run.step_log.steps)],
         **{duration.field: getattr(telemetry, duration.field).percentiles() for duration in DURATIONS},
         "published": None if telemetry.publishing is None else telemetry.publishing.sent,
@@ -298,11 +287,6 @@ def figures(run: DemoRun, steps: Sequence[LightStep]) -> dict[str, Any]:
         "daemon_cpu_percent": round(100 * run.daemon_cpu_s / run.took_s, 1),
         "reference_step_ms": round(run.reference_step_ms, 3),
     }
-
-
-def _step_as_json(step: LightStep) -> dict[str, float | int | None]:
-    keys = ("time_s", "from_lux", "to_lux", "frames_to_steady", "frames_to_settle")
-    return {key: getattr(step, key) for key in keys}
 
 
 def in_words(figures: Mapping[str, Any], steps: Sequence[LightStep]) -> Table:

@@ -6,7 +6,8 @@ import math
 import time
 from collections.abc import Container, Iterator, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final, Literal
+from types import MappingProxyType
+from typing import Any, Final, Literal
 
 import numpy as np
 
@@ -27,9 +28,6 @@ from imaging.frames import SIDES, Frame, Side, StereoPair
 from imaging.geometry import COEFFICIENTS, CameraGeometry
 from imaging.pixels import SAMPLES, Layout, PixelFormat, Pixels
 
-if TYPE_CHECKING:
-    from imaging.frames import Frame
-
 Stamp = Literal["start", "middle", "end"]
 
 _SHARES: dict[Stamp, float] = {"start": 0.0, "middle": 0.5, "end": 1.0}
@@ -44,8 +42,6 @@ TOPICS = {"image": IMAGE, "camera_info": CAMERA_INFO, "exposure": EXPOSURE_INFO}
 """The messages for each frame: the last part of the key, and the message type."""
 
 ALL_TOPICS: Final = frozenset((side, topic) for side in SIDES for topic in TOPICS)
-
-_UNCALIBRATED: Final[Mapping[Side, CameraGeometry]] = {}
 
 LAST_STAMP_NS = (1 << 31) * 1_000_000_000 - 1
 """The end of ROS 2's time, in 2038: a camera with a wild clock must not stop the sending of its frames."""
@@ -84,16 +80,10 @@ def realtime_offset_ns() -> int:
 
 
 class MessageWriter:
-    """Makes the messages of a rig, in the order in which to send them.
+    """Makes the messages of a rig of so many cameras, in the order in which to send them.
 
-    Parameters
-    ----------
-    rig
-        Name of the rig; coordinate frames are named after it, as in ``rig_left_optical_frame``.
-    cameras
-        How many cameras the rig has.
-    stamp
-        The moment of the left frame's exposure that messages carry.
+    Coordinate frames are named after the rig, as in ``rig_left_optical_frame``; `stamp` is the moment of the left
+    frame's exposure that messages carry.
     """
 
     def __init__(self, rig: str, cameras: int, stamp: Stamp = "middle") -> None:
@@ -109,20 +99,12 @@ class MessageWriter:
         offset_ns: int,
         wanted: Container[tuple[Side, str]] = ALL_TOPICS,
         *,
-        calibrations: Mapping[Side, CameraGeometry] = _UNCALIBRATED,
+        calibrations: Mapping[Side, CameraGeometry] = MappingProxyType({}),
     ) -> Iterator[Message]:
-        """The messages of one pair; None: nothing was decided on it.
+        """The messages of one pair that are `wanted`; decision None: nothing was decided on it.
 
-        Parameters
-        ----------
-        sequence
-            Number of this pair among those sent, or recorded.
-        offset_ns
-            CLOCK_REALTIME minus CLOCK_MONOTONIC, as `realtime_offset_ns` measures it.
-        wanted
-            Side and topic of the messages to make.
-        calibrations
-            The geometry of the cameras that are calibrated.
+        `sequence` is its number among those sent, or recorded, `offset_ns` what `realtime_offset_ns` measures;
+        `calibrations` are of the cameras that are calibrated.
         """
         stamp_ns = min(max(moment_ns(pair.reference, self._stamp) + offset_ns, 0), LAST_STAMP_NS)
         stamp = _Time(*divmod(stamp_ns, 1_000_000_000))

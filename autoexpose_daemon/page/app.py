@@ -180,7 +180,6 @@ class Buttons:
 
 
 STATIC = Path(__file__).with_name("static")
-
 _STATUS_PERIOD_S = 1.0
 
 

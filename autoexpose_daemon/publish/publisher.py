@@ -10,7 +10,6 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future
-from types import TracebackType
 
 import zenoh
 from zenoh.handlers import Handler
@@ -102,24 +101,9 @@ class Publisher:
 
     A session that cannot be opened is retried, with the reason in `tally.trouble`; nothing else stops.
 
-    Parameters
-    ----------
-    config
-        Name of the rig, endpoints.
-    cameras
-        How many cameras the rig has.
-    tell
-        What to publish once a second.
-    light
-        Takes what `autoexpose repeat` sends about the light ahead.
-    ask
-        Takes control requests.
-    explain
-        Asks control what its latest decision rests on.
-    tracking
-        Takes what consumers report about their tracking.
-    calibrations
-        Called for each pair: the geometry of the cameras that are calibrated.
+    `light` takes what `autoexpose repeat` sends about the light ahead, `tracking` what consumers report about theirs,
+    and `ask` control requests; `explain` asks control what its latest decision rests on. What is None is not offered.
+    `calibrations`, called for each pair, returns the geometry of the cameras that are calibrated.
     """
 
     def __init__(
@@ -158,9 +142,7 @@ class Publisher:
         self._holder.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         with self._news:
             self._stopping = True
             self._news.notify()

@@ -53,15 +53,7 @@ _AT_ONCE = 10
 
 
 class RequestTopics:
-    """Takes requests from a node's topics until it is stopped.
-
-    Parameters
-    ----------
-    node
-        Gets the topics.
-    rig, connect
-        Which rig's daemon is asked, and where.
-    """
+    """Takes requests from topics of a node until it is stopped, and asks the daemon of the rig at `connect`."""
 
     def __init__(self, node: Node, rig: str, connect: Sequence[str]) -> None:
         self._node = node
@@ -125,20 +117,10 @@ _SELDOM_S = 60.0
 
 
 class Bridge:
-    """Offers the topics of a rig, and passes on what arrives for them.
+    """Offers the topics of the rig at the endpoints `connect`, and passes on what arrives for them.
 
-    Parameters
-    ----------
-    rig
-        Name of the rig, which is the node's namespace.
-    connect
-        Endpoints of daemons or routers.
-    domain
-        Where to offer the topics.
-    reliable
-        Also offer frames to subscribers that insist on reliable delivery.
-    control
-        Accept control requests.
+    The rig's name is the node's namespace. With `reliable` frames are also offered to subscribers that insist on
+    reliable delivery; with `control` requests are accepted.
 
     Raises
     ------

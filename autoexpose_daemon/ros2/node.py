@@ -76,12 +76,9 @@ _GID, _NODE, _ENTITIES = (
 
 
 class Writer:
-    """Publishes messages that are already serialised, on one topic.
+    """Publishes messages that are already serialised, on one topic, and counts them.
 
-    Attributes
-    ----------
-    sent, refused
-        Messages; those that are not plain CDR are refused, and those that Cyclone DDS finds too short for their type.
+    Those that are not plain CDR are refused, and those that Cyclone DDS finds too short for their type.
     """
 
     def __init__(self, writer: DataWriter[IdlStruct], kind: type[IdlStruct]) -> None:
@@ -107,19 +104,7 @@ class Writer:
 
 
 class Node:
-    """The node `/<rig>/autoexpose`; topics are named below the rig's namespace.
-
-    Parameters
-    ----------
-    domain
-        Where it takes part.
-    rig
-        Its namespace.
-
-    Attributes
-    ----------
-    participant
-        Its membership in the domain.
+    """The node `/<rig>/autoexpose` of a domain; topics are named below the rig's namespace.
 
     Raises
     ------

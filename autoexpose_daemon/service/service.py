@@ -9,6 +9,7 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from functools import partial
+from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
@@ -210,18 +211,9 @@ def run_until_stopped(
 
 
 class Service:
-    """Runs the daemon for a configuration, and for those that replace it.
+    """Runs the daemon for a checked configuration, and for those that replace it; `build` makes each daemon.
 
-    Parameters
-    ----------
-    config
-        The first configuration, checked.
-    build
-        Makes its daemon.
-    notifier
-        Notified of readiness and state.
-    last_exposure
-        The setting that the cameras begin with.
+    `notifier` is told of readiness and state, `last_exposure` remembers the setting that the cameras begin with.
     """
 
     def __init__(
@@ -349,15 +341,5 @@ class Service:
 def _same_cameras(one: Config, other: Config) -> bool:
     """Whether the cameras, the IMU and publishing would be opened the same way."""
 
-    def opening(config: Config) -> tuple[object, ...]:
-        return (
-            config.cameras,
-            config.gain_scales,
-            config.trigger,
-            config.image,
-            config.transport,
-            config.motion,
-            config.publish,
-        )
-
-    return opening(one) == opening(other)
+    opening = attrgetter("cameras", "gain_scales", "trigger", "image", "transport", "motion", "publish")
+    return bool(opening(one) == opening(other))
