@@ -203,10 +203,3 @@ def test_parts_that_never_become_whole_do_not_pile_up() -> None:
     for number in range(1, 1000):
         receiver.receive(messages(number)[-1])
     assert len(receiver.assembler._parts) <= 64
-
-
-@given(st.binary(max_size=100))
-def test_damaged_messages_are_refused(data: bytes) -> None:
-    receiver = Receiver()
-    with pytest.raises(DamagedMessageError):
-        receiver.assembler.image("left", data, 0)
