@@ -8,8 +8,7 @@ from collections.abc import Callable
 import numpy as np
 
 from autoexpose_daemon.control.decision import Decision
-from autoexpose_daemon.messages.read import read_exposure_info, read_image
-from autoexpose_daemon.messages.write import MessageWriter, realtime_offset_ns
+from autoexpose_daemon.messages.frames import MessageWriter, read_exposure_info, read_image, realtime_offset_ns
 from imaging.exposure import ExposureSetting
 from imaging.frames import Frame, StereoPair
 

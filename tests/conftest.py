@@ -57,7 +57,7 @@ LONGEST = (
     "calibration/geometry/test_calibrate.py",
     "fake_camera/gige/test_gige_aravis.py",
     "autoexpose_daemon/control/test_faulty_camera.py",
-    "autoexpose_daemon/client/test_top_all.py",
+    "autoexpose_daemon/client/test_top.py",
     "autoexpose_daemon/page/test_access.py",
     "autoexpose_daemon/publish/test_control.py",
     "calibration/test_drift.py",

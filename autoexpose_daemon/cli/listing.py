@@ -36,13 +36,13 @@ _HERE = "autoexpose_daemon.cli"
 
 PANELS = {
     "Try it without cameras": {
-        "demo": Listing("Expose two fake cameras while lights go on and off.", f"{_HERE}.simulated:demo"),
-        "fake-camera": Listing("Start a fake camera, for any driver.", f"{_HERE}.simulated:fake_camera_app"),
+        "demo": Listing("Expose two fake cameras while lights go on and off.", f"{_HERE}.cameras:demo"),
+        "fake-camera": Listing("Start a fake camera, for any driver.", f"{_HERE}.cameras:fake_camera_app"),
     },
     "Find and check cameras": {
-        "list": Listing("List the cameras that Aravis finds.", f"{_HERE}.inspection:list_cameras"),
-        "doctor": Listing("Check what would stop the daemon: USB, network, permissions.", f"{_HERE}.inspection:doctor"),
-        "features": Listing("Show a camera's features, as a configuration file.", f"{_HERE}.inspection:features"),
+        "list": Listing("List the cameras that Aravis finds.", f"{_HERE}.cameras:list_cameras"),
+        "doctor": Listing("Check what would stop the daemon: USB, network, permissions.", f"{_HERE}.cameras:doctor"),
+        "features": Listing("Show a camera's features, as a configuration file.", f"{_HERE}.cameras:features"),
     },
     "Calibrate them": {
         "calibrate": Listing(
@@ -52,17 +52,19 @@ PANELS = {
         ),
     },
     "Run the daemon": {
-        "config": Listing("Check a configuration file.", f"{_HERE}.inspection:config_app"),
+        "config": Listing("Check a configuration file.", f"{_HERE}.cameras:config_app"),
         "run": Listing("Run the daemon on the cameras of a configuration.", f"{_HERE}.daemon:run"),
         "record": Listing("Run the daemon and record what it sees and decides.", f"{_HERE}.daemon:record"),
         "ctl": Listing(
-            "Change the control of a running daemon.", "autoexpose_daemon.client.ctl:ctl_app", extra="[publish]"
+            "Change the control of a running daemon.",
+            "autoexpose_daemon.client.control_client:ctl_app",
+            extra="[publish]",
         ),
-        "ros2": Listing("Offer a running daemon's frames to ROS 2.", f"{_HERE}.consumers:ros2"),
+        "ros2": Listing("Offer a running daemon's frames to ROS 2.", f"{_HERE}.daemon:ros2"),
     },
     "Look at what it does": {
-        "top": Listing("Watch a running daemon, or all of them, in the terminal.", f"{_HERE}.consumers:top"),
-        "page": Listing("Serve a live page to browsers, and metrics to Prometheus.", f"{_HERE}.consumers:page"),
+        "top": Listing("Watch a running daemon, or all of them, in the terminal.", f"{_HERE}.daemon:top"),
+        "page": Listing("Serve a live page to browsers, and metrics to Prometheus.", f"{_HERE}.daemon:page"),
         "replay": Listing("Replay a recording, also with another policy.", f"{_HERE}.daemon:replay"),
     },
     "Teach and repeat a path (package autoexpose-lab)": {

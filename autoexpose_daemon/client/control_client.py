@@ -1,24 +1,26 @@
-"""Asks the daemon of a rig to change its control while it runs: the same as `autoexpose ctl`, from a program."""
+"""Changes the control of a running daemon: from a program, or from a terminal as `autoexpose ctl`."""
 
 from __future__ import annotations
 
 import getpass
 import os
 import socket
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Final
+from typing import Annotated, Any, Final, Literal
 
+import typer
 import zenoh
 
 from autoexpose_daemon.config.request import new_request
 from autoexpose_daemon.config.section import LONGEST_NAME
-from autoexpose_daemon.messages.keys import LOOPBACK, check_rig_name, control_key
+from autoexpose_daemon.control.policies.ids import POLICY_IDS
+from autoexpose_daemon.messages.keys import LOOPBACK, check_endpoints, check_rig_name, check_zenoh_file, control_key
 from autoexpose_daemon.publish.session import Endpoints, SessionError, open_session
 from autoexpose_daemon.status.inputs import Answer, AnsweredShot
+from autoexpose_daemon.status.panel import plain
 from documents.text import readable
-from imaging.errors import AutoexposeError
+from imaging.errors import AutoexposeError, ConfigurationError
 from imaging.frames import Side
 from imaging.python310 import Self
 
@@ -32,21 +34,9 @@ Rectangle = tuple[int, int, int, int]
 class ControlClient:
     """A connection for requests, open while its context is entered. Each call waits for the daemon's answer.
 
-    Parameters
-    ----------
-    rig
-        Name of the rig, `publish.rig` of the daemon's configuration.
-    connect
-        Endpoints of daemons or routers.
-    zenoh_file
-        A configuration file of zenoh, which then has the endpoints.
-    name
-        Who asks, for the daemon's log: 1 to 64 printable characters; None: user and host.
-
-    Raises
-    ------
-    AutoexposeError
-        From every call: a sentence that says why nothing has changed, from the daemon or because it cannot be reached.
+    `rig`, `connect` and `zenoh_file` are those of `StereoClient`; `name` says who asks, for the daemon's log: 1 to 64
+    printable characters, or None: user and host. Every call raises AutoexposeError when nothing has changed, with a
+    sentence that says why: the daemon's own, or that it cannot be reached.
     """
 
     def __init__(
@@ -71,9 +61,7 @@ class ControlClient:
             raise self._no_answer() from error
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         if self._session is not None:
             self._session.close()  # type: ignore[no-untyped-call]
 
@@ -160,3 +148,137 @@ def _user_and_host() -> str:
         user = str(os.getuid())
     name = "".join(letter if letter.isprintable() else "?" for letter in f"{user}@{socket.gethostname()}")
     return name[:LONGEST_NAME].strip()
+
+
+ctl_app = typer.Typer(
+    help="Change the control of a running daemon, until it restarts or reloads.",
+    no_args_is_help=True,
+    add_completion=False,
+)
+
+
+@ctl_app.callback()
+def connection(
+    context: typer.Context,
+    rig: Annotated[str, typer.Option(help="Name of the rig, `publish.rig` of its configuration.")] = "rig",
+    connect: Annotated[
+        list[str] | None, typer.Option(help=f"Endpoint of a daemon or router; {LOOPBACK} unless given.")
+    ] = None,
+    zenoh: Annotated[
+        Path | None, typer.Option(help="A configuration file of zenoh, for TLS and the like, instead of --connect.")
+    ] = None,
+    by: Annotated[str | None, typer.Option(help="Who asks, for the daemon's log; user@host unless given.")] = None,
+) -> None:
+    """Say which daemon to ask; these options come before the command."""
+    check_endpoints(connect or [])
+    if zenoh is not None:
+        check_zenoh_file(zenoh)
+    context.obj = ControlClient(rig, connect or [LOOPBACK], zenoh, by)
+
+
+@ctl_app.command()
+def show(context: typer.Context) -> None:
+    """Show the settings in force."""
+    _show(context, ControlClient.show)
+
+
+@ctl_app.command()
+def lock(context: typer.Context) -> None:
+    """Keep the exposure that was decided last."""
+    _show(context, ControlClient.lock)
+
+
+@ctl_app.command()
+def unlock(context: typer.Context) -> None:
+    """Let the policy decide again."""
+    _show(context, ControlClient.unlock)
+
+
+@ctl_app.command(context_settings={"ignore_unknown_options": True})  # a negative number is not an option
+def ev(context: typer.Context, stops: Annotated[float, typer.Argument(help="-3 to 3; 0: none.")]) -> None:
+    """Add stops to what the policy decides."""
+    _show(context, lambda client: client.ev(stops))
+
+
+@ctl_app.command()
+def policy(
+    context: typer.Context, policy_id: Annotated[str, typer.Argument(help=f"One of {', '.join(POLICY_IDS)}.")]
+) -> None:
+    """Have another policy decide."""
+    _show(context, lambda client: client.policy(policy_id))
+
+
+@ctl_app.command()
+def limits(
+    context: typer.Context,
+    min_time_us: Annotated[float | None, typer.Option(help="Shortest exposure time, us.")] = None,
+    max_time_us: Annotated[float | None, typer.Option(help="Longest exposure time, us.")] = None,
+    min_gain_db: Annotated[float | None, typer.Option(help="Lowest gain, dB.")] = None,
+    max_gain_db: Annotated[float | None, typer.Option(help="Highest gain, dB.")] = None,
+) -> None:
+    """Change the bounds of the exposure; bounds that are not given stay."""
+    _show(context, lambda client: client.limits(min_time_us, max_time_us, min_gain_db, max_gain_db))
+
+
+@ctl_app.command()
+def region(
+    context: typer.Context,
+    side: Annotated[Literal["left", "right"], typer.Argument(help="Which camera.")],
+    rectangle: Annotated[
+        list[str] | None,
+        typer.Option(help="X,Y,WIDTH,HEIGHT in pixels of the frames; give several. Without any, everything counts."),
+    ] = None,
+    background: Annotated[float, typer.Option(help="Weight of what no rectangle covers, 0 to 1.")] = 0.0,
+) -> None:
+    """Change what counts in a camera's picture."""
+    boxes = [_box(text) for text in rectangle or []]
+    _show(context, lambda client: client.region(side, boxes, background))
+
+
+@ctl_app.command()
+def shot(
+    context: typer.Context,
+    time_us: Annotated[float, typer.Option(help="Exposure time, us.")],
+    gain_db: Annotated[float, typer.Option(help="Gain, dB.")] = 0.0,
+) -> None:
+    """Take one pair with another setting, and show which one it is."""
+    with context.obj as client:
+        taken: AnsweredShot = client.shot(time_us, gain_db)
+    frames = ", ".join(f"{side} frame {taken.frame_ids[side]}" for side in sorted(taken.frame_ids))
+    typer.echo(f"trigger {taken.trigger}: {frames}, taken with {taken.setting}")
+
+
+@ctl_app.command()
+def reset(context: typer.Context) -> None:
+    """Go back to the configuration."""
+    _show(context, ControlClient.reset)
+
+
+def _show(context: typer.Context, ask: Callable[[ControlClient], Answer]) -> None:
+    """Send the request, and print the settings then in force."""
+    with context.obj as client:
+        for name, text in rows_of(ask(client)):
+            typer.echo(f"{name:9} {plain(text)}")
+
+
+def rows_of(answer: Answer) -> list[tuple[str, str]]:
+    """The settings in force, as rows of a name and a text."""
+    requests = answer.requests
+    rows = [
+        ("policy", answer.policy),
+        ("exposure", "decided by the policy" if requests.locked is None else f"locked at {requests.locked}"),
+        ("EV", f"{requests.ev_stops:+g}" if requests.ev_stops else "0"),
+        ("bounds", str(requests.bounds or "unknown before a camera is open")),
+        ("changed", ", ".join(requests.changed) or "nothing"),
+    ]
+    if requests.taken:
+        rows.append(("latest", requests.latest))
+    return rows
+
+
+def _box(text: str) -> Rectangle:
+    try:
+        x, y, width, height = (int(part) for part in text.split(","))
+    except ValueError:
+        raise ConfigurationError(f"{text} is not a rectangle: give X,Y,WIDTH,HEIGHT, such as 0,0,720,270") from None
+    return x, y, width, height

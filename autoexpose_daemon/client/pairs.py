@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.messages.client import ConsumerTally
-from autoexpose_daemon.messages.read import (
+from autoexpose_daemon.messages.frames import (
     ReceivedImage,
     decision_of,
     frame_of,

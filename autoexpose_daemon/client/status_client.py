@@ -1,33 +1,40 @@
-"""The status of a daemon on this machine or another."""
+"""The status of a daemon on this machine or another, and those of all rigs that can be reached, worst first."""
 
 from __future__ import annotations
 
 import contextlib
+import math
 import threading
 import time
+from collections import deque
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from types import TracebackType
 
 import zenoh
 
 from autoexpose_daemon.control.decision import Grounds
 from autoexpose_daemon.messages.client import LARGEST_RESPONSE_BYTES, response_from_json
+from autoexpose_daemon.messages.frames import DamagedMessageError
 from autoexpose_daemon.messages.inputs import LARGEST_REGISTRATION_BYTES, RegisteredView, read_registration
 from autoexpose_daemon.messages.keys import (
     LOOPBACK,
+    RIG_NAME,
     check_rig_name,
     grounds_key,
+    last_but,
     registration_key,
     response_key,
     side_of,
     status_key,
 )
-from autoexpose_daemon.messages.read import DamagedMessageError
 from autoexpose_daemon.publish.session import Endpoints, SessionHolder
 from autoexpose_daemon.status.document import LARGEST_STATUS_BYTES, Status, grounds_from_json
+from autoexpose_daemon.status.panel import losses, lost_in_words, newest_setting
+from autoexpose_daemon.status.states import State
+from imaging.exposure import ExposureSetting
 from imaging.frames import Side
-from imaging.python310 import Self
+from imaging.python310 import Self, StrEnum
 from imaging.response import ResponseFunction
 
 SILENT_S = 5.0
@@ -45,15 +52,7 @@ class StatusClient:
     """Follows the status that a rig's daemon sends once a second, and what `repeat` says, while its context is entered.
 
     It waits for a daemon that has not started yet, and finds it again after a restart. Readable from any thread.
-
-    Parameters
-    ----------
-    rig
-        Name of the rig, `publish.rig` of the daemon's configuration.
-    connect
-        Endpoints of daemons or routers.
-    zenoh_file
-        A configuration file of zenoh, which then has the endpoints.
+    Parameters and errors are those of `StereoClient`.
 
     Attributes
     ----------
@@ -63,11 +62,6 @@ class StatusClient:
         The response function of each camera.
     trouble
         Why there is no connection, in words; empty if there is one.
-
-    Raises
-    ------
-    ConfigurationError
-        If `rig` is not a valid name.
     """
 
     def __init__(self, rig: str = "rig", connect: Sequence[str] = (LOOPBACK,), zenoh_file: Path | None = None) -> None:
@@ -111,9 +105,7 @@ class StatusClient:
         self._holder.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._holder.closed.set()
         with self._news:
             self._news.notify_all()
@@ -147,3 +139,208 @@ class StatusClient:
             self.status, self._heard_s = status, time.monotonic()
             self._count += 1
             self._news.notify_all()
+
+
+MOST_RIGS = 200
+"""How many are listed: those heard first. Anyone can invent keys, but memory is limited."""
+
+TOO_MANY_LOST = 0.01
+"""A rig that loses a larger share of its triggers is `LOSING`; docs/examples/alerts.yaml has the same limit."""
+
+_RECENT_S = 60.0
+_SAMPLE_S = 1.0
+_CROWDED_S = 10.0
+_LONGEST_NAME = 100
+_LONGEST_REASON = 300
+
+
+class Condition(StrEnum):
+    """How a rig is, from worst to best."""
+
+    FAILED = "failed"
+    SILENT = "silent"
+    DEGRADED = "degraded"
+    LOSING = "losing triggers"
+    ENDED = "ended"
+    STARTING = "starting"
+    EXPOSING = "exposing"
+
+
+_RANKS = {condition: rank for rank, condition in enumerate(Condition)}
+_OF_STATE = {state: Condition[state.name] for state in State}
+
+
+@dataclass(frozen=True, slots=True)
+class RigLine:
+    """A rig at one moment.
+
+    `why` says in words why its condition is not better, `age_s` how old its last status is. `lost` are the triggers
+    lost to faults since its cameras were opened, `lost_share` their share of all triggers of the last minute, 0 until a
+    second status arrives. `rate_hz` counts complete pairs; `setting` is the newest frame's, None before the first.
+    """
+
+    rig: str
+    condition: Condition
+    why: str
+    age_s: float
+    rate_hz: float
+    lost: int
+    lost_share: float
+    setting: ExposureSetting | None
+
+
+@dataclass(slots=True)
+class _Rig:
+    """What is kept of a rig: a status may take a megabyte, this takes some kilobytes."""
+
+    heard_s: float = 0.0
+    condition: Condition = Condition.STARTING
+    ending: bool = False
+    reasons: str = ""
+    lost_words: str = ""
+    rate_hz: float = 0.0
+    setting: ExposureSetting | None = None
+    counts: deque[tuple[float, int, int]] = field(default_factory=deque)
+    """Time, pairs and losses: at most one entry a second, from the last minute; the last entry is the newest."""
+
+    def take(self, status: Status, now_s: float) -> None:
+        self.heard_s, self.condition, self.ending = now_s, _OF_STATE[status.state], status.ending
+        self.reasons = "; ".join(status.reasons)[:_LONGEST_REASON]
+        self.lost_words = lost_in_words(status.lost)[:_LONGEST_REASON]
+        self.rate_hz, self.setting = status.rate_hz, newest_setting(status)
+        self._count(now_s, status.counts.pairs, _lost_to_faults(status))
+
+    def line(self, rig: str, now_s: float, silent_s: float) -> RigLine:
+        age_s, lost_share = now_s - self.heard_s, self.lost_share
+        condition, why = self.condition, self.reasons
+        if condition is Condition.FAILED:
+            pass  # it stays so, whether it still reports or not
+        elif self.ending:
+            condition = Condition.ENDED
+        elif age_s > silent_s:
+            condition = Condition.SILENT
+            why = f"{self.condition} before" + (f": {why}" if why else "")
+        elif condition is Condition.EXPOSING and lost_share > TOO_MANY_LOST:
+            condition, why = Condition.LOSING, self.lost_words
+        return RigLine(rig, condition, why, age_s, self.rate_hz, self.counts[-1][2], lost_share, self.setting)
+
+    @property
+    def lost_share(self) -> float:
+        (_, pairs_before, lost_before), (_, pairs, lost) = self.counts[0], self.counts[-1]
+        triggers = pairs - pairs_before + lost - lost_before
+        return (lost - lost_before) / triggers if triggers else 0.0
+
+    def _count(self, now_s: float, pairs: int, lost: int) -> None:
+        counts = self.counts
+        if counts and (pairs < counts[-1][1] or lost < counts[-1][2]):
+            counts.clear()  # it has opened its cameras again
+        if len(counts) > 1 and now_s - counts[-2][0] < _SAMPLE_S:
+            counts.pop()
+        counts.append((now_s, pairs, lost))
+        while now_s - counts[0][0] > _RECENT_S:
+            counts.popleft()
+
+
+class Fleet:
+    """All rigs heard so far; callable on any thread. A rig that has said nothing for `silent_s` is silent."""
+
+    def __init__(self, silent_s: float = SILENT_S) -> None:
+        self._silent_s = silent_s
+        self._rigs: dict[str, _Rig] = {}
+        self._turned_away_s = -math.inf
+        self._lock = threading.Lock()
+
+    def take(self, rig: str, status: Status, now_s: float) -> bool:
+        """Note a status that arrived under the key of a rig, and return whether the rig is listed.
+
+        A status that names a different rig than its key does not come from a daemon, and is ignored.
+        """
+        if status.rig != rig or len(rig) > _LONGEST_NAME or not RIG_NAME.fullmatch(rig):
+            return False
+        with self._lock:
+            if rig not in self._rigs and len(self._rigs) >= MOST_RIGS:
+                self._turned_away_s = now_s
+                return False
+            self._rigs.setdefault(rig, _Rig()).take(status, now_s)
+            return True
+
+    def lines(self, now_s: float) -> Sequence[RigLine]:
+        """Every rig, worst first: by `Condition`, then by the share of triggers lost, then by name."""
+        with self._lock:
+            lines = [known.line(rig, now_s, self._silent_s) for rig, known in self._rigs.items()]
+        return sorted(lines, key=lambda line: (_RANKS[line.condition], -line.lost_share, line.rig))
+
+    def crowded(self, now_s: float) -> bool:
+        """Whether some of the rigs that report at present are not listed, for lack of room."""
+        return now_s - self._turned_away_s < _CROWDED_S
+
+
+def _lost_to_faults(status: Status) -> int:
+    return sum(count for _, count, is_fault in losses(status.lost) if is_fault)
+
+
+_FLEET_MESSAGES = 64
+
+
+class FleetClient:
+    """Follows the statuses of all rigs, while its context is entered.
+
+    It waits for daemons and routers that are not running, and finds them again. Each endpoint has a session of its
+    own: given several endpoints, a zenoh client talks to only one of them.
+
+    Attributes
+    ----------
+    fleet
+        The rigs.
+    heard
+        Set once there is a rig.
+    """
+
+    def __init__(
+        self, connect: Sequence[str] = (LOOPBACK,), zenoh_file: Path | None = None, silent_s: float = SILENT_S
+    ) -> None:
+        self.fleet = Fleet(silent_s)
+        self.heard = threading.Event()
+        if zenoh_file is None:
+            places = {endpoint: Endpoints(connect=(endpoint,)) for endpoint in connect}
+        else:
+            places = {str(zenoh_file): Endpoints(file=zenoh_file)}
+        self._troubles = dict.fromkeys(places, "not connected yet")
+        self._holders = [self._holder(place, endpoints) for place, endpoints in places.items()]
+
+    @property
+    def places(self) -> Sequence[str]:
+        """Where it looks for rigs."""
+        return list(self._troubles)
+
+    @property
+    def unanswered(self) -> Sequence[str]:
+        """Places that have not answered since this client was entered."""
+        return [place for place, trouble in self._troubles.items() if trouble]
+
+    def __enter__(self) -> Self:
+        for holder in self._holders:
+            holder.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for holder in self._holders:
+            holder.closed.set()
+        for holder in self._holders:
+            holder.close()
+
+    def _holder(self, place: str, endpoints: Endpoints) -> SessionHolder:
+        def serve(session: zenoh.Session) -> None:
+            holder.subscribe(session, status_key("*"), self._take, _FLEET_MESSAGES, LARGEST_STATUS_BYTES)
+            holder.closed.wait()
+
+        def on_trouble(trouble: str) -> None:
+            self._troubles[place] = trouble
+
+        holder = SessionHolder("client", endpoints, serve, on_trouble)
+        return holder
+
+    def _take(self, key: str, data: bytes) -> None:
+        status = Status.from_json(data)
+        if status is not None and self.fleet.take(last_but(key, 1), status, time.monotonic()):
+            self.heard.set()

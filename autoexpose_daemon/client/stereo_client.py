@@ -14,7 +14,6 @@ import weakref
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from types import TracebackType
 
 import numpy as np
 import zenoh
@@ -24,6 +23,7 @@ from autoexpose_daemon.client.pairs import PairAssembler, PairQueue, ReceivedPai
 from autoexpose_daemon.control.light_ahead import LightSeries
 from autoexpose_daemon.control.picture.tracked_cells import TrackedCells
 from autoexpose_daemon.messages.client import ConsumerTally, response_from_json, vignetting_from_json
+from autoexpose_daemon.messages.frames import DamagedMessageError
 from autoexpose_daemon.messages.inputs import RegisteredView, light_ahead, registration, tracked_cells
 from autoexpose_daemon.messages.keys import (
     CONSUMER_NAME,
@@ -37,7 +37,6 @@ from autoexpose_daemon.messages.keys import (
     side_of,
     tracking_key,
 )
-from autoexpose_daemon.messages.read import DamagedMessageError
 from autoexpose_daemon.publish.session import Endpoints, SessionHolder
 from documents.text import readable
 from drivers.log_throttle import LogThrottle
@@ -61,21 +60,7 @@ _Take = Callable[[Side, bytes, int], ReceivedPair | None]
 class Inbox:
     """Filled by zenoh's thread, emptied by the client's. Does not know its client, so a forgotten one disconnects.
 
-    Parameters
-    ----------
-    rig, name
-        Of the daemon, and under which it shows this consumer.
-    endpoints
-        Of daemons or routers.
-    normalised
-        Whether pairs wait for the cameras' response functions.
-
-    Attributes
-    ----------
-    tally
-        The count so far; it goes on changing.
-    session
-        The connection.
+    With `normalised` pairs wait for the cameras' response functions; `tally` goes on changing.
     """
 
     def __init__(self, rig: str, name: str, endpoints: Endpoints, *, normalised: bool) -> None:
@@ -271,9 +256,7 @@ class StereoClient:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def _send(self, key: str, data: bytes) -> None:

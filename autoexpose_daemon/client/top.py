@@ -15,8 +15,7 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
-from autoexpose_daemon.client.fleet import MOST_RIGS, Condition, FleetClient, RigLine
-from autoexpose_daemon.client.status_client import StatusClient
+from autoexpose_daemon.client.status_client import MOST_RIGS, Condition, FleetClient, RigLine, StatusClient
 from autoexpose_daemon.status.document import Fault, Status
 from autoexpose_daemon.status.panel import COLOURS, duration_text, plain, table_of
 from imaging.errors import AutoexposeError

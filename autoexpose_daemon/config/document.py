@@ -22,8 +22,8 @@ from autoexpose_daemon.config.section import (
     Section,
     said_of,
 )
+from autoexpose_daemon.messages.frames import Stamp
 from autoexpose_daemon.messages.keys import LAST_ROS2_DOMAIN, LOOPBACK, ROUTER, check_key_expression, check_rig_name
-from autoexpose_daemon.messages.write import Stamp
 from calibration.gain import GainFile
 from calibration.geometry.file import check_camera, check_pair, load_geometry
 from calibration.geometry.numbers import baseline_note

@@ -26,8 +26,7 @@ from pydantic_core import ErrorDetails
 
 from autoexpose_daemon.control.parameters import BRACKET_RANGES, RANGES
 from autoexpose_daemon.control.policies.ids import REMOVED
-from autoexpose_daemon.messages.keys import check_endpoints
-from autoexpose_daemon.messages.zenoh_file import check_zenoh_file
+from autoexpose_daemon.messages.keys import check_endpoints, check_zenoh_file
 from documents import bounds
 from documents.text import quoted, shortened
 from imaging.errors import ConfigurationError

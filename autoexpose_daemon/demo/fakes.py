@@ -98,16 +98,9 @@ def check_simulator() -> None:
 class FakeCamera:
     """A fake camera that is starting, then waits for its rate, then runs until it is ended.
 
-    Attributes
-    ----------
-    truth
-        Where it writes the light at each pulse of the wire.
-    control
-        Where it takes orders.
-    overruns
-        Known at its end: exposures that were not made or not sent because it was late.
-    cpu_s
-        Known at its end: its processor time since it was ready.
+    It writes the light at each pulse of the wire to the file `truth`, and takes orders from `control`. At its end are
+    known: `overruns`, exposures not made or not sent because it was late, and `cpu_s`, its processor time since it was
+    ready.
     """
 
     def __init__(self, side: Side, folder: Path, arguments: Sequence[str]) -> None:
@@ -120,8 +113,7 @@ class FakeCamera:
         # setpriv: if this process is killed, its cameras must not survive and hold their addresses
         command = ["setpriv", "--pdeathsig", "TERM", sys.executable, "-m", "fake_camera"]
         command += ["--serial", SERIALS[side], "--side", side, "--nice", _NICENESS, "--truth", str(self.truth)]
-        command += ["--control", str(self.control)]
-        command += arguments
+        command += ["--control", str(self.control), *arguments]
         with self._error_log.open("w") as error_log:
             self._process = subprocess.Popen(
                 [*command, "--line0-rate-hz", "ask"],

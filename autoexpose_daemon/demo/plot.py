@@ -13,8 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator
 from numpy.typing import NDArray
 
-from autoexpose_daemon.demo.analysis import LightStep, StepLog, lost_pulses
-from autoexpose_daemon.demo.summary import DemoRun
+from autoexpose_daemon.demo.analysis import DemoRun, LightStep, StepLog, lost_pulses
 
 _PICTURES = 8
 _FEW_STEPS = 6  # up to this many, there is room for a sentence each

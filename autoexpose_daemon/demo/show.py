@@ -18,11 +18,10 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Console
 
 from autoexpose_daemon.config.document import Config
-from autoexpose_daemon.demo.analysis import StepLog, light_steps, pulses_in_window
+from autoexpose_daemon.demo.analysis import DemoRun, StepLog, figures, in_words, light_steps, pulses_in_window
 from autoexpose_daemon.demo.fakes import SERIALS, FakeCameras, newest_lux, read_pulses
 from autoexpose_daemon.demo.options import DemoOptions
 from autoexpose_daemon.demo.reference_step import reference_step_ms
-from autoexpose_daemon.demo.summary import DemoRun, figures, in_words
 from autoexpose_daemon.runtime.daemon import Daemon
 from autoexpose_daemon.runtime.setup import openers
 from autoexpose_daemon.service.logs import set_up_logging
@@ -47,20 +46,19 @@ _BASELINE_M = 0.08
 
 def geometry_files(width_height: tuple[int, int], folder: Path) -> dict[Side, dict[str, str]]:
     """Write the geometry of both cameras; returns the keys for the configuration."""
-    return {side: _written(side, width_height, folder) for side in SIDES}
-
-
-def _written(side: Side, width_height: tuple[int, int], folder: Path) -> dict[str, str]:
     width, height = width_height
     focal_px, x, y = _FOCAL_WIDTHS * width, (width - 1) / 2, (height - 1) / 2
-    shift = -focal_px * _BASELINE_M if side == "right" else 0.0
     k = (focal_px, 0.0, x, 0.0, focal_px, y, 0.0, 0.0, 1.0)
-    p = (focal_px, 0.0, x, shift, 0.0, focal_px, y, 0.0, 0.0, 0.0, 1.0, 0.0)
     unturned = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
-    geometry = CameraGeometry(width, height, "plumb_bob", (0.0,) * 5, k, unturned, p)
-    file = folder / f"{side}.yaml"
-    file.write_text(ros_yaml(geometry, side), encoding="ascii")
-    return {"calibration": str(file)}
+    keys: dict[Side, dict[str, str]] = {}
+    for side in SIDES:
+        shift = -focal_px * _BASELINE_M if side == "right" else 0.0
+        p = (focal_px, 0.0, x, shift, 0.0, focal_px, y, 0.0, 0.0, 0.0, 1.0, 0.0)
+        geometry = CameraGeometry(width, height, "plumb_bob", (0.0,) * 5, k, unturned, p)
+        file = folder / f"{side}.yaml"
+        file.write_text(ros_yaml(geometry, side), encoding="ascii")
+        keys[side] = {"calibration": str(file)}
+    return keys
 
 
 RATES_HZ = (60.0, 30.0, 20.0, 10.0, 4.0, 2.0)

@@ -20,8 +20,7 @@ import yaml
 
 from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.config.load import load_config
-from autoexpose_daemon.doctor.facts import Facts
-from autoexpose_daemon.doctor.need import Need
+from autoexpose_daemon.doctor.facts import Facts, Need
 from documents.text import readable
 from drivers.aravis import AravisCamera, FoundCamera, find_cameras, open_camera, open_nodes
 from drivers.genicam.dialect import gain_driven

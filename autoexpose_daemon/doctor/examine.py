@@ -13,11 +13,11 @@ import typer
 from rich.console import Console
 from rich.text import Text
 
+from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.config.load import load_config
-from autoexpose_daemon.doctor.facts import Facts, gather
-from autoexpose_daemon.doctor.judge_gige import judge_gige
-from autoexpose_daemon.doctor.judge_usb import judge_usb
-from autoexpose_daemon.doctor.need import Diagnosis, Need, Severity
+from autoexpose_daemon.doctor.facts import Diagnosis, Facts, Need, Severity, gather
+from autoexpose_daemon.doctor.judge import judge_gige, judge_usb
+from imaging.errors import ConfigurationError
 
 
 def judge(facts: Facts, need: Need) -> list[Diagnosis]:
@@ -28,6 +28,32 @@ def judge(facts: Facts, need: Need) -> list[Diagnosis]:
         *judge_usb(facts.usb, need, facts.serials),
         *judge_gige(facts.gige, need),
     ]
+
+
+def judge_policy(config: Config) -> Iterator[Diagnosis]:
+    """Build the policy as the daemon would."""
+    from imaging.response import ResponseFunction  # noqa: PLC0415  loads OpenCV
+
+    limits, start = config.exposure.limits(), config.start
+    try:
+        from autoexpose_daemon.control.loop import ControlLoop  # noqa: PLC0415  needs the C extension
+
+        ControlLoop(config.control.policy, ResponseFunction.linear(), limits, start, config.control.parameters())
+    except ConfigurationError as error:
+        yield Diagnosis("policy", "stops", str(error))
+
+
+def judge_features(config: Config) -> Iterator[Diagnosis]:
+    """Open each camera as the daemon would, and close it again."""
+    from autoexpose_daemon.runtime.setup import refusals  # noqa: PLC0415  loads Aravis, and needs the C extension
+
+    for side, error in refusals(config):
+        camera = config.sides[side]
+        if error is None:
+            sentence = f"{side} camera {camera.serial} takes all {len(camera.features)} features"
+            yield Diagnosis("features", "ok", sentence)
+        else:
+            yield Diagnosis("features", "stops", f"{side} camera: {error}", f"autoexpose features {camera.serial}")
 
 
 def _without_ptp(facts: Facts, need: Need) -> Iterator[Diagnosis]:
@@ -100,14 +126,10 @@ def examine(config: Path | None, as_document: bool, report: Path | None = None) 
         return True
     findings = judge(facts, need)
     if loaded is not None:
-        from autoexpose_daemon.doctor.judge_configuration import judge_policy  # noqa: PLC0415  loads OpenCV
-
         findings += judge_policy(loaded)
         findings += [Diagnosis("calibration", "warning", note) for note in loaded.notes]
-    if loaded is not None and not stops(findings) and any(camera.features for camera in loaded.sides.values()):
-        from autoexpose_daemon.doctor.judge_configuration import judge_features  # noqa: PLC0415  loads Aravis
-
-        findings += judge_features(loaded)
+        if not stops(findings) and any(camera.features for camera in loaded.sides.values()):
+            findings += judge_features(loaded)
     if as_document:
         typer.echo(as_json(findings))
     else:

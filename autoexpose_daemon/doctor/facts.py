@@ -1,12 +1,16 @@
-"""The facts that the doctor judges."""
+"""What the host offers, what the daemon will need of it, and what the doctor reports."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+import math
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from ipaddress import IPv4Interface
 from pathlib import Path
+from typing import Literal
 
+from autoexpose_daemon.config.document import Config, TriggerConfig
+from drivers.genicam.link_share import needed_bytes_per_s
 from drivers.host import stream_filter
 from drivers.host.network import (
     Control,
@@ -19,6 +23,10 @@ from drivers.host.network import (
     streamed_packet_bytes,
 )
 from drivers.host.usb import UsbFacts, find_usb
+from drivers.setup import FeatureSetting
+from imaging.frames import Side
+from imaging.pixels import PixelFormat
+from imaging.python310 import Self
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,3 +83,113 @@ def gather(root: Path = Path("/"), wanted: Collection[str] = ()) -> Facts:
             no_filter=stream_filter.why_not(),
         ),
     )
+
+
+Severity = Literal["ok", "warning", "stops"]
+"""`stops`: the daemon would not run; `warning`: it would run, and may lose frames or fail for another user."""
+
+
+@dataclass(frozen=True, slots=True)
+class Diagnosis:
+    """One finding in a sentence; `check` names what was checked, `fix` is the command that fixes it."""
+
+    check: str
+    severity: Severity
+    sentence: str
+    fix: str | None = None
+
+
+ASSUMED_WIDTH, ASSUMED_HEIGHT = 720, 540
+"""A sensor's size is known only once a camera is open; this is the size of those this project is made for."""
+
+
+@dataclass(frozen=True, slots=True)
+class Size:
+    """Width and height of a camera's frames, and whether the configuration says so."""
+
+    width: int = ASSUMED_WIDTH
+    height: int = ASSUMED_HEIGHT
+    known: bool = False
+
+    @classmethod
+    def of(cls, features: Sequence[FeatureSetting], binning: int) -> Self:
+        """The size that `features:` set; a region in them is in pixels after binning and decimation."""
+        last = {feature.name: feature.value for feature in features if not feature.selectors}
+
+        def shrunk(assumed: int, direction: str) -> int:
+            factors = [_number(last.get(f"{way}{direction}")) or 1 for way in ("Binning", "Decimation")]
+            return assumed // (binning * math.prod(factors))
+
+        width, height = _number(last.get("Width")), _number(last.get("Height"))
+        known = width is not None and height is not None
+        return cls(width or shrunk(ASSUMED_WIDTH, "Horizontal"), height or shrunk(ASSUMED_HEIGHT, "Vertical"), known)
+
+
+@dataclass(frozen=True, slots=True)
+class Need:
+    """Cameras, rate and frames; without `serials` every camera found is needed.
+
+    `sizes` are by serial number; a camera without one has the assumed size.
+    """
+
+    serials: Mapping[Side, str] = field(default_factory=dict)
+    rate_hz: float = TriggerConfig().rate_hz
+    sizes: Mapping[str, Size] = field(default_factory=dict)
+    pixel_format: PixelFormat = PixelFormat.MONO8
+    packet_size_bytes: int | None = None
+    plan: bool = False
+    link_mbps: float | None = None
+    ptp: bool = False
+
+    @classmethod
+    def of(cls, config: Config | None) -> Self:
+        """What a configuration needs."""
+        if config is None:
+            return cls()
+        binning = config.image.binning or 1
+        return cls(
+            serials={side: camera.serial for side, camera in config.sides.items()},
+            rate_hz=config.trigger.rate_hz,
+            sizes={camera.serial: Size.of(camera.features, binning) for camera in config.sides.values()},
+            pixel_format=config.image.pixel_format or PixelFormat.MONO8,
+            packet_size_bytes=config.transport.packet_size_bytes,
+            plan=config.transport.plan,
+            link_mbps=config.transport.link_mbps,
+            ptp=config.trigger.mode == "ptp",
+        )
+
+    def frame_bytes(self, serial: str | None) -> int:
+        """Size of one frame of a camera."""
+        size = self._size(serial)
+        return self.pixel_format.image_bytes(size.width, size.height)
+
+    def in_words(self, serials: Sequence[str | None]) -> str:
+        """The frames behind `bytes_per_s`, and whether their size is an assumption."""
+        sizes = dict.fromkeys(self._size(serial) for serial in serials)
+        assumed = "" if all(size.known for size in sizes) else "assuming "
+        pixels = " and ".join(f"{size.width}x{size.height}" for size in sizes)
+        return f"{assumed}{pixels} pixels of {self.pixel_format.bits_per_pixel} bits at {self.rate_hz:g} Hz"
+
+    def bytes_per_s(self, serials: Sequence[str | None], packet_bytes: int | None = None) -> float:
+        """What these cameras send, with the headers of packets of the given size (GigE Vision)."""
+        frames = [self.frame_bytes(serial) for serial in serials]
+        if packet_bytes is None:
+            return self.rate_hz * sum(frames)
+        return sum(needed_bytes_per_s(frame_bytes, packet_bytes, self.rate_hz) for frame_bytes in frames)
+
+    def _size(self, serial: str | None) -> Size:
+        return self.sizes.get(serial or "", Size())
+
+    def wants(self, serial: str | None) -> bool:
+        """Whether the daemon will open this camera."""
+        return not self.serials or serial in self.serials.values()
+
+    def name(self, serial: str | None) -> str:
+        """A camera by its side, if it has one, and its serial number."""
+        side = next((f"{side} " for side, known in self.serials.items() if known == serial), "")
+        return f"{side}camera {serial or 'of unknown serial'}"
+
+
+def _number(value: object) -> int | None:
+    """A size or factor, if it is one; bounds and increments are for the camera to judge."""
+    return value if isinstance(value, int) and not isinstance(value, bool) and value >= 1 else None

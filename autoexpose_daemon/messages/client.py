@@ -107,9 +107,10 @@ def vignetting_from_json(text: str | bytes) -> Vignetting | None:
     """The vignetting in a message; None if there is none, or the message is damaged."""
     try:
         light = _content(text)["vignetting"]
-        size = _whole(light["width"]), _whole(light["height"])
+        size = width, height = _whole(light["width"]), _whole(light["height"])
         if "grid" in light:
-            return Vignetting(*size, _middle(size), (), tuple(_numbers(row) for row in light["grid"]))
+            middle = (width - 1) / 2.0, (height - 1) / 2.0
+            return Vignetting(*size, middle, (), tuple(_numbers(row) for row in light["grid"]))
         x, y = _numbers(light["centre_px"])
         return Vignetting(*size, (x, y), _numbers(light["coefficients"]))
     except _DAMAGED:
@@ -135,7 +136,3 @@ def _whole(value: Any) -> int:
     if type(value) is not int:
         raise ValueError("not a whole number")
     return value
-
-
-def _middle(size: tuple[int, int]) -> tuple[float, float]:
-    return (size[0] - 1) / 2.0, (size[1] - 1) / 2.0

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from autoexpose_daemon.control.light_ahead import MOST_LEVELS, MOST_STOPS, LightSeries
 from autoexpose_daemon.control.parameters import FASTEST_M_S, FASTEST_TURN_RAD_S
 from autoexpose_daemon.control.picture.tracked_cells import COLUMNS, ROWS, TrackedCells
+from autoexpose_daemon.messages.frames import DamagedMessageError, deserialise, stamp_ns
 from autoexpose_daemon.messages.keys import CONSUMER_NAME
-from autoexpose_daemon.messages.read import DamagedMessageError, deserialise, stamp_ns
 from autoexpose_daemon.messages.types import (
     LIGHT_AHEAD,
     ODOMETRY,

@@ -9,14 +9,13 @@ import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import Future
-from types import TracebackType
 
 import zenoh
 from zenoh.handlers import Handler
 
 from autoexpose_daemon.config.document import ImuConfig
 from autoexpose_daemon.config.request import Request, check_size, read_request
-from autoexpose_daemon.messages.read import read_angular_rate
+from autoexpose_daemon.messages.frames import read_angular_rate
 from autoexpose_daemon.publish.session import Endpoints, SessionHolder, reading
 from autoexpose_daemon.runtime.inputs import AngularRate
 from autoexpose_daemon.status.inputs import Answer
@@ -36,13 +35,6 @@ class ImuSubscriber:
     """Hands the samples of an IMU to `rate` while its context is entered.
 
     A session that cannot be opened is tried again and named in `rate.no_source`.
-
-    Parameters
-    ----------
-    config
-        Key and endpoints.
-    rate
-        Takes the samples.
     """
 
     def __init__(self, config: ImuConfig, rate: AngularRate) -> None:
@@ -55,9 +47,7 @@ class ImuSubscriber:
         self._holder.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         if not self._holder.close():
             log.error("zenoh did not close the session of the IMU in time")
 
@@ -89,17 +79,7 @@ _TURN_S = 0.1
 
 
 class ControlDoor:
-    """Answers queries for the key `autoexpose/<rig>/control`.
-
-    Parameters
-    ----------
-    ask
-        Takes each valid request.
-    closed
-        Set when the session closes.
-    now_s
-        The time, of any clock that never goes back.
-    """
+    """Answers queries for the key `autoexpose/<rig>/control`: `ask` takes each valid request, until `closed` is set."""
 
     def __init__(self, ask: Ask, closed: threading.Event, now_s: Callable[[], float] = time.monotonic) -> None:
         self._ask = ask

@@ -10,7 +10,6 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future
-from types import TracebackType
 
 import zenoh
 from zenoh.handlers import Handler
@@ -20,6 +19,7 @@ from autoexpose_daemon.control.decision import Grounds
 from autoexpose_daemon.control.picture.tracked_cells import TrackedCells
 from autoexpose_daemon.control.step import ControlStep
 from autoexpose_daemon.messages.client import LARGEST_REPORT_BYTES, ConsumerTally
+from autoexpose_daemon.messages.frames import TOPICS, MessageWriter, realtime_offset_ns
 from autoexpose_daemon.messages.inputs import (
     LARGEST_LIGHT_BYTES,
     LARGEST_TRACKING_BYTES,
@@ -36,7 +36,6 @@ from autoexpose_daemon.messages.keys import (
     light_ahead_key,
     tracking_key,
 )
-from autoexpose_daemon.messages.write import TOPICS, MessageWriter, realtime_offset_ns
 from autoexpose_daemon.publish.inbound import WAITING_REQUESTS, Ask, ControlDoor
 from autoexpose_daemon.publish.ros2_keys import Attachments, Ros2Node
 from autoexpose_daemon.publish.session import Endpoints, SessionHolder, reading
@@ -102,24 +101,9 @@ class Publisher:
 
     A session that cannot be opened is retried, with the reason in `tally.trouble`; nothing else stops.
 
-    Parameters
-    ----------
-    config
-        Name of the rig, endpoints.
-    cameras
-        How many cameras the rig has.
-    tell
-        What to publish once a second.
-    light
-        Takes what `autoexpose repeat` sends about the light ahead.
-    ask
-        Takes control requests.
-    explain
-        Asks control what its latest decision rests on.
-    tracking
-        Takes what consumers report about their tracking.
-    calibrations
-        Called for each pair: the geometry of the cameras that are calibrated.
+    `light` takes what `autoexpose repeat` sends about the light ahead, `tracking` what consumers report about theirs,
+    and `ask` control requests; `explain` asks control what its latest decision rests on. What is None is not offered.
+    `calibrations`, called for each pair, returns the geometry of the cameras that are calibrated.
     """
 
     def __init__(
@@ -158,9 +142,7 @@ class Publisher:
         self._holder.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         with self._news:
             self._stopping = True
             self._news.notify()

@@ -31,16 +31,9 @@ class Ros2Topic:
 
 @dataclass(frozen=True, slots=True)
 class Ros2Node:
-    """A node of ours in ROS 2.
+    """A node of ours in ROS 2, `/<namespace>/<name>`, or `/<name>` if the namespace is empty.
 
-    Attributes
-    ----------
-    domain
-        ROS_DOMAIN_ID.
-    namespace, name
-        The node is `/<namespace>/<name>`, or `/<name>` if the namespace is empty.
-    session
-        Id of the zenoh session, in hexadecimal digits.
+    `domain` is ROS_DOMAIN_ID, `session` the id of the zenoh session, in hexadecimal digits.
     """
 
     domain: int

@@ -15,8 +15,8 @@ from typing import Any, Literal, TypeVar
 import zenoh
 from zenoh.handlers import FifoChannel, Handler, RingChannel
 
+from autoexpose_daemon.messages.frames import DamagedMessageError
 from autoexpose_daemon.messages.keys import check_endpoints
-from autoexpose_daemon.messages.read import DamagedMessageError
 from documents.text import readable
 from drivers.log_throttle import LogThrottle
 from imaging.errors import AutoexposeError
@@ -64,16 +64,10 @@ class SessionError(AutoexposeError):
 
 @dataclass(frozen=True, slots=True)
 class Endpoints:
-    """How a session reaches others.
+    """How a session reaches others: zenoh's endpoints, as in `LOOPBACK`.
 
-    Attributes
-    ----------
-    listen, connect
-        Endpoints of zenoh, as in `LOOPBACK`.
-    file
-        A zenoh configuration file instead, for TLS, access control and so on; our defaults fill the rest.
-    gossip
-        Whether a router announces this session to others, and them to this session, so that peers find each other.
+    `file` is a zenoh configuration file instead, for TLS, access control and so on; our defaults fill the rest. With
+    `gossip` a router announces this session to others, and them to this session, so that peers find each other.
     """
 
     listen: Sequence[str] = ()
@@ -100,21 +94,9 @@ class Endpoints:
 class SessionHolder:
     """Holds a session on its own thread: opens it, retries until that succeeds, and closes it at the end.
 
-    Its threads, unlike those of zenoh's callbacks, do not keep a process from ending.
-
-    Parameters
-    ----------
-    mode, endpoints
-        What to open.
-    serve
-        Called once the session is open; the session closes when this returns, which it must soon after `closed` is set.
-    on_trouble
-        Called with the reason why there is no session, when it changes; empty: there is one.
-
-    Attributes
-    ----------
-    closed
-        Set by `close`.
+    Its threads, unlike those of zenoh's callbacks, do not keep a process from ending. `serve` is called once the
+    session is open, which closes when it returns; it must soon after `closed` is set, by `close`. `on_trouble` is
+    called with the reason why there is no session, when that changes; empty: there is one.
     """
 
     def __init__(

@@ -23,9 +23,9 @@ from autoexpose_daemon.control.loop import STATE_FORMAT, ControlSetup
 from autoexpose_daemon.control.override import NO_OVERRIDE
 from autoexpose_daemon.control.snapshot import Plain, plain
 from autoexpose_daemon.control.step import StepInputs
+from autoexpose_daemon.messages.frames import TOPICS, MessageWriter, Stamp, realtime_offset_ns
 from autoexpose_daemon.messages.keys import DEFAULT, LATCHED, SENSOR_DATA
 from autoexpose_daemon.messages.types import IMAGE, TYPESTORE, definition
-from autoexpose_daemon.messages.write import TOPICS, MessageWriter, Stamp, realtime_offset_ns
 from autoexpose_daemon.recording import rosbag2
 from imaging.errors import AutoexposeError
 from imaging.frames import Side, StereoPair

@@ -18,7 +18,7 @@ from autoexpose_daemon.control.parameters import FASTEST_TURN_RAD_S
 from autoexpose_daemon.control.policies.ids import REMOVED
 from autoexpose_daemon.control.snapshot import parse
 from autoexpose_daemon.control.step import StepInputs
-from autoexpose_daemon.messages.read import (
+from autoexpose_daemon.messages.frames import (
     DamagedMessageError,
     decision_of,
     frame_of,

@@ -19,7 +19,7 @@ from autoexpose_daemon.config.document import Config, PublishConfig
 from autoexpose_daemon.control.loop import ControlLoop, ControlSetup
 from autoexpose_daemon.control.snapshot import Plain
 from autoexpose_daemon.control.step import ControlStep
-from autoexpose_daemon.messages.write import Stamp
+from autoexpose_daemon.messages.frames import Stamp
 from autoexpose_daemon.recording.file import RecordingError, RecordingFile, Step
 from drivers.log_throttle import LogThrottle
 from imaging.frames import Side

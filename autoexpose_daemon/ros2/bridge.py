@@ -1,28 +1,105 @@
-"""From the daemon's messages to topics of ROS 2, until SIGTERM or Ctrl-C."""
+"""From the daemon's messages to topics of ROS 2, and from its control topics to the daemon, until SIGTERM or Ctrl-C."""
 
 from __future__ import annotations
 
 import logging
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from operator import itemgetter
+from typing import Any
 
 import zenoh
-from cyclonedds.core import DDSException
+from cyclonedds.core import DDSException, ReadCondition, WaitSet
+from cyclonedds.util import duration
 
+from autoexpose_daemon.client.control_client import ControlClient, rows_of
 from autoexpose_daemon.client.status_client import SILENT_S
 from autoexpose_daemon.messages.keys import SIDES, all_of_rig, check_rig_name, last_but, status_key
-from autoexpose_daemon.messages.types import CAMERA_INFO, DIAGNOSTICS, EXPOSURE_INFO, IMAGE
+from autoexpose_daemon.messages.types import (
+    BOOL,
+    CAMERA_INFO,
+    DIAGNOSTICS,
+    EMPTY,
+    EXPOSURE_INFO,
+    FLOAT64,
+    IMAGE,
+    STRING,
+    TYPESTORE,
+    serialise,
+)
 from autoexpose_daemon.publish.session import Endpoints, SessionHolder
 from autoexpose_daemon.ros2.diagnostics import diagnostics
 from autoexpose_daemon.ros2.domain import Domain
-from autoexpose_daemon.ros2.node import Node, Writer
-from autoexpose_daemon.ros2.requests import RequestTopics
+from autoexpose_daemon.ros2.node import NAME, Node, Writer
 from autoexpose_daemon.status.document import LARGEST_STATUS_BYTES, Status
 from drivers.log_throttle import LogThrottle
 from imaging.errors import AutoexposeError
 
 log = logging.getLogger(__name__)
+
+Changes = Mapping[str, Any]
+
+REQUESTS: dict[str, tuple[str, Callable[[Any], Changes]]] = {
+    "lock": (BOOL, lambda message: {"locked": message.data}),
+    "ev": (FLOAT64, lambda message: {"ev_stops": message.data}),
+    "policy": (STRING, lambda message: {"policy": message.data}),
+    "reset": (EMPTY, lambda _message: {"reset": True}),
+}
+"""Below /<rig>/control: the type of the messages, and what they ask for."""
+
+_LOOK = duration(milliseconds=200)
+_AT_ONCE = 10
+
+
+class RequestTopics:
+    """Takes requests from topics of a node until it is stopped, and asks the daemon of the rig at `connect`."""
+
+    def __init__(self, node: Node, rig: str, connect: Sequence[str]) -> None:
+        self._node = node
+        self._rig = rig
+        self._connect = connect
+        self._readers = {name: node.subscription(f"control/{name}", kind) for name, (kind, _) in REQUESTS.items()}
+        self._seldom = LogThrottle(60.0)
+        self._answers = node.publisher("control/answer", STRING)
+
+    def serve(self, stop: threading.Event) -> None:
+        """Answer until `stop` is set."""
+        waiting = WaitSet(self._node.participant)
+        for reader in self._readers.values():
+            waiting.attach(ReadCondition(reader, 0xFFFF))
+        while not stop.is_set():
+            waiting.wait(_LOOK)
+            for _, changes in sorted(self._taken(), key=itemgetter(0)):
+                if not stop.is_set():
+                    self._answer(self._ask(changes))
+
+    def _taken(self) -> Iterator[tuple[int, Changes]]:
+        """The changes asked for, each with the time when it was sent, ns."""
+        for name, reader in self._readers.items():
+            for _ in range(_AT_ONCE):
+                try:
+                    messages = reader.take(1)
+                except Exception as error:  # whatever a stranger's bytes make the package raise
+                    self._answer(f"nothing has changed: a message on control/{name} cannot be read")
+                    if self._seldom.due(name, time.monotonic_ns()):
+                        log.warning("a message on control/%s cannot be read: %s", name, error)
+                    continue
+                if not messages:
+                    break
+                if isinstance(messages[0], reader.topic.data_type):  # and not that a publisher has gone
+                    yield messages[0].sample_info.source_timestamp, REQUESTS[name][1](messages[0])
+
+    def _answer(self, words: str) -> None:
+        self._answers.send(serialise(TYPESTORE.types[STRING](words), STRING))
+
+    def _ask(self, changes: Changes) -> str:
+        try:
+            with ControlClient(self._rig, self._connect, name=f"ROS 2 node {NAME}") as client:
+                return "; ".join(f"{name}: {text}" for name, text in rows_of(client.ask(changes)))
+        except AutoexposeError as error:
+            return f"nothing has changed: {error}"
+
 
 TOPICS = {
     "image": ("image_raw", IMAGE),
@@ -40,20 +117,10 @@ _SELDOM_S = 60.0
 
 
 class Bridge:
-    """Offers the topics of a rig, and passes on what arrives for them.
+    """Offers the topics of the rig at the endpoints `connect`, and passes on what arrives for them.
 
-    Parameters
-    ----------
-    rig
-        Name of the rig, which is the node's namespace.
-    connect
-        Endpoints of daemons or routers.
-    domain
-        Where to offer the topics.
-    reliable
-        Also offer frames to subscribers that insist on reliable delivery.
-    control
-        Accept control requests.
+    The rig's name is the node's namespace. With `reliable` frames are also offered to subscribers that insist on
+    reliable delivery; with `control` requests are accepted.
 
     Raises
     ------

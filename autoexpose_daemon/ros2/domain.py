@@ -26,20 +26,10 @@ _LARGE_MESSAGES = "<MaxMessageSize>65500B</MaxMessageSize><FragmentSize>65000B</
 
 @dataclass(frozen=True, slots=True)
 class Domain:
-    """Where topics are offered.
+    """Where topics are offered: ROS_DOMAIN_ID and the release, ROS_DISTRO.
 
-    Attributes
-    ----------
-    number
-        ROS_DOMAIN_ID.
-    release
-        The ROS 2 release, ROS_DISTRO.
-    local
-        Whether only programs on this machine take part, through loopback.
-    multicast
-        Whether others are looked for by multicast.
-    peers
-        IPv4 addresses where others are looked for as well.
+    With `local` only programs on this machine take part, through loopback. Others are looked for by `multicast`, and at
+    the IPv4 addresses `peers`.
     """
 
     number: int = 0

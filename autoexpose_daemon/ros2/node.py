@@ -1,25 +1,56 @@
-"""A node of ROS 2 on Cyclone DDS: its topics, and the announcement by which `ros2 node list` knows it."""
+"""A node of ROS 2 on Cyclone DDS: its types, its topics, and the announcement by which `ros2 node list` knows it."""
 
 from __future__ import annotations
 
 import os
+from functools import cache
 from typing import Any
 
 import numpy as np
 from cyclonedds.core import DDSException, Policy, Qos
 from cyclonedds.domain import DomainParticipant
-from cyclonedds.idl import IdlStruct
+from cyclonedds.idl import IdlStruct, make_idl_struct
+from cyclonedds.idl import types as idl_types
 from cyclonedds.pub import DataWriter
 from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
 from cyclonedds.util import duration
+from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
 
 from autoexpose_daemon.messages.keys import DEFAULT, LATCHED, SENSOR_DATA, OfferedQos
-from autoexpose_daemon.messages.types import TYPESTORE
+from autoexpose_daemon.messages.types import TYPESTORE, dds_name
 from autoexpose_daemon.ros2.domain import Domain
-from autoexpose_daemon.ros2.idl import dds_type
+
+types: Any = idl_types  # generic in ways that its annotations do not say
+_BASIC: dict[str, Any] = {
+    "bool": bool, "byte": types.uint8, "char": types.uint8, "string": str,
+    "int8": types.int8, "int16": types.int16, "int32": types.int32, "int64": types.int64,
+    "uint8": types.uint8, "uint16": types.uint16, "uint32": types.uint32, "uint64": types.uint64,
+    "float32": types.float32, "float64": types.float64,
+}  # fmt: skip
+
+
+@cache
+def dds_type(message_type: str, typestore: Typestore) -> type[IdlStruct]:
+    """The type of a message, under its name in ROS 2's DDS; KeyError for an unknown one."""
+    members = {name: _member(field, typestore) for name, field in typestore.fielddefs[message_type][1]}
+    return make_idl_struct(message_type.rpartition("/")[2], dds_name(message_type), members)
+
+
+def _member(field: Any, typestore: Typestore) -> Any:
+    kind, of = field
+    if kind is Nodetype.NAME:
+        return dds_type(of, typestore)
+    if kind is Nodetype.BASE:
+        name, longest = of
+        return types.bounded_str[longest] if name == "string" and longest else _BASIC[name]
+    element, count = _member(of[0], typestore), of[1]
+    if kind is Nodetype.ARRAY:
+        return types.array[element, count]
+    return types.sequence[element, count] if count else types.sequence[element]
+
 
 NAME = "autoexpose"
 
@@ -45,12 +76,9 @@ _GID, _NODE, _ENTITIES = (
 
 
 class Writer:
-    """Publishes messages that are already serialised, on one topic.
+    """Publishes messages that are already serialised, on one topic, and counts them.
 
-    Attributes
-    ----------
-    sent, refused
-        Messages; those that are not plain CDR are refused, and those that Cyclone DDS finds too short for their type.
+    Those that are not plain CDR are refused, and those that Cyclone DDS finds too short for their type.
     """
 
     def __init__(self, writer: DataWriter[IdlStruct], kind: type[IdlStruct]) -> None:
@@ -76,19 +104,7 @@ class Writer:
 
 
 class Node:
-    """The node `/<rig>/autoexpose`; topics are named below the rig's namespace.
-
-    Parameters
-    ----------
-    domain
-        Where it takes part.
-    rig
-        Its namespace.
-
-    Attributes
-    ----------
-    participant
-        Its membership in the domain.
+    """The node `/<rig>/autoexpose` of a domain; topics are named below the rig's namespace.
 
     Raises
     ------

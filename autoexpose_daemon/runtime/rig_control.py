@@ -10,7 +10,7 @@ from typing import Any, Protocol
 from autoexpose_daemon.config.document import Config, PublishConfig
 from autoexpose_daemon.config.request import Request
 from autoexpose_daemon.control.step import ControlStep, StepInputs
-from autoexpose_daemon.messages.write import Stamp, moment_ns
+from autoexpose_daemon.messages.frames import Stamp, moment_ns
 from autoexpose_daemon.runtime.active_loop import ActiveLoop
 from autoexpose_daemon.runtime.inputs import Tracking
 from autoexpose_daemon.runtime.requests import Requests

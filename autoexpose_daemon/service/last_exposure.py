@@ -38,11 +38,6 @@ class LastExposure:
     """Remembers the last good exposure, and keeps it in a file if one is named.
 
     A file that is too old, damaged or not writable costs a log line and nothing else.
-
-    Parameters
-    ----------
-    file
-        Where to keep it; None keeps it in memory only.
     """
 
     def __init__(self, file: Path | None) -> None:

@@ -1,4 +1,4 @@
-"""The daemon as a process: one control thread at a time, its outlets, reloads, and the death of a thread."""
+"""The daemon as a process: one control thread at a time, its outlets, announcements, reloads, and death of a thread."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from functools import partial
+from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
@@ -20,14 +21,13 @@ from autoexpose_daemon.messages.keys import response_key, status_key
 from autoexpose_daemon.runtime.daemon import ControlThread, Daemon
 from autoexpose_daemon.runtime.inputs import AngularRate, ForetoldLight, Tracking
 from autoexpose_daemon.runtime.setup import Tuning
-from autoexpose_daemon.service.announcer import Announcer
 from autoexpose_daemon.service.last_exposure import LastExposure
 from autoexpose_daemon.service.logs import set_up_logging
 from autoexpose_daemon.service.notify import Notifier
-from autoexpose_daemon.status.describe import describe
+from autoexpose_daemon.status.describe import describe, health_of
 from autoexpose_daemon.status.document import Status
 from autoexpose_daemon.status.panel import Show, display, line_of
-from autoexpose_daemon.status.states import State
+from autoexpose_daemon.status.states import Health, State
 from autoexpose_daemon.status.telemetry import PublishTally
 from imaging.errors import AutoexposeError, ConfigurationError
 from imaging.exposure import ExposureSetting
@@ -37,6 +37,72 @@ if TYPE_CHECKING:
     from autoexpose_daemon.recording.recorder import Recorder  # an extra
 
 log = logging.getLogger(__name__)
+
+_LEVELS = {
+    State.STARTING: logging.INFO,
+    State.EXPOSING: logging.INFO,
+    State.DEGRADED: logging.WARNING,
+    State.FAILED: logging.ERROR,
+}
+_STATUS_PERIOD_S = 1.0
+
+
+class Announcer:
+    """Follows one daemon after another; all methods are called on one thread, which is not the control thread."""
+
+    def __init__(self, notifier: Notifier) -> None:
+        self.health = Health(State.STARTING)
+        self._notifier = notifier
+        self._ready = False
+        self._beat_ns = 0
+        self._announced_s = 0.0
+
+    def begin(self, daemon: Daemon, config: Config) -> None:
+        """Follow this daemon from now on; it is starting."""
+        self._daemon, self._config = daemon, config
+        self.health = Health(State.STARTING)
+
+    def look(self) -> None:
+        """Judge the state and announce a change; the start is over at the first state that is exposing or degraded."""
+        health = health_of(self._daemon.telemetry, self._config)
+        if health.state is State.FAILED:  # the service handles it, and may recover
+            health = self.health
+        if health != self.health:
+            self._announce(health)
+        if not self._ready and health.state is not State.STARTING:
+            self._ready = True
+            self._notifier.ready()
+        if time.monotonic() - self._announced_s >= _STATUS_PERIOD_S:
+            self._notifier.status(f"{health}; {self._daemon.telemetry.brief(time.monotonic_ns())}")
+            self.feed()
+
+    def feed(self) -> None:
+        """Feed the watchdog if the control thread has made progress since the last time."""
+        self._announced_s = time.monotonic()
+        if self._daemon.beat_ns != self._beat_ns:
+            self._beat_ns = self._daemon.beat_ns
+            self._notifier.alive()
+
+    def reloading(self) -> None:
+        """A reload begins; it ends with the next state that is exposing or degraded."""
+        self._ready = False
+        self._notifier.reloading()
+
+    def failed(self, error: BaseException) -> None:
+        """Announce the failure that ends the process."""
+        self._daemon.telemetry.failed(error)
+        self._announce(health_of(self._daemon.telemetry, self._config))
+
+    def stopping(self) -> None:
+        """Announce that the stop begins."""
+        self._notifier.stopping()
+        if self.health.state is not State.FAILED:
+            self._notifier.status("stopping")
+
+    def _announce(self, health: Health) -> None:
+        self.health = health
+        log.log(_LEVELS[health.state], "state %s", health)
+        self._notifier.status(str(health))
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,18 +211,9 @@ def run_until_stopped(
 
 
 class Service:
-    """Runs the daemon for a configuration, and for those that replace it.
+    """Runs the daemon for a checked configuration, and for those that replace it; `build` makes each daemon.
 
-    Parameters
-    ----------
-    config
-        The first configuration, checked.
-    build
-        Makes its daemon.
-    notifier
-        Notified of readiness and state.
-    last_exposure
-        The setting that the cameras begin with.
+    `notifier` is told of readiness and state, `last_exposure` remembers the setting that the cameras begin with.
     """
 
     def __init__(
@@ -284,15 +341,5 @@ class Service:
 def _same_cameras(one: Config, other: Config) -> bool:
     """Whether the cameras, the IMU and publishing would be opened the same way."""
 
-    def opening(config: Config) -> tuple[object, ...]:
-        return (
-            config.cameras,
-            config.gain_scales,
-            config.trigger,
-            config.image,
-            config.transport,
-            config.motion,
-            config.publish,
-        )
-
-    return opening(one) == opening(other)
+    opening = attrgetter("cameras", "gain_scales", "trigger", "image", "transport", "motion", "publish")
+    return bool(opening(one) == opening(other))

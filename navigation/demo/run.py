@@ -16,12 +16,11 @@ from rich.console import Console
 from rich.table import Table
 
 from autoexpose_daemon.config.document import Config
-from autoexpose_daemon.demo.analysis import StepLog, light_steps, pulses_in_window
+from autoexpose_daemon.demo.analysis import DemoRun, StepLog, figures, in_words, light_steps, pulses_in_window
 from autoexpose_daemon.demo.fakes import FakeCameras, read_pulses
 from autoexpose_daemon.demo.options import DemoOptions
 from autoexpose_daemon.demo.reference_step import reference_step_ms
 from autoexpose_daemon.demo.show import REFERENCE_REPEATS, check_account, configuration, start
-from autoexpose_daemon.demo.summary import DemoRun, figures, in_words
 from autoexpose_daemon.messages.keys import LOOPBACK
 from autoexpose_daemon.runtime.daemon import Daemon
 from autoexpose_daemon.runtime.setup import openers

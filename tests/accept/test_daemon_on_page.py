@@ -14,7 +14,7 @@ from PIL import Image
 
 from tests.autoexpose_daemon.page.browser import SHRUNK, Tab, browser
 from tests.autoexpose_daemon.page.server import running_page
-from tests.autoexpose_daemon.page.test_daemon_on_page import STATE, compare
+from tests.autoexpose_daemon.page.test_page import STATE, compare
 from tests.autoexpose_daemon.publish.steps import endpoint
 from tests.autoexpose_daemon.stereo import running_daemon, stereo_cameras
 

@@ -10,9 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from autoexpose_daemon.doctor.facts import gather
-from autoexpose_daemon.doctor.judge_gige import judge_gige
-from autoexpose_daemon.doctor.need import Need
+from autoexpose_daemon.doctor.facts import Need, gather
+from autoexpose_daemon.doctor.judge import judge_gige
 from drivers.aravis import open_camera
 from drivers.setup import CameraSetup, TriggerSetup
 from fake_camera.device.faults import Fault

@@ -17,6 +17,7 @@ from typing import Any
 import pytest
 
 from autoexpose_daemon.config.document import PublishConfig
+from autoexpose_daemon.messages.frames import MessageWriter
 from autoexpose_daemon.messages.keys import LAST_ROS2_DOMAIN
 from autoexpose_daemon.messages.types import (
     CAMERA_INFO,
@@ -29,7 +30,6 @@ from autoexpose_daemon.messages.types import (
     TYPESTORE,
     serialise,
 )
-from autoexpose_daemon.messages.write import MessageWriter
 from imaging.frames import Side
 from tests import REPOSITORY
 from tests.autoexpose_daemon.publish.steps import DECISION, endpoint, pair, publishing

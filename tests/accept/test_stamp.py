@@ -9,7 +9,7 @@ import pytest
 
 from autoexpose_daemon.client import ReceivedPair, StereoClient
 from autoexpose_daemon.demo.fakes import read_pulses
-from autoexpose_daemon.messages.write import realtime_offset_ns
+from autoexpose_daemon.messages.frames import realtime_offset_ns
 from fake_camera.world.render.renderer import Pinhole, Renderer
 from fake_camera.world.scene.path import CameraPath
 from fake_camera.world.scene.room import furnished_room

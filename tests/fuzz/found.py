@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from autoexpose_daemon.messages.write import MessageWriter
+from autoexpose_daemon.messages.frames import MessageWriter
 from fake_camera.usb3.usb.descriptors import CONTROL_IN, CONTROL_OUT
 from imaging.exposure import ExposureSetting
 from imaging.frames import Frame, StereoPair

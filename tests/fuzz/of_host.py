@@ -23,7 +23,7 @@ from rich.table import Table
 from starlette.requests import HTTPConnection
 from starlette.responses import PlainTextResponse
 
-from autoexpose_daemon.client.ctl import rows_of
+from autoexpose_daemon.client.control_client import rows_of
 from autoexpose_daemon.client.pairs import PairAssembler, PairQueue
 from autoexpose_daemon.client.top import Sparklines, panel_of
 from autoexpose_daemon.config.document import Config
@@ -34,7 +34,7 @@ from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from autoexpose_daemon.control.snapshot import parse, plain
 from autoexpose_daemon.demo.fakes import read_pulses
 from autoexpose_daemon.messages.client import ConsumerTally, response_from_json, response_to_json, vignetting_from_json
-from autoexpose_daemon.messages.write import Message
+from autoexpose_daemon.messages.frames import Message
 from autoexpose_daemon.page.access import Access, Key
 from autoexpose_daemon.page.metrics import exposition
 from autoexpose_daemon.page.pair_views import ExposureHistory

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from autoexpose_daemon.messages.frames import DamagedMessageError, read_angular_rate
 from autoexpose_daemon.messages.inputs import (
     read_light_ahead,
     read_odometry,
@@ -9,7 +10,6 @@ from autoexpose_daemon.messages.inputs import (
     read_tracked_cells,
     read_velocity,
 )
-from autoexpose_daemon.messages.read import DamagedMessageError, read_angular_rate
 from autoexpose_daemon.recording.file import RecordingError
 from fake_camera.device.faults import FaultError
 from fake_camera.device.line0 import WireError

@@ -93,5 +93,5 @@ def test_the_daemon_has_nothing_of_the_lab_and_only_the_lab_has_entry_points(tmp
 
 def test_the_client_has_only_what_frames_need() -> None:
     modules = reached(PACKAGES["autoexpose-client"].face)
-    assert "autoexpose_daemon.messages.read" in modules
+    assert "autoexpose_daemon.messages.frames" in modules
     assert not any(module.startswith(("autoexpose_daemon.runtime", "autoexpose_daemon.config")) for module in modules)

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from autoexpose_daemon.client.fleet import MOST_RIGS, Condition, Fleet, RigLine
+from autoexpose_daemon.client.status_client import MOST_RIGS, Condition, Fleet, RigLine
 from autoexpose_daemon.status.counters import Counts
 from autoexpose_daemon.status.document import Status
 from autoexpose_daemon.status.states import State

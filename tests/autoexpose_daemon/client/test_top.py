@@ -1,28 +1,46 @@
-"""What `autoexpose top` shows; the daemon is a publisher with a status made up."""
+"""What `autoexpose top` shows, of one rig or of all; daemons are publishers with statuses made up, routers are real."""
 
 from __future__ import annotations
 
 import contextlib
 import io
+import json
 import math
 import re
 import threading
 import time
 from collections.abc import Iterator
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from rich.console import Console
 from rich.table import Table
 
-from autoexpose_daemon.client.status_client import StatusClient
-from autoexpose_daemon.client.top import Sparklines, follow, no_status, show_once, sparkline
+from autoexpose_daemon.client.status_client import Condition, FleetClient, RigLine, StatusClient
+from autoexpose_daemon.client.top import (
+    Sparklines,
+    follow,
+    follow_all,
+    no_status,
+    panel_of_all,
+    show_all_once,
+    show_once,
+    sparkline,
+    summary,
+    table_of_all,
+)
 from autoexpose_daemon.config.document import PublishConfig
 from autoexpose_daemon.messages.keys import status_key
 from autoexpose_daemon.publish.publisher import Publisher
+from autoexpose_daemon.publish.session import Endpoints, open_session
 from autoexpose_daemon.status.document import Fault, Status
+from autoexpose_daemon.status.states import State
 from imaging.errors import AutoexposeError
-from tests.autoexpose_daemon.publish.steps import endpoint, wait_until
+from tests import REPOSITORY
+from tests.autoexpose_daemon.publish.router import router
+from tests.autoexpose_daemon.publish.steps import PATIENCE_S, endpoint, wait_until
+from tests.autoexpose_daemon.publish.test_router import QUIET, router_file
 from tests.autoexpose_daemon.statuses import EXPOSING
 from tests.fakes import loopback_address
 from tests.meanwhile import meanwhile
@@ -93,14 +111,6 @@ def test_it_follows_a_daemon_and_says_when_that_is_silent(monkeypatch: pytest.Mo
         wait_until(lambda: "ended 1 s ago" in screen.text, "the silence to be noticed")
 
 
-def test_nobody_there_is_said_in_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
-    """However little time a busy machine has left for the attempt to connect."""
-    monkeypatch.setattr("autoexpose_daemon.client.top._PATIENCE_S", 0.1)
-    at = endpoint()
-    with pytest.raises(AutoexposeError, match=f"no answer from {at}.*`publish: {{rig: scout}}` in its config"):
-        show_once("scout", [at], screen_of()[1])
-
-
 @pytest.mark.wire
 def test_a_daemon_of_another_rig_is_not_the_one_asked_for() -> None:
     at = endpoint()
@@ -117,3 +127,175 @@ def test_without_a_terminal_it_names_the_way() -> None:
 def test_a_curve_spans_its_range() -> None:
     assert sparkline([0.0, 1.0, 7.0]) == "\u2581\u2582\u2588"
     assert sparkline([3.0, 3.0]) == "\u2581\u2581"
+
+
+SILENT_S = 1.0
+FLEETS = REPOSITORY / "docs" / "fleets.md"
+
+
+def rig(name: str, state: State = State.EXPOSING, *reasons: str) -> Status:
+    return replace(EXPOSING, rig=name, state=state, reasons=reasons)
+
+
+@contextlib.contextmanager
+def robot(status: Status, near: str, far: str) -> Iterator[None]:
+    """A daemon that listens at `near`, and connects to a router at `far`."""
+    config = PublishConfig(rig=status.rig, listen=(near,), connect=(far,))
+    with Publisher(config, 2, lambda _last: {status_key(status.rig): status.to_json()}):
+        yield
+
+
+def printed(*parts: object, width: int = 120) -> str:
+    screen = Screen()
+    Console(file=screen, width=width, height=50, _environ={}).print(*parts)
+    return screen.text
+
+
+def conditions(client: FleetClient, now_s: float) -> dict[str, Condition]:
+    return {line.rig: line.condition for line in client.fleet.lines(now_s)}
+
+
+def line(name: str, condition: Condition = Condition.EXPOSING, why: str = "") -> RigLine:
+    return RigLine(name, condition, why, 12.3, 60.0, 3, 0.004, EXPOSING.cameras["left"].applied)
+
+
+def test_a_rig_is_one_line() -> None:
+    lines = [
+        line("broken", Condition.FAILED, "no such camera"),
+        line("quiet", Condition.SILENT, "exposing before"),
+        line("loser", Condition.LOSING, "3 without the left frame"),
+        line("stopped", Condition.ENDED),
+        line("fine"),
+    ]
+    rows = [" ".join(row.split()) for row in printed(table_of_all(lines)).splitlines()]
+    assert rows == [
+        "rig state pairs/s lost last minute exposure why",
+        "broken failed, 12 s ago 3 1000 us, 6.0 dB no such camera",
+        "quiet silent for 12 s 3 1000 us, 6.0 dB exposing before",
+        "loser losing triggers 60.0 3 0.4% 1000 us, 6.0 dB 3 without the left frame",
+        "stopped ended, 12 s ago 3 1000 us, 6.0 dB",
+        "fine exposing 60.0 3 0.4% 1000 us, 6.0 dB",
+    ]
+    assert summary(lines) == "5 rigs: 1 failed, 1 silent, 1 losing triggers, 1 ended, 1 exposing"
+
+
+def test_what_a_stranger_writes_commands_no_terminal_and_breaks_no_line() -> None:
+    hostile = line("x" * 100, Condition.DEGRADED, "\x1b]0;gone\x07 [red]away[/red]\n\r" + "\u4e2d" * 400)
+    text = printed(table_of_all([hostile]), width=160)
+    assert "?]0;gone? [red]away[/red]" in text
+    assert "\x1b" not in text
+    assert len(text.splitlines()) == 2
+
+
+def test_a_narrow_terminal_shortens_the_reasons_first() -> None:
+    rows = printed(table_of_all([line("dumper_2", Condition.DEGRADED, "no triggers " * 20)]), width=80).splitlines()
+    assert len(rows) == 2
+    assert rows[1].startswith("dumper_2  degraded     60.0     3         0.4%  1000 us, 6.0 dB  no trig")
+
+
+def test_a_low_terminal_shows_the_worst_and_counts_the_rest() -> None:
+    client = FleetClient()
+    for number in range(30):
+        assert client.fleet.take(f"rig_{number}", rig(f"rig_{number}"), 0.0)
+    assert client.fleet.take("worst", rig("worst", State.FAILED), 0.0)
+    text = printed(panel_of_all(client, 10))
+    assert len(text.splitlines()) == 10
+    assert "worst" in text
+    assert "26 more, none of them worse" in text
+
+
+@pytest.mark.wire
+def test_the_rigs_of_all_endpoints_are_printed_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("autoexpose_daemon.client.top._ROUND_S", 0.5)
+    first, second, nowhere = endpoint(), endpoint(), endpoint()
+    screen, console = screen_of(terminal=False)
+    with daemon(rig("scout", State.DEGRADED, "no triggers"), first), daemon(rig("mule"), second):
+        show_all_once([first, second, nowhere], None, console, threading.Event())
+    assert "2 rigs: 1 degraded, 1 exposing" in screen.text
+    assert screen.text.index("no triggers") < screen.text.index("mule")
+    assert f"no answer from {nowhere}" in screen.text
+
+
+@pytest.mark.wire
+def test_a_file_of_zenoh_has_the_endpoints(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("autoexpose_daemon.client.top._ROUND_S", 0.1)
+    at = endpoint()
+    file = tmp_path / "zenoh.json5"
+    file.write_text(json.dumps({"connect": {"endpoints": [at]}}))
+    screen, console = screen_of(terminal=False)
+    with daemon(rig("scout"), at):
+        show_all_once([], file, console, threading.Event())
+        show_once("scout", [], console, file)
+    assert "1 rig: 1 exposing" in screen.text
+    assert "autoexpose scout, belief" in screen.text
+
+
+@pytest.mark.wire
+def test_messages_that_are_no_statuses_are_passed_over() -> None:
+    at = endpoint()
+    with open_session("peer", Endpoints(listen=[at])) as stranger, FleetClient([at]) as client:
+        wait_until(lambda: not client.unanswered, "a connection")
+        said = rig("scout").to_json()
+
+        def spoken() -> bool:
+            for key, text in (("scout", ""), ("scout", "{}"), ("1st", said), ("mule", said), ("big", " " * (2 << 20))):
+                stranger.put(status_key(key), text)
+            stranger.put("**", said)  # arrives under this key
+            stranger.put(status_key("scout"), said)
+            return client.heard.is_set()
+
+        wait_until(spoken, "the one that is valid")
+        assert set(conditions(client, 0.0)) == {"scout"}
+
+
+@pytest.mark.wire
+def test_a_router_may_allow_statuses_alone(tmp_path: Path) -> None:
+    """As docs/fleets.md shows."""
+    (rules,) = re.findall(r"```\w*\n(// from the router's file.*?)```", FLEETS.read_text(), re.DOTALL)
+    far, near = endpoint(), endpoint()
+    quiet = json.dumps({"mode": "router", "listen": {"endpoints": [far]}, "scouting": QUIET})
+    file = tmp_path / "router.json5"
+    file.write_text(f"{quiet[:-1]},\n{rules}}}")
+    with (
+        router(file),
+        robot(rig("scout"), near, far),
+        FleetClient([far]) as client,
+        StatusClient("scout", [far]) as one,
+    ):
+        wait_until(client.heard.is_set, "a rig")
+        assert one.wait(PATIENCE_S) is not None
+
+
+@pytest.mark.wire
+def test_a_router_that_goes_and_comes_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is on the robot goes on meanwhile."""
+    monkeypatch.setattr("autoexpose_daemon.client.top.FleetClient", lambda *args: FleetClient(*args, SILENT_S))
+    far, near, other = endpoint(), endpoint(), endpoint()
+    file = router_file(tmp_path, far)
+    screen, console = screen_of()
+    stop = threading.Event()
+    thread = threading.Thread(target=follow_all, args=([far], None, console, stop))
+
+    def shown(text: str) -> None:
+        screen.seek(0)
+        screen.truncate()
+        wait_until(lambda: text in screen.text, text)
+
+    with (
+        robot(rig("scout"), near, far),
+        robot(rig("mule", State.DEGRADED, "no triggers"), other, far),
+        StatusClient("scout", [near]) as on_board,
+    ):
+        thread.start()
+        try:
+            shown(f"no answer from {far}")
+            with router(file):
+                shown("2 rigs: 1 degraded, 1 exposing")
+            shown("2 rigs: 2 silent")
+            shown("degraded before: no triggers")
+            assert on_board.wait(PATIENCE_S) is not None
+            with router(file):
+                shown("2 rigs: 1 degraded, 1 exposing")
+        finally:
+            stop.set()
+            thread.join()

@@ -16,11 +16,9 @@ import pytest
 from rich.console import Console
 
 from autoexpose_daemon.config.document import Config
-from autoexpose_daemon.doctor.examine import as_json, judge, show
-from autoexpose_daemon.doctor.facts import Facts, GigeFacts
-from autoexpose_daemon.doctor.judge_configuration import judge_policy
-from autoexpose_daemon.doctor.judge_gige import judge_gige
-from autoexpose_daemon.doctor.need import Diagnosis, Need, Severity
+from autoexpose_daemon.doctor.examine import as_json, judge, judge_policy, show
+from autoexpose_daemon.doctor.facts import Diagnosis, Facts, GigeFacts, Need, Severity
+from autoexpose_daemon.doctor.judge import judge_gige
 from drivers.genicam import link_share
 from drivers.host.network import SOCKET_BUFFER_BYTES, Control, GigeCamera, NetworkInterface
 from drivers.host.usb import DeviceNode, Process, UsbCamera, UsbFacts, find_usb
@@ -335,7 +333,7 @@ from autoexpose_daemon.{} import {}
 
 
 def test_without_the_c_extension_it_says_so_and_goes_on() -> None:
-    program = WITHOUT_EXTENSION.format("doctor.judge_configuration", "judge_policy") + (
+    program = WITHOUT_EXTENSION.format("doctor.examine", "judge_policy") + (
         "from autoexpose_daemon.config.document import Config\n"
         "for finding in judge_policy(Config.model_validate({'cameras': {'left': {'serial': 'A'}}})):\n"
         "    print(finding.check, finding.severity, finding.sentence)"

@@ -1,8 +1,7 @@
-"""Messages as rosbags itself reads them, and read back."""
+"""Messages as rosbags itself reads them, and read back; keys of messages from anyone."""
 
 from __future__ import annotations
 
-import contextlib
 import math
 import time
 from dataclasses import replace
@@ -14,16 +13,22 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from autoexpose_daemon.control.decision import Decision
-from autoexpose_daemon.messages.read import (
+from autoexpose_daemon.messages.frames import (
+    LAST_STAMP_NS,
+    TOPICS,
     DamagedMessageError,
+    Message,
+    MessageWriter,
     ReceivedImage,
+    Stamp,
     decision_of,
     frame_of,
     read_exposure_info,
     read_image,
+    realtime_offset_ns,
 )
+from autoexpose_daemon.messages.keys import frame_key, last_but, side_of
 from autoexpose_daemon.messages.types import EXPOSURE_INFO, TYPESTORE, definition
-from autoexpose_daemon.messages.write import LAST_STAMP_NS, TOPICS, Message, MessageWriter, Stamp, realtime_offset_ns
 from imaging.exposure import ExposureSetting
 from imaging.frames import Frame, Side, StereoPair
 from imaging.geometry import CameraGeometry
@@ -184,14 +189,6 @@ def test_the_offset_of_the_clocks_leads_to_the_time_of_day() -> None:
     assert before_ns - 1_000_000 <= by_offset_ns <= time.time_ns() + 1_000_000
 
 
-@given(st.binary(max_size=200), st.booleans())
-def test_bytes_that_are_no_message_are_refused(data: bytes, behind_a_header: bool) -> None:
-    data = b"\0\1\0\0" + data if behind_a_header else data
-    for read in (read_image, read_exposure_info):
-        with contextlib.suppress(DamagedMessageError):
-            read(data)
-
-
 @given(st.integers(0, 200))
 def test_a_truncated_message_is_refused(length: int) -> None:
     messages = written(StereoPair(1, {"left": frame(), "right": frame()}))
@@ -225,3 +222,13 @@ def test_only_what_is_wanted_is_made() -> None:
     wanted: set[tuple[Side, str]] = {("left", "exposure"), ("right", "image")}
     made = MessageWriter("robot", 2).messages(pair, None, 0, 0, wanted)
     assert [(message.side, message.topic) for message in made] == [("left", "exposure"), ("right", "image")]
+
+
+@pytest.mark.parametrize(("parts", "name"), [(0, "image"), (1, "left"), (3, "autoexpose"), (4, "")])
+def test_a_part_of_a_key_is_counted_from_its_end(parts: int, name: str) -> None:
+    assert last_but(frame_key("rig", "left", "image"), parts) == name
+
+
+@pytest.mark.parametrize("key", ["**", "*/**", "autoexpose/**", "**/response"])
+def test_a_key_that_is_sent_to_all_names_no_camera(key: str) -> None:
+    assert side_of(key) is None

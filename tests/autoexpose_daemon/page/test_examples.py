@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 import yaml
 
-from autoexpose_daemon.client.fleet import TOO_MANY_LOST
+from autoexpose_daemon.client.status_client import TOO_MANY_LOST
 from tests import REPOSITORY
 from tests.autoexpose_daemon.page.test_metrics import families
 from tests.autoexpose_daemon.statuses import EXPOSING

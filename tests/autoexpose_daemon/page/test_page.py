@@ -1,4 +1,4 @@
-"""The page as an operator meets it: in a browser, fed by a made-up daemon over real zenoh."""
+"""The page as an operator meets it: in a browser, fed over real zenoh by a daemon made up or on scripted cameras."""
 
 from __future__ import annotations
 
@@ -8,11 +8,13 @@ import math
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Future
 from dataclasses import replace
-from pathlib import Path
+from typing import Any
 
+import cv2
+import numpy as np
 import pytest
 from websockets.sync.client import connect
 
@@ -27,12 +29,14 @@ from autoexpose_daemon.page.pair_views import MOST_VIEWERS
 from autoexpose_daemon.publish.publisher import Publisher
 from autoexpose_daemon.status.document import CameraStatus, DurationStatus, Fault, PublishStatus, RecorderStatus, Status
 from autoexpose_daemon.status.states import State
+from imaging.frames import StereoPair
 from imaging.response import ResponseFunction
 from tests.autoexpose_daemon.grounds import GROUNDS
 from tests.autoexpose_daemon.messages.registered_view import registered_view
 from tests.autoexpose_daemon.page.browser import SHRUNK, Tab, browser
 from tests.autoexpose_daemon.page.server import PageProcess, running_page
 from tests.autoexpose_daemon.publish.steps import DECISION, endpoint, nothing, pair, publishing, wait_until
+from tests.autoexpose_daemon.scripted import scripted_daemon
 from tests.autoexpose_daemon.statuses import EXPOSING
 
 pytestmark = [pytest.mark.wire, pytest.mark.needs("chromium")]
@@ -272,23 +276,57 @@ serve("rig", ["{at}"], "127.0.0.1", 0, None)
     assert (stopped.returncode, "Traceback" in stopped.stderr) == (0, False)
 
 
-def test_an_operator_logs_in(tab: Tab, at: str, tmp_path: Path) -> None:
-    token_file = tmp_path / "token"
-    token_file.write_text("correct horse battery staple")
-    with running_page("--connect", at, "--token-file", str(token_file)) as page:
-        tab.open(page.url)
-        for token, answer in (
-            ("guess", "location.search === '?wrong'"),
-            (token_file.read_text(), f"{STATE} !== undefined"),
-        ):
-            tab.value(f"document.getElementById('token').value = {token!r}")
-            tab.value("setTimeout(() => document.querySelector('button').click())")  # once this is answered
-            tab.wait_for(f"document.readyState === 'complete' && {answer}", f"the answer to {token}")
-        tab.wait_for(f"{STATE} === 'waiting'", "the page")
-        assert tab.complaints == []
-
-
 def test_the_browser_would_tell_a_broken_page(tab: Tab) -> None:
     tab.open("data:text/html,<script>nothing()</script>")
     assert "nothing is not defined" in "".join(tab.complaints)
     tab.complaints.clear()
+
+
+SHAPE = (27, 36)
+
+
+def test_what_is_shown_is_what_was_published(tab: Tab, page: PageProcess, at: str) -> None:
+    with scripted_daemon(control={"policy": "neves2009"}, publish={"listen": [at]}) as (_, _, seen):
+        tab.open(page.url)
+        tab.wait_for(f"{STATE} === 'exposing' && !document.querySelector('.stale')", "pictures")
+        tab.wait_for("document.getElementById('curve-words').innerText !== ''", "a prediction curve")
+        compare(tab, seen)
+        for canvas in ("#curve", ".lane canvas"):
+            assert len(set(tab.value(f"{SHRUNK}('{canvas}', 40, 20)"))) > 5
+        assert tab.complaints == []
+        assert page.stop() == 0
+        assert "Traceback" not in page.log
+
+
+def compare(tab: Tab, run: Sequence[tuple[StereoPair, Decision | None]]) -> None:
+    """A pair on the page, picture and numbers, with that of control; one that was decided on, while there is light."""
+    seen: dict[int, Any] = {}
+    while (shown := look(tab))["trigger"] not in seen:
+        decided = [(pair, decision) for pair, decision in list(run) if decision is not None]
+        seen = {pair.trigger: (pair, decision) for pair, decision in decided if pair.reference.pixels.std() > 10}
+    pair, decision = seen[shown["trigger"]]
+    for words in (f"metric {decision.metric:.4f}", f"level {decision.level:.2f} stops"):
+        assert words in shown["decision"]
+    assert decision.reason in shown["decision"]
+    assert f"metric {decision.metric:.4f}" in shown["left"]
+    for side, frame in (("left", pair.frames["left"]), ("right", pair.frames["right"])):
+        assert f"gain {frame.setting.gain_db:.1f} dB" in shown[side]
+        taken = cv2.resize(frame.pixels, SHAPE[::-1], interpolation=cv2.INTER_AREA).ravel()
+        drawn = np.array(shown[f"{side} pixels"])
+        assert np.corrcoef(taken, drawn)[0, 1] > 0.9
+
+
+def look(tab: Tab) -> dict[str, Any]:
+    """What the page shows of one pair, at one moment."""
+    height, width = SHAPE
+    expression = f"""(() => {{
+      const words = (selector) => document.querySelector(selector).innerText.replaceAll("\\n", " ");
+      const shown = {{ trigger: Number(document.body.dataset.trigger), decision: words("#decision") }};
+      for (const side of ["left", "right"]) {{
+        shown[side] = words(`#${{side}} figcaption`);
+        shown[`${{side}} pixels`] = {SHRUNK}(`#${{side}} canvas`, {width}, {height});
+      }}
+      return shown;
+    }})()"""
+    shown: dict[str, Any] = tab.value(expression)
+    return shown

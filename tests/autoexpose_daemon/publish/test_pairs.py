@@ -14,8 +14,7 @@ from hypothesis import strategies as st
 from autoexpose_daemon.client import StereoClient, pairs
 from autoexpose_daemon.client.pairs import PairAssembler, PairQueue, ReceivedPair
 from autoexpose_daemon.messages.client import ConsumerTally
-from autoexpose_daemon.messages.read import DamagedMessageError
-from autoexpose_daemon.messages.write import Message, MessageWriter, moment_ns
+from autoexpose_daemon.messages.frames import DamagedMessageError, Message, MessageWriter, moment_ns
 from imaging.exposure import ExposureSetting
 from imaging.frames import SIDES, Frame, Side, StereoPair
 from tests.autoexpose_daemon.publish.steps import DECISION, SETTING
@@ -204,10 +203,3 @@ def test_parts_that_never_become_whole_do_not_pile_up() -> None:
     for number in range(1, 1000):
         receiver.receive(messages(number)[-1])
     assert len(receiver.assembler._parts) <= 64
-
-
-@given(st.binary(max_size=100))
-def test_damaged_messages_are_refused(data: bytes) -> None:
-    receiver = Receiver()
-    with pytest.raises(DamagedMessageError):
-        receiver.assembler.image("left", data, 0)

@@ -415,7 +415,7 @@ def test_every_layout_is_read_back_to_the_bit_and_replayed(tmp_path: Path, row: 
 
 def test_deep_pixels_of_former_recordings_are_in_the_low_bits(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     new = record(tmp_path / "new.mcap", VirtualRun(bits=12), 4)
-    monkeypatch.setattr("autoexpose_daemon.messages.write.to_full_scale", lambda _depth: 0)
+    monkeypatch.setattr("autoexpose_daemon.messages.frames.to_full_scale", lambda _depth: 0)
     monkeypatch.setattr("autoexpose_daemon.recording.file.FULL_SCALE", {})
     monkeypatch.setattr("autoexpose_daemon.recording.rosbag2.profiles", lambda _qos: "")
     old = record(tmp_path / "old.mcap", VirtualRun(bits=12), 4)

@@ -1,4 +1,4 @@
-"""`autoexpose ros2` as a process, met by another participant of DDS and by a daemon's messages."""
+"""`autoexpose ros2` as a process, met by another participant of DDS; types that it and rosbags read alike."""
 
 from __future__ import annotations
 
@@ -10,9 +10,11 @@ from collections.abc import Iterator
 from random import SystemRandom
 from typing import Any
 
+import numpy as np
 import pytest
 from cyclonedds.core import Policy, Qos
 from cyclonedds.domain import DomainParticipant
+from cyclonedds.idl import IdlStruct
 from cyclonedds.pub import DataWriter
 from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
@@ -21,11 +23,21 @@ from rosbags.typesys import Stores, get_typestore
 
 from autoexpose_daemon.config.document import PublishConfig
 from autoexpose_daemon.messages.keys import LAST_ROS2_DOMAIN, frame_key
-from autoexpose_daemon.messages.types import BOOL, DIAGNOSTICS, EXPOSURE_INFO, IMAGE, STRING, TYPESTORE
+from autoexpose_daemon.messages.types import (
+    BOOL,
+    CAMERA_INFO,
+    DIAGNOSTICS,
+    EXPOSURE_INFO,
+    FLOAT64,
+    IMAGE,
+    ODOMETRY,
+    STRING,
+    TRACKED_CELLS,
+    TYPESTORE,
+)
 from autoexpose_daemon.publish.session import Endpoints, open_session
 from autoexpose_daemon.ros2.domain import Domain
-from autoexpose_daemon.ros2.idl import dds_type
-from autoexpose_daemon.ros2.node import Node
+from autoexpose_daemon.ros2.node import Node, dds_type
 from tests.autoexpose_daemon.publish.steps import PATIENCE_S, endpoint, publishing, wait_until
 from tests.autoexpose_daemon.scripted import scripted_daemon
 from tests.autoexpose_daemon.service.service_process import AUTOEXPOSE
@@ -191,3 +203,44 @@ def test_requests_are_passed_on_and_answered(participant: DomainParticipant) -> 
         assert daemon.telemetry.requests.locked is not None
         policy.write(dds_type(STRING, TYPESTORE)(data="best"))
         assert first(answers).data.startswith("nothing has changed: ")
+
+
+def filled(kind: Any) -> Any:
+    """A message with other content in each field, of rosbags' classes."""
+    name, of = kind
+    if name.name == "NAME":
+        return TYPESTORE.types[of](*(filled(field) for _, field in TYPESTORE.fielddefs[of][1]))
+    if name.name == "BASE":
+        return "words" if of[0] == "string" else of[0] == "bool" or 7
+    (inner, what), count = of
+    if inner.name == "BASE" and what[0] != "string":
+        return np.arange(count or 5).astype({"char": "uint8", "byte": "uint8"}.get(what[0], what[0]))
+    return [filled((inner, what)) for _ in range(count or 2)]
+
+
+def plain(value: Any) -> Any:
+    """A message of either kind as lists and numbers."""
+    if isinstance(value, IdlStruct):
+        return [plain(getattr(value, name)) for name in type(value).__annotations__]
+    if hasattr(value, "__msgtype__"):
+        return [plain(getattr(value, name)) for name, _ in TYPESTORE.fielddefs[value.__msgtype__][1]]
+    if isinstance(value, np.ndarray | list | tuple | bytes):
+        return [plain(each) for each in value]
+    return value
+
+
+@pytest.mark.parametrize(
+    "name", [IMAGE, CAMERA_INFO, EXPOSURE_INFO, DIAGNOSTICS, ODOMETRY, TRACKED_CELLS, BOOL, FLOAT64, STRING]
+)
+def test_messages_have_the_same_bytes_for_cyclone(name: str) -> None:
+    message = filled((type("", (), {"name": "NAME"}), name))
+    cdr = bytes(TYPESTORE.serialize_cdr(message, name))
+    read = dds_type(name, TYPESTORE).deserialize(cdr)
+    assert plain(read) == plain(message)
+    written = read.serialize(use_version_2=False)
+    assert written.rstrip(b"\0") == cdr.rstrip(b"\0")
+
+
+def test_a_type_is_made_once() -> None:
+    assert dds_type(IMAGE, TYPESTORE) is dds_type(IMAGE, TYPESTORE)
+    assert dds_type(IMAGE, TYPESTORE).__idl__.idl_transformed_typename == "sensor_msgs::msg::dds_::Image_"

@@ -14,9 +14,8 @@ import pytest
 from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.control.step import ControlStep
 from autoexpose_daemon.runtime.daemon import Daemon
-from autoexpose_daemon.service.announcer import Announcer
 from autoexpose_daemon.service.notify import Notifier
-from autoexpose_daemon.service.service import Service
+from autoexpose_daemon.service.service import Announcer, Service
 from autoexpose_daemon.status.document import Status
 from autoexpose_daemon.status.states import State
 from drivers.camera import Camera

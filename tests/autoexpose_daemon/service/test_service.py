@@ -89,7 +89,7 @@ def _open(camera: TriggeredCamera, wanted: Config) -> Camera:
 
 @pytest.fixture
 def running(caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch) -> Iterator[RunningService]:
-    monkeypatch.setattr("autoexpose_daemon.service.announcer._STATUS_PERIOD_S", 0.1)
+    monkeypatch.setattr("autoexpose_daemon.service.service._STATUS_PERIOD_S", 0.1)
     monkeypatch.setattr("autoexpose_daemon.service.service._TURN_S", 0.05)
     caplog.set_level("INFO")
     with service_manager(lambda: caplog.text) as (manager, address), ScriptedRig() as rig:

@@ -11,7 +11,7 @@ import pytest
 from rich.console import Console
 
 from autoexpose_daemon.config.document import Config
-from autoexpose_daemon.page.live import tables
+from autoexpose_daemon.page.app import tables
 from autoexpose_daemon.page.metrics import exposition
 from autoexpose_daemon.status.counters import Counts, counters
 from autoexpose_daemon.status.describe import describe
