@@ -8,8 +8,7 @@ from itertools import groupby
 
 from autoexpose_daemon.doctor.facts import GigeFacts
 from autoexpose_daemon.doctor.need import Diagnosis, Need
-from drivers.genicam.link_share import bytes_per_s, packets_of
-from drivers.host.network import SOCKET_BUFFER_BYTES, Control, GigeCamera, NetworkInterface
+from drivers.host.network import SOCKET_BUFFER_BYTES, Control, GigeCamera, NetworkInterface, bytes_per_s, packets_of
 
 JUMBO_BYTES = 8000
 """From this MTU on, a frame takes few enough packets; not all cards and cameras reach 9000."""

@@ -6,8 +6,7 @@ from collections.abc import Iterator, Sequence
 from itertools import groupby
 
 from autoexpose_daemon.doctor.need import Diagnosis, Need
-from drivers.genicam.link_share import USB3_MBPS, usb_bytes_per_s
-from drivers.host.usb import UsbCamera, UsbFacts
+from drivers.host.usb import USB3_MBPS, UsbCamera, UsbFacts, usb_bytes_per_s
 
 USBFS_MEMORY_MB = 1000
 """Room for the transfers of any two cameras; the kernel's own limit of 16 MB is too small for them."""

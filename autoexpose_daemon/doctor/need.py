@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from autoexpose_daemon.config.document import Config, TriggerConfig
-from drivers.genicam.link_share import needed_bytes_per_s
+from drivers.host.network import needed_bytes_per_s
 from drivers.setup import FeatureSetting
 from imaging.frames import Side
 from imaging.pixels import PixelFormat

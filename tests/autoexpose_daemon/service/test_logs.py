@@ -13,8 +13,8 @@ import pytest
 from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.runtime.rig_control import RigControl
 from drivers.log_throttle import LogThrottle
+from drivers.rig import Rig
 from drivers.rig.events import CameraSilent
-from drivers.rig.rig import Rig
 from tests.drivers.rig.test_rig import ScriptedCamera
 
 ENDING = [sys.executable, "-c", "from autoexpose_daemon.cli import main; main()", "run", "-c", "/none.yaml"]
