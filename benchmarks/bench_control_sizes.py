@@ -22,7 +22,7 @@ from autoexpose_daemon.control.picture.image import ImagePreparation
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from autoexpose_daemon.demo.options import SIZES
 from autoexpose_daemon.demo.reference_step import ReferenceStep, synthetic_frames
-from drivers.host.linux import share_one_heap
+from drivers.host import share_one_heap
 from imaging.exposure import ExposureLimits, ExposureSetting
 from imaging.frames import Frame, StereoPair
 from imaging.pixels import PIXEL_FORMATS, SAMPLES, PixelFormat, Pixels

@@ -26,7 +26,8 @@ from typing import Any, Literal, get_args
 from autoexpose_daemon.demo.options import SIZES, Transport
 from autoexpose_daemon.demo.reference_step import reference_step_ms
 from autoexpose_daemon.demo.show import cores
-from drivers.genicam.link_share import USB3_MBPS, bytes_per_s, needed_bytes_per_s, usb_bytes_per_s
+from drivers.host.network import bytes_per_s, needed_bytes_per_s
+from drivers.host.usb import USB3_MBPS, usb_bytes_per_s
 from imaging.pixels import PIXEL_FORMATS, PixelFormat
 
 TRIAL = Path(__file__).with_name("sizes_trial.py")

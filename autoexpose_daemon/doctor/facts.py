@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Literal
 
 from autoexpose_daemon.config.document import Config, TriggerConfig
-from drivers.genicam.link_share import needed_bytes_per_s
 from drivers.host import stream_filter
 from drivers.host.network import (
     Control,
@@ -18,6 +17,7 @@ from drivers.host.network import (
     control_of,
     find_interfaces,
     largest_socket_buffer_bytes,
+    needed_bytes_per_s,
     ptp_status_of,
     search,
     streamed_packet_bytes,

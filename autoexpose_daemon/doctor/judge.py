@@ -7,9 +7,8 @@ from ipaddress import IPv4Interface
 from itertools import groupby
 
 from autoexpose_daemon.doctor.facts import Diagnosis, GigeFacts, Need
-from drivers.genicam.link_share import USB3_MBPS, bytes_per_s, packets_of, usb_bytes_per_s
-from drivers.host.network import SOCKET_BUFFER_BYTES, Control, GigeCamera, NetworkInterface
-from drivers.host.usb import UsbCamera, UsbFacts
+from drivers.host.network import SOCKET_BUFFER_BYTES, Control, GigeCamera, NetworkInterface, bytes_per_s, packets_of
+from drivers.host.usb import USB3_MBPS, UsbCamera, UsbFacts, usb_bytes_per_s
 
 USBFS_MEMORY_MB = 1000
 """Room for the transfers of any two cameras; the kernel's own limit of 16 MB is too small for them."""

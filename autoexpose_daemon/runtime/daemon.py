@@ -25,9 +25,9 @@ from autoexpose_daemon.runtime.rig_control import Outlet, RigControl
 from autoexpose_daemon.runtime.setup import Tuning
 from autoexpose_daemon.status.inputs import Answer
 from drivers.camera import Camera
-from drivers.host.linux import come_first, share_one_heap
+from drivers.host import come_first, share_one_heap
+from drivers.rig import Rig
 from drivers.rig.events import RigEvent
-from drivers.rig.rig import Rig
 from drivers.triggers.outcomes import Tally
 from imaging.errors import ConfigurationError
 from imaging.exposure import ExposureSetting

@@ -20,8 +20,8 @@ from autoexpose_daemon.status.inputs import Answer
 from autoexpose_daemon.status.telemetry import Telemetry
 from drivers.rig.events import CameraReady, RigEvent, WriteFailed, Written
 from drivers.rig.supervision import Slots
+from drivers.triggers import RigRecord
 from drivers.triggers.host import HostTriggers, PtpTriggers, ReadoutTimes, SoftwareTriggers
-from drivers.triggers.record import RigRecord
 from imaging.exposure import ExposureSetting
 from imaging.frames import Side, StereoPair
 

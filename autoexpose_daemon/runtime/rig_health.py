@@ -24,9 +24,9 @@ from drivers.rig.events import (
     WriteFailed,
     Written,
 )
+from drivers.triggers import RigRecord
 from drivers.triggers.host import HostTriggers
 from drivers.triggers.rate import HOST_RATE_TOLERANCE, RATE_TOLERANCE, RateWatch
-from drivers.triggers.record import RigRecord
 from drivers.triggers.writes import EffectWatch
 from imaging.errors import AutoexposeError
 from imaging.frames import ClockTrouble, Frame, Side, StereoPair

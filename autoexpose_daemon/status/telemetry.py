@@ -17,8 +17,8 @@ from autoexpose_daemon.status.counters import Counts
 from autoexpose_daemon.status.inputs import ImuTally, LightTally, RequestTally, TrackingTally
 from drivers.camera import PtpState
 from drivers.rig.events import Written
+from drivers.triggers import RigRecord
 from drivers.triggers.outcomes import LossReason
-from drivers.triggers.record import RigRecord
 from drivers.triggers.writes import Command
 from imaging.exposure import ExposureLimits, ExposureSetting
 from imaging.frames import Side, StereoPair

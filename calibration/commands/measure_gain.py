@@ -42,6 +42,7 @@ from calibration.white import (
 )
 from drivers.aravis import open_camera, open_nodes
 from drivers.genicam.image_format import present_format
+from drivers.genicam.nodes import is_number
 from drivers.setup import FeatureSetting, as_list
 from imaging.errors import ConfigurationError
 from imaging.exposure import ExposureLimits, ExposureSetting
@@ -174,12 +175,12 @@ def _bounds(mode: CameraMode) -> dict[str, tuple[float, float]]:
                 "its Bayer formats, or RGB8, with --pixel-format or image.pixel_format"
             )
         offered = [colour for colour in COLOURS if colour in nodes.entries(SELECTOR)]
-        if not nodes.is_float(RATIO) or not {"Red", "Blue"} <= set(offered):
+        if not is_number(nodes, RATIO, "float") or not {"Red", "Blue"} <= set(offered):
             raise ConfigurationError(
                 f"camera {serial}: it has no {RATIO} for red and blue, so it sends its colours as they are: "
                 "balance them where they are used; the daemon does not"
             )
-        return dict.fromkeys(offered, nodes.float_bounds(RATIO))
+        return dict.fromkeys(offered, nodes.bounds(RATIO))
 
 
 def _look(mode: CameraMode, ratios: Mapping[str, float], response: ResponseFunction, box: Box | None) -> GreySurface:

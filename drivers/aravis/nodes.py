@@ -1,18 +1,31 @@
-"""The nodes of an Aravis device, with its errors translated into ours."""
+"""Aravis through GObject introspection, in the only file that imports `gi`, and the nodes of its devices."""
 
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import threading
 from collections.abc import Callable, Iterator
 from typing import Any, TypeVar
 
-from drivers.aravis.introspection import Aravis, GLib
+import gi
+
 from drivers.genicam.nodes import Kind
-from imaging.errors import CameraBusyError, CameraError, CameraLostError, NodeError
+from drivers.setup import FeatureValue
+from imaging.errors import AutoexposeError, CameraBusyError, CameraError, CameraLostError, NodeError
+
+try:
+    gi.require_version("Aravis", "0.8")
+except ValueError:
+    _others = ", ".join(gi.Repository.get_default().enumerate_versions("Aravis"))
+    raise AutoexposeError(
+        f"Aravis 0.8 is not installed{f', only {_others}' if _others else ''}: apt install gir1.2-aravis-0.8"
+    ) from None
+from gi.repository import Aravis, GLib
+
+__all__ = ["Aravis", "AravisNodes", "GLib", "is_silence"]
 
 T = TypeVar("T")
-N = TypeVar("N", int, float)
 
 _KINDS: tuple[tuple[Any, Kind], ...] = (
     (Aravis.GcEnumeration, "enumeration"),
@@ -23,6 +36,14 @@ _KINDS: tuple[tuple[Any, Kind], ...] = (
     (Aravis.GcInteger, "integer"),
 )
 """Kinds by interface; enumerations and booleans are integers, too, so these come last."""
+_VALUES: dict[Kind, tuple[type[bool | int | float | str], str]] = {
+    "enumeration": (str, "string"),
+    "boolean": (bool, "boolean"),
+    "float": (float, "float"),
+    "string": (str, "string"),
+    "integer": (int, "integer"),
+}
+"""The type of a kind's values, and what Aravis' functions for them are called by."""
 _SILENCE = (Aravis.DeviceError.TIMEOUT, Aravis.DeviceError.NOT_CONNECTED)
 _LASTING = [
     getattr(Aravis.DeviceError, name)
@@ -34,11 +55,6 @@ _LASTING = [
     if hasattr(Aravis.DeviceError, name)  # 0.8.20 has one for all that a camera answers
 ]  # fmt: skip
 """What the device's own interface or the camera answers for ever; others, such as busy or access denied, pass."""
-
-
-def _ordered(least: N, most: N) -> tuple[N, N]:
-    """Bounds, which Aravis gives the wrong way round for a converter that decreases; 0 is one that it cannot find."""
-    return (most, least) if least > most > 0 else (least, most)
 
 
 def is_silence(error: GLib.Error) -> bool:
@@ -53,17 +69,25 @@ def _lasts(error: GLib.Error) -> bool:
 
 
 class AravisNodes:
-    """The node map of an Aravis device (see `drivers.genicam.nodes.NodeMap`), with its errors translated into ours."""
+    """The node map of an Aravis camera (see `drivers.genicam.nodes.NodeMap`), with its errors translated into ours.
 
-    def __init__(self, device: Any, serial: str) -> None:
-        self._device = device
+    Whatever else needs the camera or its device asks for them here, and keeps neither: after `release` they are gone,
+    whichever tracebacks are kept. A camera that is still referred to stays open, and controlled.
+    """
+
+    def __init__(self, camera: Any, serial: str) -> None:
+        self.camera = camera
+        self.device = camera.get_device()
         self.serial = serial
         self.silent = threading.Event()
-        """Set once a request got no answer: the camera is lost."""
-        device.set_register_cache_policy(Aravis.RegisterCachePolicy.DISABLE)
+        """Set once a request got no answer, or control is lost: the camera is lost."""
+        self.device.set_register_cache_policy(Aravis.RegisterCachePolicy.DISABLE)
         # Bounds are checked here: Aravis 0.8.26 errs where a converter decreases, or is a lookup table.
-        device.set_range_check_policy(Aravis.RangeCheckPolicy.DISABLE)
+        self.device.set_range_check_policy(Aravis.RangeCheckPolicy.DISABLE)
         self._check_writes(True)
+        # The handler runs on a thread of Aravis and must never hold the last reference to the camera, only the event.
+        lost = self.silent
+        self._control_lost = self.device.connect("control-lost", lambda _device: lost.set())
 
     @contextlib.contextmanager
     def unchecked(self) -> Iterator[None]:
@@ -82,25 +106,24 @@ class AravisNodes:
         self._checked = on
         if hasattr(Aravis, "AccessCheckPolicy"):  # not in 0.8.20, where only the camera refuses what is locked
             access = Aravis.AccessCheckPolicy
-            self._device.set_access_check_policy(access.ENABLE if on else access.DISABLE)
+            self.device.set_access_check_policy(access.ENABLE if on else access.DISABLE)
 
     def release(self) -> None:
-        """Drop the device, so that what still refers to these nodes (a traceback) does not keep it open."""
-        self._device = None
+        """Drop the camera, which closes it."""
+        self.device.disconnect(self._control_lost)
+        self.camera = self.device = None
 
     def call(self, action: str, function: Callable[..., T], *arguments: object) -> T:
         """Call into Aravis; `action` completes the sentence "camera S: could not ..."."""
         try:
             return function(*arguments)
         except GLib.Error as error:
-            failure = self._translated(error, action)
+            del function  # a traceback would keep it, and with it the camera
+            raise self._translated(error, action) from None
         except OverflowError:  # of PyGObject
-            failure = NodeError(f"camera {self.serial}: could not {action}: integers go from -2^63 to 2^63 - 1")
-        del function  # it holds the device, and the traceback would hold it
-        try:
-            raise failure
-        finally:
-            del failure  # it would hold this frame, the frame it, and the garbage collector block on a dead camera
+            del function
+            words = f"camera {self.serial}: could not {action}: integers go from -2^63 to 2^63 - 1"
+            raise NodeError(words) from None
 
     def _translated(self, error: GLib.Error, action: str) -> CameraError:
         if is_silence(error):
@@ -114,9 +137,9 @@ class AravisNodes:
         found: dict[str, None] = {}
         categories = ["Root"]
         for category in categories:
-            listed = self._device.get_feature(category)
+            listed = self.device.get_feature(category)
             for name in () if listed is None else listed.get_features():
-                node = self._device.get_feature(name)
+                node = self.device.get_feature(name)
                 if isinstance(node, Aravis.GcCategory) and name not in categories:
                     categories.append(name)
                 elif isinstance(node, Aravis.GcFeatureNode):
@@ -129,7 +152,7 @@ class AravisNodes:
 
     def _is_streamable(self, name: str) -> bool:
         # Aravis 0.8.26 keeps the mark to itself, and gives the description as text without a terminator.
-        part = self._device.get_feature(name).get_first_child()
+        part = self.device.get_feature(name).get_first_child()
         while part is not None:
             if part.get_node_name() == "Streamable":
                 return bool(part.get_string() == "Yes")
@@ -138,133 +161,104 @@ class AravisNodes:
 
     def kind(self, name: str) -> Kind | None:
         """What kind of feature it is."""
-        node = self._device.get_feature(name)
+        node = self.device.get_feature(name)
         return next((kind for interface, kind in _KINDS if isinstance(node, interface)), None)
 
     def writable(self, name: str) -> bool:
         """Whether the feature is available, and neither read-only nor locked at present."""
-        node = self._device.get_feature(name)
+        node = self.device.get_feature(name)
         if not self.available(name) or node.get_actual_access_mode() == Aravis.GcAccessMode.RO:
             return False
         return not self.call(f"ask whether {name} is locked", node.is_locked)
 
     def selected(self, name: str) -> tuple[str, ...]:
         """The features whose values depend on this one."""
-        node = self._device.get_feature(name)
+        node = self.device.get_feature(name)
         if not isinstance(node, Aravis.GcSelector):
             return ()
         return tuple(feature.get_name() for feature in node.get_selected_features())
 
     def exists(self, name: str) -> bool:
         """Whether the camera's description has this feature."""
-        return self._device.get_feature(name) is not None
+        return self.device.get_feature(name) is not None
 
     def available(self, name: str) -> bool:
         """Whether the camera has this feature and currently offers it."""
-        node = self._device.get_feature(name)
+        node = self.device.get_feature(name)
         if node is None or isinstance(node, Aravis.GcCategory):
             return False
-        return bool(self.call(f"look for {name}", self._device.is_feature_available, name))
-
-    def is_float(self, name: str) -> bool:
-        """Whether the feature is available and holds a floating-point number."""
-        return isinstance(self._device.get_feature(name), Aravis.GcFloat) and self.available(name)
-
-    def is_integer(self, name: str) -> bool:
-        """Whether the feature is available and holds an integer, not an enumeration or boolean."""
-        node = self._device.get_feature(name)
-        if isinstance(node, Aravis.GcEnumeration | Aravis.GcBoolean | Aravis.GcFloat):
-            return False
-        return isinstance(node, Aravis.GcInteger) and self.available(name)
+        return bool(self.call(f"look for {name}", self.device.is_feature_available, name))
 
     def unit(self, name: str) -> str | None:
         """The unit that a number declares."""
-        return self._device.get_feature(name).get_unit() or None
+        return self.device.get_feature(name).get_unit() or None
 
     def entries(self, name: str) -> tuple[str, ...]:
         """The entries that an enumeration currently offers."""
-        if not isinstance(self._device.get_feature(name), Aravis.GcEnumeration) or not self.available(name):
+        if not isinstance(self.device.get_feature(name), Aravis.GcEnumeration) or not self.available(name):
             return ()
-        names = self._device.dup_available_enumeration_feature_values_as_strings
+        names = self.device.dup_available_enumeration_feature_values_as_strings
         return tuple(self.call(f"list the entries of {name}", names, name))
 
-    def float_bounds(self, name: str) -> tuple[float, float]:
-        """Least and greatest value."""
-        bounds = self.call(f"read the bounds of {name}", self._device.get_float_feature_bounds, name)
-        return _ordered(bounds.min, bounds.max)
+    def bounds(self, name: str) -> tuple[float, float]:
+        """Least and greatest value; Aravis turns them round for a converter that decreases; 0 is one it cannot find."""
+        called = "integer" if self.kind(name) == "integer" else "float"
+        read = f"get_{called}_feature_bounds"
+        bounds = self.call(f"read the bounds of {name}", getattr(self.device, read), name)
+        return (bounds.max, bounds.min) if bounds.min > bounds.max > 0 else (bounds.min, bounds.max)
 
-    def float_increment(self, name: str) -> float:
+    def increment(self, name: str) -> float:
         """The declared increment; without one Aravis gives an error, or the smallest positive float."""
         try:
-            increment: float = self._device.get_float_feature_increment(name)
+            if self.kind(name) == "integer":
+                return int(self.device.get_integer_feature_increment(name))
+            increment = float(self.device.get_float_feature_increment(name))
         except GLib.Error as error:
             if error.matches(Aravis.gc_error_quark(), Aravis.GcError.PROPERTY_NOT_DEFINED):
                 return 0.0
             raise self._translated(error, f"read the increment of {name}") from None
         return increment if increment > 1e-9 else 0.0
 
-    def integer_bounds(self, name: str) -> tuple[int, int]:
-        """Least and greatest value."""
-        bounds = self.call(f"read the bounds of {name}", self._device.get_integer_feature_bounds, name)
-        return _ordered(bounds.min, bounds.max)
+    def _value(self, name: str) -> tuple[Kind, type[bool | int | float | str], str]:
+        """Kind and type of a feature's values, and what Aravis calls them; NodeError if it holds none."""
+        kind = self.kind(name)
+        if kind is None or kind not in _VALUES:
+            raise NodeError(f"camera {self.serial}: {name} holds no value")
+        return kind, *_VALUES[kind]
 
-    def integer_increment(self, name: str) -> int:
-        """The declared increment."""
-        return int(self.call(f"read the increment of {name}", self._device.get_integer_feature_increment, name))
-
-    def read_float(self, name: str) -> float:
-        """Value of a floating-point feature."""
-        return float(self.call(f"read {name}", self._device.get_float_feature_value, name))
-
-    def write_float(self, name: str, value: float) -> None:
-        """Write a floating-point feature."""
-        if self._checked:
-            self._check(name, value, self.float_bounds(name))
-        self.call(f"set {name} to {value:g}", self._device.set_float_feature_value, name, value)
-
-    def _check(self, name: str, value: float, bounds: tuple[float, float]) -> None:
-        if value < bounds[0] or value > bounds[1]:
-            raise NodeError(
-                f"camera {self.serial}: could not set {name} to {value}: it takes {bounds[0]:.10g} to {bounds[1]:.10g}"
-            )
-
-    def read_integer(self, name: str) -> int:
-        """Value of an integer feature."""
-        return int(self.call(f"read {name}", self._device.get_integer_feature_value, name))
-
-    def write_integer(self, name: str, value: int) -> None:
-        """Write an integer feature."""
-        if self._checked:
-            self._check(name, value, self.integer_bounds(name))
-        self.call(f"set {name} to {value}", self._device.set_integer_feature_value, name, value)
-
-    def read_boolean(self, name: str) -> bool:
-        """Value of a boolean feature."""
-        return bool(self.call(f"read {name}", self._device.get_boolean_feature_value, name))
-
-    def write_boolean(self, name: str, value: bool) -> None:
-        """Write a boolean feature."""
-        self.call(f"set {name} to {value}", self._device.set_boolean_feature_value, name, value)
-
-    def read_entry(self, name: str) -> str:
-        """The current entry of an enumeration."""
-        return str(self.call(f"read {name}", self._device.get_string_feature_value, name) or "")
-
-    def write_entry(self, name: str, entry: str) -> None:
-        """Choose an entry of an enumeration."""
-        self.call(f"set {name} to {entry}", self._device.set_string_feature_value, name, entry)
-
-    def read_string(self, name: str) -> str:
-        """Value of a text feature."""
+    def read(self, name: str) -> FeatureValue:
+        """Value of a feature, of its kind."""
+        _, type_, called = self._value(name)
         try:
-            return str(self.call(f"read {name}", self._device.get_string_feature_value, name) or "")
+            value = self.call(f"read {name}", getattr(self.device, f"get_{called}_feature_value"), name)
         except UnicodeDecodeError:
             raise NodeError(f"camera {self.serial}: {name} is not UTF-8 text") from None
+        return str(value or "") if type_ is str else type_(value)
 
-    def write_string(self, name: str, value: str) -> None:
-        """Write a text feature."""
-        self.call(f"set {name} to {value!r}", self._device.set_string_feature_value, name, value)
+    def write(self, name: str, value: FeatureValue) -> None:
+        """Write a value of the feature's kind."""
+        kind, type_, called = self._value(name)
+        value = type_(value)
+        if self._checked and kind in ("float", "integer"):
+            low, high = self.bounds(name)
+            if float(value) < low or float(value) > high:
+                takes = f"it takes {low:.10g} to {high:.10g}"
+                raise NodeError(f"camera {self.serial}: could not set {name} to {value}: {takes}")
+        shown = f"{value:g}" if isinstance(value, float) else repr(value) if kind == "string" else value
+        self.call(f"set {name} to {shown}", getattr(self.device, f"set_{called}_feature_value"), name, value)
 
     def execute(self, name: str) -> None:
         """Execute a command feature."""
-        self.call(f"execute {name}", self._device.execute_command, name)
+        self.call(f"execute {name}", self.device.execute_command, name)
+
+    def description_xml(self) -> str:
+        """The camera's GenICam description.
+
+        Aravis 0.8.26 gives it with its length and no terminator, but PyGObject takes it for terminated text, and reads
+        whatever memory follows, so it is read without PyGObject.
+        """
+        function = ctypes.CDLL("libaravis-0.8.so.0").arv_device_get_genicam_xml
+        function.restype, function.argtypes = ctypes.c_void_p, [ctypes.c_void_p, ctypes.POINTER(ctypes.c_size_t)]
+        size = ctypes.c_size_t()
+        text = function(hash(self.device), ctypes.byref(size))  # PyGObject's hash is the address
+        return ctypes.string_at(text, size.value).decode("utf-8", "replace") if text else ""

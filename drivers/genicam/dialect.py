@@ -160,7 +160,7 @@ def switch_auto_off(nodes: NodeMap) -> None:
     modes = offered(nodes, "ExposureMode")
     if "Timed" in modes:
         hold(nodes, "ExposureMode", "Timed")
-    elif modes and (mode := nodes.read_entry("ExposureMode")) in _NOT_BY_TIME:
+    elif modes and (mode := nodes.read("ExposureMode")) in _NOT_BY_TIME:
         raise NodeError(
             f"camera {nodes.serial}: its ExposureMode is {mode} and cannot be Timed, so no node sets its exposure time"
         )
@@ -179,9 +179,9 @@ def _find_time(nodes: NodeMap, count_us: float | None) -> Quantity:
                 raise ConfigurationError(
                     f"camera {nodes.serial}: the unit of its {name} is known: leave out exposure_count_us"
                 )
-            return Quantity(name, length_us, nodes.is_integer(name), step=_base_us(nodes) if name != RAW_TIME else 0.0)
+            return Quantity(name, length_us, step=_base_us(nodes) if name != RAW_TIME else 0.0)
     if count_us is not None and drivable:
-        return Quantity(drivable[0], count_us, nodes.is_integer(drivable[0]))
+        return Quantity(drivable[0], count_us)
     raise UnsupportedCameraError(f"camera {nodes.serial}: {_why_no_time(nodes, there, drivable)}")
 
 
@@ -196,7 +196,7 @@ def _own_length_us(nodes: NodeMap, name: str) -> float | None:
 
 def _base_us(nodes: NodeMap) -> float:
     """Microseconds in a count of the raw exposure time; 0 if the camera does not say."""
-    return nodes.read_float(RAW_TIME_UNIT) if nodes.is_float(RAW_TIME_UNIT) else 0.0
+    return float(nodes.read(RAW_TIME_UNIT)) if is_number(nodes, RAW_TIME_UNIT, "float") else 0.0
 
 
 def _why_no_time(nodes: NodeMap, there: list[str], drivable: list[str]) -> str:
@@ -219,7 +219,7 @@ def _why_no_time(nodes: NodeMap, there: list[str], drivable: list[str]) -> str:
 def _find_gain(
     nodes: NodeMap, gain_scale: GainScale | Literal["own numbers"] | None
 ) -> tuple[Quantity | None, tuple[str, ...]]:
-    there = [Quantity(name, integer=nodes.is_integer(name)) for name in GAINS if is_number(nodes, name)]
+    there = [Quantity(name) for name in GAINS if is_number(nodes, name)]
     stuck = {gain.node: why for gain in there if (why := _why_stuck(nodes, gain)) is not None}
     drivable = [gain for gain in there if gain.node not in stuck]
     for gain in drivable:
@@ -278,7 +278,7 @@ def switch_gamma_off(nodes: NodeMap) -> tuple[str, ...]:
             if nodes.available(name):
                 switch(nodes, name, False)
                 return ()
-        if nodes.is_float("Gamma"):
+        if is_number(nodes, "Gamma", "float"):
             hold(nodes, "Gamma", 1.0)
     except NodeError as error:
         return (f"gamma cannot be switched off, so grey levels are not proportional to light ({error})",)

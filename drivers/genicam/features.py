@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 from drivers.genicam.dialect import GAINS, RAW_TIME, SWITCHES, TIME_NODES, gain_driven
-from drivers.genicam.nodes import SWITCHED, NodeMap, hold, offered, read_feature, write_feature
+from drivers.genicam.nodes import SWITCHED, NodeMap, hold, is_number, offered, read_feature
 from drivers.genicam.trigger import ACTION_NODES, PTP_SWITCHES, RATE_NODES, RATE_SWITCHES, SOFTWARE_TRIGGER
 from drivers.setup import EXECUTE, CameraSetup, FeatureSetting, FeatureValue, misfit
 from imaging.errors import AutoexposeError, ConfigurationError, NodeError, UnsupportedCameraError
@@ -153,8 +153,8 @@ def selecting(nodes: NodeMap, selectors: Sequence[tuple[str, str]]) -> Iterator[
             if wanted != present:
                 if not nodes.writable(selector):
                     raise ConfigurationError(f"its selector {selector}: it is read-only and stands at {present}")
-                write_feature(nodes, selector, wanted)
-                restored.callback(write_feature, nodes, selector, present)
+                nodes.write(selector, wanted)
+                restored.callback(nodes.write, selector, present)
         yield
 
 
@@ -274,17 +274,10 @@ def _reason(nodes: NodeMap, name: str, value: FeatureValue) -> str | None:
 
 def _bounds(nodes: NodeMap, name: str) -> str | None:
     """What numbers a feature takes; None for other kinds."""
-    low: float
-    high: float
-    match nodes.kind(name):
-        case "integer":
-            (low, high), step = nodes.integer_bounds(name), float(nodes.integer_increment(name))
-        case "float":
-            (low, high), step = nodes.float_bounds(name), nodes.float_increment(name)
-        case _:
-            return None
-    unit = nodes.unit(name)
-    steps = f" in steps of {step:.10g}" if step not in (0.0, 1.0) else ""
+    if not is_number(nodes, name):
+        return None
+    (low, high), step, unit = nodes.bounds(name), nodes.increment(name), nodes.unit(name)
+    steps = f" in steps of {step:.10g}" if step not in (0, 1) else ""
     return f"{low:.10g} to {high:.10g}{f' {unit}' if unit else ''}{steps} at present"
 
 

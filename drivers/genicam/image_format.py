@@ -6,7 +6,7 @@ import logging
 
 import numpy as np
 
-from drivers.genicam.nodes import NodeMap, hold, offered, switch
+from drivers.genicam.nodes import NodeMap, hold, is_number, offered, switch
 from imaging.errors import ConfigurationError, NodeError, UnsupportedCameraError
 from imaging.pixels import PIXEL_FORMATS, PixelFormat, Pixels
 
@@ -51,7 +51,7 @@ def choose_pixel_format(nodes: NodeMap, wanted: PixelFormat | None) -> PixelForm
         )
         raise UnsupportedCameraError(f"camera {nodes.serial}: {has}, so its bytes cannot be read as pixels")
     if wanted is None:
-        present = nodes.read_entry("PixelFormat")
+        present = str(nodes.read("PixelFormat"))
         if present not in _BY_NAME:
             usable = [name for name in formats if name in _BY_NAME]
             advice = f"set pixel_format to {' or '.join(usable)}" if usable else "it has no other that is"
@@ -68,7 +68,7 @@ def choose_pixel_format(nodes: NodeMap, wanted: PixelFormat | None) -> PixelForm
 
 def present_format(nodes: NodeMap) -> PixelFormat | None:
     """The camera's current pixel format; None if it is not supported, or the camera does not say."""
-    return _BY_NAME.get(nodes.read_entry("PixelFormat")) if nodes.entries("PixelFormat") else None
+    return _BY_NAME.get(str(nodes.read("PixelFormat"))) if nodes.entries("PixelFormat") else None
 
 
 def send_low_byte_first(nodes: NodeMap, pixel_format: PixelFormat) -> None:
@@ -82,11 +82,11 @@ def send_low_byte_first(nodes: NodeMap, pixel_format: PixelFormat) -> None:
     if not _of_words(pixel_format):
         return
     for name in _BIG_ENDIAN:
-        if not (nodes.available(name) and nodes.read_boolean(name)):
+        if not (nodes.available(name) and nodes.read(name)):
             continue
         try:
             switch(nodes, name, False)
-            if nodes.read_boolean(name):
+            if nodes.read(name):
                 raise NodeError(f"camera {nodes.serial}: its {name} stays on")
         except NodeError as error:
             raise UnsupportedCameraError(
@@ -104,7 +104,7 @@ def switch_white_balance_off(nodes: NodeMap, pixel_format: PixelFormat | None) -
     pixel_format = pixel_format or present_format(nodes)
     if pixel_format is None or pixel_format.layout == "grey" or "Off" not in nodes.entries("BalanceWhiteAuto"):
         return ()
-    present = nodes.read_entry("BalanceWhiteAuto")
+    present = nodes.read("BalanceWhiteAuto")
     if present == "Off":
         return ()
     try:
@@ -126,11 +126,11 @@ def set_binning(nodes: NodeMap, binning: int | None) -> None:
     if binning is None:
         return
     for name in ("BinningHorizontal", "BinningVertical"):
-        if not nodes.is_integer(name):
+        if not is_number(nodes, name, "integer"):
             raise ConfigurationError(
                 f"camera {nodes.serial}: it cannot bin pixels, since it has no {name} (leave binning out)"
             )
-        low, high = nodes.integer_bounds(name)
+        low, high = nodes.bounds(name)
         if not low <= binning <= high:
             raise ConfigurationError(
                 f"camera {nodes.serial}: {name} takes {low} to {high} at present, not {binning} (binning)"
@@ -139,14 +139,14 @@ def set_binning(nodes: NodeMap, binning: int | None) -> None:
     for offset, size in (("OffsetX", "Width"), ("OffsetY", "Height")):
         if nodes.available(offset):
             hold(nodes, offset, 0)
-        hold(nodes, size, nodes.integer_bounds(size)[1])
+        hold(nodes, size, nodes.bounds(size)[1])
 
 
 def frame_size(nodes: NodeMap) -> tuple[int, int] | None:
     """Width and height of the frames in pixels, after region, binning and decimation; None if the camera hides them."""
     if not (nodes.available("Width") and nodes.available("Height")):
         return None
-    return nodes.read_integer("Width"), nodes.read_integer("Height")
+    return int(nodes.read("Width")), int(nodes.read("Height"))
 
 
 def decode_pixels(

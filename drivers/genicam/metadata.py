@@ -8,7 +8,7 @@ from collections import deque
 from dataclasses import dataclass, field
 from itertools import pairwise
 
-from drivers.genicam.nodes import NodeMap, hold, offered, switch, us_per_unit
+from drivers.genicam.nodes import NodeMap, hold, is_number, offered, switch, us_per_unit
 from imaging.errors import NodeError
 from imaging.exposure import ExposureSetting
 
@@ -153,7 +153,7 @@ def enable_chunks(nodes: NodeMap, gain_node: str | None) -> tuple[ChunkNodes | N
                     hold(nodes, "ChunkSelector", chunk)
                     switch(nodes, "ChunkEnable", True)
                 gain = None if gain_node is None else f"Chunk{wanted[1]}"
-                is_integer = gain is not None and nodes.is_integer(gain)
+                is_integer = gain is not None and is_number(nodes, gain, "integer")
                 return ChunkNodes("ChunkExposureTime", chunk_us, gain, is_integer), ()
             switch(nodes, "ChunkModeActive", False)
     except NodeError as error:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from operator import sub
@@ -48,59 +48,23 @@ class NodeMap(Protocol):
     def available(self, name: str) -> bool:
         """Whether the camera has this feature and currently offers it; a category is not a feature."""
 
-    def is_float(self, name: str) -> bool:
-        """Whether the feature holds a floating-point number."""
-
-    def is_integer(self, name: str) -> bool:
-        """Whether the feature holds an integer, not an enumeration or boolean."""
-
     def unit(self, name: str) -> str | None:
         """The unit that a number declares, None when it declares none."""
 
     def entries(self, name: str) -> tuple[str, ...]:
         """The entries that an enumeration currently offers; empty if the camera has no such enumeration."""
 
-    def float_bounds(self, name: str) -> tuple[float, float]:
-        """Least and greatest value that the feature takes at present."""
+    def bounds(self, name: str) -> tuple[float, float]:
+        """Least and greatest value that a number takes at present; of an integer, integers."""
 
-    def float_increment(self, name: str) -> float:
-        """The declared increment; 0.0 when any value is taken."""
+    def increment(self, name: str) -> float:
+        """The declared increment of a number; 0 when any value is taken."""
 
-    def integer_bounds(self, name: str) -> tuple[int, int]:
-        """Least and greatest value that the feature takes at present."""
+    def read(self, name: str) -> FeatureValue:
+        """Value of a feature, of its kind; of an enumeration the entry, empty if the description has none for it."""
 
-    def integer_increment(self, name: str) -> int:
-        """The declared increment; 1 when none is declared."""
-
-    def read_float(self, name: str) -> float:
-        """Value of a floating-point feature."""
-
-    def write_float(self, name: str, value: float) -> None:
-        """Write a floating-point feature."""
-
-    def read_integer(self, name: str) -> int:
-        """Value of an integer feature."""
-
-    def write_integer(self, name: str, value: int) -> None:
-        """Write an integer feature."""
-
-    def read_boolean(self, name: str) -> bool:
-        """Value of a boolean feature."""
-
-    def write_boolean(self, name: str, value: bool) -> None:
-        """Write a boolean feature."""
-
-    def read_entry(self, name: str) -> str:
-        """The current entry of an enumeration; empty if it holds none that the description has."""
-
-    def write_entry(self, name: str, entry: str) -> None:
-        """Choose an entry of an enumeration."""
-
-    def read_string(self, name: str) -> str:
-        """Value of a text feature."""
-
-    def write_string(self, name: str, value: str) -> None:
-        """Write a text feature."""
+    def write(self, name: str, value: FeatureValue) -> None:
+        """Write a value of the feature's kind."""
 
     def execute(self, name: str) -> None:
         """Execute a command feature."""
@@ -117,7 +81,7 @@ EXACT = 1 << 53
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
-    """A writable number node, floating-point or `integer`, of which one unit is `scale` of ours (us or dB).
+    """A writable number node, of which one unit is `scale` of ours (us or dB).
 
     A `gain_scale` says instead what each of its numbers is in dB. `step` (ours) is an increment that the node itself
     does not declare.
@@ -125,7 +89,6 @@ class Quantity:
 
     node: str
     scale: float = 1.0
-    integer: bool = False
     gain_scale: GainScale | None = None
     step: float = 0.0
 
@@ -135,7 +98,7 @@ class Quantity:
 
     def bounds(self, nodes: NodeMap) -> tuple[float, float]:
         """Least and greatest value that the node takes at present."""
-        low, high = nodes.integer_bounds(self.node) if self.integer else nodes.float_bounds(self.node)
+        low, high = nodes.bounds(self.node)
         if math.isnan(low) or math.isnan(high):
             raise NodeError(
                 f"camera {nodes.serial}: the bounds of node {self.node} are not numbers: {low:g} to {high:g}"
@@ -148,9 +111,9 @@ class Quantity:
         """The declared increment, at least 1 for an integer; 0.0 when any value is taken; the largest, if they vary."""
         if self.gain_scale is not None:
             return max(map(sub, (gains_db := self.uneven_steps(nodes))[1:], gains_db), default=0.0)
-        if self.integer:
-            return max(nodes.integer_increment(self.node), 1) * self.scale
-        increment = nodes.float_increment(self.node) * self.scale
+        increment = nodes.increment(self.node) * self.scale
+        if is_number(nodes, self.node, "integer"):
+            return max(increment, self.scale)
         return increment if increment and math.isfinite(increment) else self.step
 
     def uneven_steps(self, nodes: NodeMap) -> tuple[float, ...]:
@@ -163,29 +126,28 @@ class Quantity:
 
     def read(self, nodes: NodeMap) -> float:
         """The value that the node holds."""
-        value = nodes.read_integer(self.node) if self.integer else nodes.read_float(self.node)
+        value = float(nodes.read(self.node))
         if not math.isfinite(value):
             raise NodeError(f"camera {nodes.serial}: node {self.node} reads {value:g}, which is not a number")
         return self.ours(value)
 
     def write(self, nodes: NodeMap, value: float) -> None:
         """Write the node; an integer node takes the nearest multiple of its increment."""
-        if not self.integer:
-            nodes.write_float(self.node, self._own(nodes, value))
-            return
-        low, increment = nodes.integer_bounds(self.node)[0], max(nodes.integer_increment(self.node), 1)
-        origin = low if abs(low) < EXACT else 0  # no minimum is declared: steps count from 0
-        nodes.write_integer(self.node, origin + round((self._own(nodes, value) - origin) / increment) * increment)
+        own = self._own(nodes, value)
+        if nodes.kind(self.node) == "integer":
+            low, increment = nodes.bounds(self.node)[0], max(nodes.increment(self.node), 1)
+            origin = low if abs(low) < EXACT else 0  # no minimum is declared: steps count from 0
+            own = origin + round((own - origin) / increment) * increment
+        nodes.write(self.node, own)
 
     def _own(self, nodes: NodeMap, value: float) -> float:
         """A value in the node's own unit; one at a limit must not exceed it by rounding."""
         if self.gain_scale is not None:
             return self.gain_scale.setting(value)
-        if self.scale == 1.0 or self.integer:
-            return value / self.scale
         own = value / self.scale
-        limits = (limit for limit in nodes.float_bounds(self.node) if math.isclose(own, limit))
-        return next(limits, own)
+        if self.scale == 1.0 or nodes.kind(self.node) == "integer":
+            return own
+        return next((limit for limit in nodes.bounds(self.node) if math.isclose(own, limit)), own)
 
 
 def us_per_unit(unit: str | None) -> float | None:
@@ -193,14 +155,9 @@ def us_per_unit(unit: str | None) -> float | None:
     return _MICROSECONDS.get((unit or "").strip().lower())
 
 
-def is_number(nodes: NodeMap, name: str) -> bool:
-    """Whether the camera has this feature and it holds a number."""
-    return nodes.is_float(name) or nodes.is_integer(name)
-
-
-def find_quantity(nodes: NodeMap, names: Sequence[str]) -> Quantity | None:
-    """The first of `names` that is a number, in its own unit; None if none is."""
-    return next((Quantity(name, integer=nodes.is_integer(name)) for name in names if is_number(nodes, name)), None)
+def is_number(nodes: NodeMap, name: str, kind: Kind | None = None) -> bool:
+    """Whether the camera offers this feature at present and it holds a number, of that kind if one is given."""
+    return nodes.kind(name) in (("float", "integer") if kind is None else (kind,)) and nodes.available(name)
 
 
 SWITCHED = {False: ("Off", "No", "False"), True: ("On", "Yes", "True")}
@@ -209,36 +166,11 @@ _SELECTORS = ("GainSelector", "TriggerSelector", "LineSelector", "ChunkSelector"
 
 
 def read_feature(nodes: NodeMap, name: str) -> FeatureValue:
-    """The value of a feature, whatever its kind; NodeError if it cannot be read."""
-    match nodes.kind(name):
-        case "float":
-            return nodes.read_float(name)
-        case "integer":
-            return nodes.read_integer(name)
-        case "boolean":
-            return nodes.read_boolean(name)
-        case "enumeration" if entry := nodes.read_entry(name):
-            return entry
-        case "string":
-            return nodes.read_string(name)
-    raise NodeError(f"camera {nodes.serial}: {name} holds no value")
-
-
-def write_feature(nodes: NodeMap, name: str, value: FeatureValue) -> None:
-    """Write a value of the feature's kind."""
-    match nodes.kind(name):
-        case "float":
-            nodes.write_float(name, float(value))
-        case "integer":
-            nodes.write_integer(name, int(value))
-        case "boolean":
-            nodes.write_boolean(name, bool(value))
-        case "enumeration":
-            nodes.write_entry(name, str(value))
-        case "string":
-            nodes.write_string(name, str(value))
-        case "command":
-            nodes.execute(name)
+    """The value of a feature; NodeError if it cannot be read, or is an enumeration that holds none of its entries."""
+    value = nodes.read(name)
+    if value == "" and nodes.kind(name) == "enumeration":
+        raise NodeError(f"camera {nodes.serial}: {name} holds no value")
+    return value
 
 
 def hold(nodes: NodeMap, name: str, value: FeatureValue) -> None:
@@ -252,7 +184,7 @@ def hold(nodes: NodeMap, name: str, value: FeatureValue) -> None:
         raise NodeError(
             f"camera {nodes.serial}: its {name} is {present} and cannot be {value}, as it is read-only or locked"
         )
-    write_feature(nodes, name, value)
+    nodes.write(name, value)
 
 
 def switch(nodes: NodeMap, name: str, on: bool) -> None:
@@ -275,7 +207,7 @@ def switch(nodes: NodeMap, name: str, on: bool) -> None:
 
 def unlock(nodes: NodeMap) -> None:
     """Undo the lock on all that decides how frames are sent, which a client that was killed leaves on."""
-    if nodes.is_integer("TLParamsLocked"):
+    if is_number(nodes, "TLParamsLocked", "integer"):
         with suppress(NodeError):
             hold(nodes, "TLParamsLocked", 0)
 
@@ -285,7 +217,7 @@ def offered(nodes: NodeMap, name: str) -> tuple[str, ...]:
     entries = nodes.entries(name)
     if not entries or nodes.writable(name):
         return entries
-    present = nodes.read_entry(name)
+    present = nodes.read(name)
     return tuple(entry for entry in entries if entry == present)
 
 

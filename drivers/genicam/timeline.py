@@ -120,7 +120,8 @@ class FrameTimeline:
 
     def read(self, offset_ns: int) -> None:
         """The camera's clock was read again: host time minus its time. Any thread."""
-        self._read_ns = offset_ns
+        if self._stamped:
+            self._read_ns = offset_ns
 
     @property
     def by_arrival(self) -> bool:
@@ -367,7 +368,7 @@ class LatchedClock:
         before_ns = self._now_ns()
         self._nodes.execute(self._command)
         round_trip_ns = self._now_ns() - before_ns
-        ticks = self._nodes.read_integer(self._value)
+        ticks = int(self._nodes.read(self._value))
         device_ns = ticks * NANOSECONDS // self._tick_frequency_hz
         return round_trip_ns, before_ns + round_trip_ns // 2 - device_ns
 
@@ -380,5 +381,5 @@ def find_clock(nodes: NodeMap) -> tuple[LatchedClock | None, tuple[str, ...]]:
         return None, ("no time stamp latch: host times are inferred from arrival, late by readout and transfer",)
     tick_frequency_hz = NANOSECONDS
     if nodes.available("GevTimestampTickFrequency"):
-        tick_frequency_hz = nodes.read_integer("GevTimestampTickFrequency") or NANOSECONDS
+        tick_frequency_hz = int(nodes.read("GevTimestampTickFrequency")) or NANOSECONDS
     return LatchedClock(nodes, "GevTimestampControlLatch", "GevTimestampValue", tick_frequency_hz), ()

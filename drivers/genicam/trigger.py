@@ -1,11 +1,12 @@
-"""Arming the trigger, which must leave time for exposure and readout."""
+"""Arming the trigger, which must leave time for exposure and readout, and the clock that scheduled triggers go by."""
 
 from __future__ import annotations
 
 import math
 import re
 
-from drivers.genicam.nodes import NodeMap, find_quantity, hold, offered, switch
+from drivers.camera import PtpState
+from drivers.genicam.nodes import NodeMap, Quantity, hold, is_number, offered, switch
 from drivers.setup import ACTION_KEYS, TriggerSetup
 from imaging.errors import ConfigurationError, NodeError, UnsupportedCameraError
 
@@ -104,8 +105,11 @@ def _check_frame_trigger(nodes: NodeMap) -> None:
 def _arm_line(nodes: NodeMap, line: str) -> tuple[str, ...]:
     if line not in offered(nodes, "TriggerSource"):
         if not _lines(nodes):
-            free = find_quantity(nodes, RATE_NODES) is not None
-            advice = "; run it with trigger mode free_run" if free else f", and no {RATE_NODES[0]} to run freely at"
+            advice = (
+                "; run it with trigger mode free_run"
+                if _rate(nodes) is not None
+                else f", and no {RATE_NODES[0]} to run freely at"
+            )
             raise UnsupportedCameraError(f"camera {nodes.serial}: no hardware trigger line{advice}")
         raise ConfigurationError(
             f"camera {nodes.serial}: no trigger line {line!r}; it has {', '.join(_lines(nodes))} (trigger line)"
@@ -130,7 +134,7 @@ def _arm_action(nodes: NodeMap) -> tuple[str, ...]:
         raise UnsupportedCameraError(
             f"camera {nodes.serial}: it has {lacks}, and so takes no action commands: choose another trigger.mode"
         )
-    if nodes.is_integer("ActionSelector") and nodes.writable("ActionSelector"):
+    if is_number(nodes, "ActionSelector", "integer") and nodes.writable("ActionSelector"):
         hold(nodes, "ActionSelector", int(source[1]))
     elif source[0] in offered(nodes, "ActionSelector"):
         hold(nodes, "ActionSelector", source[0])
@@ -142,7 +146,7 @@ def _arm_action(nodes: NodeMap) -> tuple[str, ...]:
 
 def action_queue(nodes: NodeMap) -> int:
     """How many scheduled action commands the camera keeps; 1 if it does not say."""
-    return max(nodes.read_integer(ACTION_QUEUE), 1) if nodes.is_integer(ACTION_QUEUE) else 1
+    return max(int(nodes.read(ACTION_QUEUE)), 1) if is_number(nodes, ACTION_QUEUE, "integer") else 1
 
 
 def _arm(nodes: NodeMap, source: str, edge: str | None = None) -> tuple[str, ...]:
@@ -160,7 +164,7 @@ def _take_pulses(nodes: NodeMap, edge: str | None) -> tuple[str, ...]:
     if edge in edges:
         hold(nodes, "TriggerActivation", edge)
     elif edges:
-        limitations.append(f"no TriggerActivation {edge}: it is triggered by {nodes.read_entry('TriggerActivation')}")
+        limitations.append(f"no TriggerActivation {edge}: it is triggered by {nodes.read('TriggerActivation')}")
     if "ReadOut" in offered(nodes, "TriggerOverlap"):
         hold(nodes, "TriggerOverlap", "ReadOut")
     else:
@@ -205,7 +209,7 @@ def _set_frame_rate(nodes: NodeMap, rate_hz: float | None) -> tuple[str, ...]:
     if FIXED_RATE in offered(nodes, "TriggerSource"):
         hold(nodes, "TriggerSource", FIXED_RATE)
         _switch_mode(nodes, True)
-    rate = find_quantity(nodes, RATE_NODES)
+    rate = _rate(nodes)
     if rate is None:
         raise UnsupportedCameraError(f"camera {nodes.serial}: no {RATE_NODES[0]} to set for a free run")
     if not nodes.writable(rate.node):
@@ -221,12 +225,16 @@ def _set_frame_rate(nodes: NodeMap, rate_hz: float | None) -> tuple[str, ...]:
             f"camera {nodes.serial}: it cannot run at {rate_hz:g} Hz, only at {low:g} to {high:g} Hz (trigger rate_hz)"
         )
     rate.write(nodes, rate_hz)
-    if rate.integer and rate.read(nodes) != rate_hz:
+    if nodes.kind(rate.node) == "integer" and rate.read(nodes) != rate_hz:
         raise ConfigurationError(
             f"camera {nodes.serial}: it runs at whole numbers of Hz, such as {rate.read(nodes):g}, but not at "
             f"{rate_hz:g} Hz (trigger rate_hz)"
         )
     return limitations
+
+
+def _rate(nodes: NodeMap) -> Quantity | None:
+    return next((Quantity(name) for name in RATE_NODES if is_number(nodes, name)), None)
 
 
 _READOUT_NODES = ("SensorReadoutTime", "ReadoutTimeAbs")
@@ -238,11 +246,11 @@ def timing_limitations(nodes: NodeMap, trigger: TriggerSetup) -> tuple[str, ...]
 
     The camera must have been armed: with TriggerOverlap ReadOut a frame is read out while the next one is exposed.
     """
-    readout_us = next((nodes.read_float(name) for name in _READOUT_NODES if nodes.is_float(name)), None)
+    readout_us = next((float(nodes.read(name)) for name in _READOUT_NODES if is_number(nodes, name, "float")), None)
     if readout_us is None or trigger.rate_hz is None:
         return ()
     period_us = 1e6 / trigger.rate_hz
-    overlaps = "ReadOut" in nodes.entries("TriggerOverlap") and nodes.read_entry("TriggerOverlap") == "ReadOut"
+    overlaps = "ReadOut" in nodes.entries("TriggerOverlap") and nodes.read("TriggerOverlap") == "ReadOut"
     left_us = period_us if overlaps else period_us - readout_us
     if readout_us > period_us:
         return (
@@ -255,3 +263,54 @@ def timing_limitations(nodes: NodeMap, trigger: TriggerSetup) -> tuple[str, ...]
         f"an exposure of {trigger.longest_exposure_us:g} us and a readout of {readout_us:.0f} us do not fit into a "
         f"trigger period of {period_us:.0f} us: lower exposure.max_time_us to {left_us:.0f}, or trigger.rate_hz",
     )
+
+
+_LATCH_NODES = ("PtpDataSetLatch", "GevIEEE1588DataSetLatch")
+_STATUS_NODES = ("PtpStatus", "GevIEEE1588StatusLatched", "GevIEEE1588Status")
+_OFFSET_NODES = ("PtpOffsetFromMaster", "GevIEEE1588OffsetFromMasterLatched", "GevIEEE1588OffsetFromMaster")
+"""Each by its SFNC name, then by those of older descriptions."""
+
+
+class PtpNodes:
+    """The PTP clock of a camera, switched on.
+
+    Raises
+    ------
+    UnsupportedCameraError
+        At construction, when the camera has none, or one without a status.
+    """
+
+    def __init__(self, nodes: NodeMap) -> None:
+        self._nodes = nodes
+        switch(nodes, self._required(PTP_SWITCHES), True)
+        self._status = self._required(_STATUS_NODES)
+        self._latch = self._first(_LATCH_NODES)
+        self._offset = self._first(_OFFSET_NODES)
+
+    @property
+    def limitations(self) -> tuple[str, ...]:
+        """What it cannot do, in words."""
+        if self._offset is None:
+            return (f"no {_OFFSET_NODES[0]}: how far its clock is from its master's is not known",)
+        return ()
+
+    def read(self) -> PtpState:
+        """How its clock is synchronised now."""
+        if self._latch is not None:
+            self._nodes.execute(self._latch)
+        offset_ns = None if self._offset is None else int(self._nodes.read(self._offset))
+        if offset_ns is not None and offset_ns >= 1 << 63:  # some descriptions forget its sign
+            offset_ns -= 1 << 64
+        return PtpState(str(self._nodes.read(self._status)), offset_ns)
+
+    def _first(self, names: tuple[str, ...]) -> str | None:
+        return next((name for name in names if self._nodes.available(name)), None)
+
+    def _required(self, names: tuple[str, ...]) -> str:
+        name = self._first(names)
+        if name is None:
+            raise UnsupportedCameraError(
+                f"camera {self._nodes.serial}: it has no {' or '.join(names)}, and so no clock that PTP synchronises: "
+                "choose another trigger.mode"
+            )
+        return name

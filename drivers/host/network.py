@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import secrets
 import select
 import socket
@@ -17,7 +18,7 @@ from typing import Literal
 
 import psutil
 
-from drivers.host.linux import read_number
+from drivers.host import read_number
 from drivers.setup import ActionKeys
 
 SOCKET_BUFFER_BYTES = 4 << 20
@@ -64,6 +65,50 @@ def largest_socket_buffer_bytes(root: Path = Path("/")) -> int | None:
     """``net.core.rmem_max``: the largest receive buffer that a socket is granted; None when it cannot be read."""
     size_bytes = read_number(root / "proc/sys/net/core/rmem_max")
     return None if size_bytes is None else int(size_bytes)
+
+
+USABLE_SHARE = 0.9
+"""Share of a GigE Vision link: the rest is for packets that are sent again, and for other traffic."""
+_HEADERS_BYTES = 36
+"""Headers of IP, UDP and GVSP, which count as part of a packet's size."""
+_FRAMING_BYTES = 38
+"""What Ethernet adds: preamble, header, checksum and gap."""
+
+
+def bytes_per_s(mbps: float, cameras: int) -> float:
+    """What each of this many cameras may send over a GigE Vision link, so that nothing before it overflows.
+
+    Hardware triggers make cameras send at the same instant, each as fast as its own cable allows. A switch keeps what
+    the common cable to the host cannot take at once, in a buffer that holds less than a frame, and drops the rest.
+    """
+    return USABLE_SHARE * mbps * 1e6 / 8 / cameras
+
+
+def packet_delay_ns(packet_bytes: int, share_bytes_per_s: float, own_bytes_per_s: float | None) -> int:
+    """How long a camera has to pause after each packet to keep to its share.
+
+    Parameters
+    ----------
+    packet_bytes
+        Size of a stream packet, headers included.
+    share_bytes_per_s
+        What the camera may send.
+    own_bytes_per_s
+        How fast it sends a packet by itself; None: unknown, then no time is allowed for it.
+    """
+    on_the_wire = packet_bytes + _FRAMING_BYTES
+    sending_s = 0.0 if own_bytes_per_s is None else on_the_wire / own_bytes_per_s
+    return max(math.ceil(1e9 * (on_the_wire / share_bytes_per_s - sending_s)), 0)
+
+
+def packets_of(frame_bytes: int, packet_bytes: int) -> int:
+    """How many stream packets of a size, headers included, carry a frame."""
+    return math.ceil(frame_bytes / (packet_bytes - _HEADERS_BYTES))
+
+
+def needed_bytes_per_s(frame_bytes: int, packet_bytes: int, rate_hz: float) -> float:
+    """What a camera sends on average, with the headers of its packets."""
+    return rate_hz * (frame_bytes + packets_of(frame_bytes, packet_bytes) * (_HEADERS_BYTES + _FRAMING_BYTES))
 
 
 PORT = 3956

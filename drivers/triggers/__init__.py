@@ -1,1 +1,165 @@
-"""What became of every trigger, and which write made which frame."""
+"""The record of a rig: what became of every trigger, and which write made which frame."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Literal
+
+from drivers.camera import IncompleteFrame
+from drivers.rig.events import (
+    CameraGone,
+    CameraReady,
+    CameraSilent,
+    FrameArrived,
+    NotTriggered,
+    RigEvent,
+    WriteFailed,
+    Written,
+)
+from drivers.setup import TriggerMode
+from drivers.triggers.account import TriggerAccount
+from drivers.triggers.outcomes import Tally
+from drivers.triggers.rate import StartCheck
+from drivers.triggers.writes import Command, RigWrites, WriteHistory, WriteWindow
+from imaging.exposure import ExposureSetting
+from imaging.frames import Frame, Side, StereoPair
+
+
+class RigRecord:
+    """Takes the events of a rig, in order, and returns stereo pairs. Times are CLOCK_MONOTONIC, in ns.
+
+    Parameters
+    ----------
+    sides
+        The cameras of the rig, left first.
+    trigger_sources
+        The TriggerSource of each camera that waits for triggers. Without any, cameras run freely, and miss no trigger
+        of their own.
+    rate_hz
+        Rate of the triggers, as configured.
+    opened_ns
+        The time from which triggers are counted; in mode "ptp", they count from when the first camera is paced.
+    mode
+        Where triggers come from.
+
+    Attributes
+    ----------
+    unpaced
+        Cameras that are open and will get scheduled triggers, but none yet.
+    """
+
+    def __init__(
+        self,
+        sides: Sequence[Side],
+        trigger_sources: Mapping[Side, str],
+        rate_hz: float,
+        opened_ns: int,
+        mode: TriggerMode = "external",
+    ) -> None:
+        numbered_by: Literal["time", "frame_id"] = "time" if trigger_sources else "frame_id"
+        self._scheduled = mode == "ptp"
+        self.unpaced: set[Side] = set()
+        self._account = TriggerAccount(sides, 1e9 / rate_hz, None if self._scheduled else opened_ns, numbered_by)
+        self._start_check = StartCheck(trigger_sources, rate_hz, by_host=mode in ("software", "ptp"))
+        self._writes = RigWrites(sides)
+        self._window = WriteWindow()
+        self._commands = 0
+
+    @property
+    def tally(self) -> Tally:
+        """The account of triggers so far."""
+        return self._account.tally
+
+    @property
+    def late_writes(self) -> int:
+        """Settings that were written too late for the exposure they were for."""
+        return self._writes.late
+
+    def history(self, side: Side) -> WriteHistory:
+        """The commands and writes of a camera."""
+        return self._writes.histories[side]
+
+    def begin(self, now_ns: int) -> None:
+        """Count triggers from now on instead of from `opened_ns`, before the first event."""
+        self._account.begin(now_ns)
+
+    def take(
+        self,
+        event: RigEvent,
+        now_ns: int,
+    ) -> list[StereoPair]:
+        """Enter any event but a write; returns the pairs that are ready for control, oldest first."""
+        if isinstance(event, FrameArrived):
+            self._start_check.frame(event.side, event.frame.host_time_ns)
+        match event:
+            case FrameArrived(side, IncompleteFrame() as frame):
+                return self._account.incomplete(side, frame)
+            case FrameArrived(side, Frame() as frame, stale=True):
+                return self._account.stale(side, frame)
+            case FrameArrived(side, Frame() as frame):
+                return self._account.frame(side, frame)
+            case CameraSilent(side):
+                return self._account.silent(side)
+            case CameraGone(side):
+                self.unpaced.discard(side)
+                self._writes.gone(side)
+                self._start_check.gone(side)
+                return self._account.gone(side)
+            case CameraReady(side) if self._scheduled:
+                self.unpaced.add(side)
+            case CameraReady(side):
+                self._ready(side, now_ns)
+            case WriteFailed(side):
+                self._writes.refused(side)
+            case NotTriggered(side, count):
+                self._account.not_given(side, count)
+        return []
+
+    def paced(self, side: Side, now_ns: int) -> None:
+        """The host triggers a camera from now on."""
+        if side in self.unpaced:
+            self.unpaced.discard(side)
+            self._ready(side, now_ns)
+
+    def _ready(self, side: Side, now_ns: int) -> None:
+        self._start_check.ready(side, now_ns)
+        self._account.ready(side, now_ns)
+
+    def written(self, write: Written) -> Command | None:
+        """Enter a write; returns the command behind it, None for the write when a camera is opened."""
+        command = self._writes.write(write, self._account.grid)
+        if command is not None and not command.held:
+            self._window.took(write.finished_ns - command.decided_ns)
+        return command
+
+    def command(self, setting: ExposureSetting, arrival_ns: int, decided_ns: int) -> Command:
+        """Enter a setting that was decided on; its `due_ns` says when to write it."""
+        grid = self._account.grid
+        due_ns = decided_ns if grid is None else self._window.next_ns(grid, decided_ns)
+        self._commands += 1
+        command = Command(self._commands, setting, arrival_ns, decided_ns, due_ns)
+        self._writes.command(command)
+        return command
+
+    def exposes_before_write(self, since_ns: int, decided_ns: int) -> bool:
+        """Whether an exposure begins between `since_ns` and the write of a setting decided on at `decided_ns`."""
+        grid = self._account.grid
+        if grid is None:
+            return True
+        return grid.time_of(grid.last_before(self._window.next_ns(grid, decided_ns))) > since_ns
+
+    def mismatched(self, pair: StereoPair) -> bool:
+        """Whether left and right differ, or a frame was taken with a setting that no camera ever held completely."""
+        return self._writes.mismatched(pair)
+
+    def explains_mismatch(self, pair: StereoPair) -> bool:
+        """Whether it is known why a pair is mismatched."""
+        return self._writes.explains(pair)
+
+    def findings(self, now_ns: int) -> list[str]:
+        """What the first frames reveal about the wiring, each finding once."""
+        return self._start_check.findings(now_ns)
+
+    def close(self, now_ns: int) -> None:
+        """Account for the triggers up to now that will never make a pair."""
+        self._account.close(now_ns)

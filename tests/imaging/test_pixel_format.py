@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.aravis.introspection import Aravis
+from drivers.aravis.nodes import Aravis
 from fake_camera.imaging import PIXEL_FORMATS
 from imaging.pixels import SAMPLES, PixelFormat
 from tests.drivers.bit_by_bit import bits_apart, wire_bytes

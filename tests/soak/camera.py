@@ -283,7 +283,7 @@ class VirtualCamera:
         self._latched_ns = self._device.latch(self._device.device_ns(self._device.clock.now_ns))
         self._device.clock.now_ns += MS // 25
 
-    def read_integer(self, _node: str) -> int:
+    def read(self, _node: str) -> int:
         return self._latched_ns
 
     def _reach(self) -> None:

@@ -10,7 +10,7 @@ import pytest
 
 from autoexpose_daemon.config.document import PublishConfig
 from autoexpose_daemon.config.load import load_config
-from drivers.host.linux import NICENESS
+from drivers.host import NICENESS
 from tests import REPOSITORY
 
 FOLDER = REPOSITORY / "systemd"

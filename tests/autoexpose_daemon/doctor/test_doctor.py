@@ -19,8 +19,14 @@ from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.doctor.examine import as_json, judge, judge_policy, show
 from autoexpose_daemon.doctor.facts import Diagnosis, Facts, GigeFacts, Need, Severity
 from autoexpose_daemon.doctor.judge import judge_gige
-from drivers.genicam import link_share
-from drivers.host.network import SOCKET_BUFFER_BYTES, Control, GigeCamera, NetworkInterface
+from drivers.host.network import (
+    SOCKET_BUFFER_BYTES,
+    Control,
+    GigeCamera,
+    NetworkInterface,
+    bytes_per_s,
+    needed_bytes_per_s,
+)
 from drivers.host.usb import DeviceNode, Process, UsbCamera, UsbFacts, find_usb
 from tests import REPOSITORY
 from tests.autoexpose_daemon.test_cli import autoexpose
@@ -263,8 +269,8 @@ def test_each_camera_needs_what_its_own_features_make_of_it() -> None:
 def test_the_doctor_warns_where_the_plan_refuses() -> None:
     """Two cameras on a link of 1000 Mb/s: the same figures as `transport.plan` uses."""
     second = replace(GIGE, serial="H", address=IPv4Interface("192.168.7.6/24"))
-    share = link_share.bytes_per_s(1000, 2)
-    fits_hz = share / link_share.needed_bytes_per_s(2 * 720 * 540, 9000, 1.0)
+    share = bytes_per_s(1000, 2)
+    fits_hz = share / needed_bytes_per_s(2 * 720 * 540, 9000, 1.0)
     for rate_hz, expected in ((0.999 * fits_hz, "ok"), (1.001 * fits_hz, "warning")):
         cameras = {"left": {"serial": "G"}, "right": {"serial": "H"}}
         wanted = need(cameras, trigger={"rate_hz": rate_hz}, image={"pixel_format": "Mono16"})

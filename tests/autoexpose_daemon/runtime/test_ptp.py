@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from drivers.ptp import PATIENCE_NS
+from drivers.triggers.host import PATIENCE_NS
 from drivers.triggers.outcomes import LossReason
 from tests.autoexpose_daemon.virtual_ptp import EXACT_NS, HELD_NS, PtpRun
 from tests.soak import ptp as virtual_ptp

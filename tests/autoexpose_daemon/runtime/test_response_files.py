@@ -13,8 +13,8 @@ from autoexpose_daemon.runtime.rig_control import RigControl
 from autoexpose_daemon.runtime.setup import Tuning, openers
 from calibration import document
 from calibration.response.file import ResponseFile
+from drivers.rig import Rig
 from drivers.rig.events import CameraGone, CameraReady
-from drivers.rig.rig import Rig
 from imaging.errors import CameraLostError
 from imaging.response import ResponseFunction
 from tests.autoexpose_daemon.scripted import TriggeredCamera

@@ -17,8 +17,8 @@ from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.runtime.rig_control import RigControl
 from autoexpose_daemon.service.notify import Notifier
 from drivers.log_throttle import LogThrottle
+from drivers.rig import Rig
 from drivers.rig.events import CameraSilent
-from drivers.rig.rig import Rig
 from tests.drivers.rig.test_rig import ScriptedCamera
 from tests.fakes import unique
 

@@ -37,7 +37,7 @@ from autoexpose_daemon.status.document import (
 from autoexpose_daemon.status.panel import duration_text
 from autoexpose_daemon.status.states import State
 from autoexpose_daemon.status.telemetry import MOST_LISTED, DurationSamples, Telemetry
-from drivers.triggers.record import RigRecord
+from drivers.triggers import RigRecord
 from imaging.exposure import ExposureLimits, ExposureSetting
 from imaging.frames import Frame, StereoPair
 from imaging.response import ResponseFunction

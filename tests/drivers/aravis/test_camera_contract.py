@@ -240,7 +240,7 @@ def test_a_number_that_fits_into_no_node_is_refused_by_name(idle: FakeCamera, va
         open_nodes(idle.serial) as nodes,
         pytest.raises(NodeError, match=f"could not set Width to {value}: it takes "),
     ):
-        nodes.write_integer("Width", value)
+        nodes.write("Width", value)
 
 
 def test_a_refused_write_is_reported_and_the_next_one_writes_everything(fake: FakeCamera, camera: AravisCamera) -> None:
@@ -375,7 +375,7 @@ def test_features_are_set_before_everything_else_and_selectors_put_back(idle: Fa
         camera.start()
         assert next_frames(camera, 1)[0].pixels.shape == (200, 320)
     with open_nodes(idle.serial) as nodes:
-        assert nodes.read_entry("LineSelector") != "Line3"
+        assert nodes.read("LineSelector") != "Line3"
         assert differing(nodes, features) == []
         assert set(features) <= set(read_inventory(nodes).settings)
         assert differing(nodes, features) == []

@@ -16,8 +16,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.aravis import AravisCamera, discovery, find_cameras, open_camera, open_nodes
-from drivers.aravis.introspection import Aravis
+from drivers.aravis import AravisCamera, find_cameras, open_camera, open_nodes, opening
+from drivers.aravis.nodes import Aravis
 from drivers.genicam.features import advice, set_features
 from drivers.setup import CameraSetup, FeatureSetting, TriggerSetup, parse_features
 from fake_camera.device.device import Device
@@ -112,7 +112,7 @@ def cameras(request: pytest.FixtureRequest) -> Iterator[dict[int | str, Worn]]:
     here = [item for item in request.session.items if item.path == request.path and hasattr(item, "callspec")]
     needed = {item.callspec.params.get("worn") for item in here}
     with contextlib.ExitStack() as running, pytest.MonkeyPatch.context() as patch:
-        patch.setattr(discovery, "FRESH_S", float("inf"))
+        patch.setattr(opening, "FRESH_S", float("inf"))
         worn = {}
         for key in needed - {None}:
             serial = unique("XML")[:15]
@@ -139,7 +139,7 @@ def set_up(worn: Worn) -> CameraSetup:
 
 @pytest.mark.parametrize("worn", WORN[1:], ids=str, indirect=True)
 def test_stock_aravis_can_write_its_exposure_time(worn: Worn) -> None:
-    found = discovery.find_camera(worn.serial)
+    found = opening.find_camera(worn.serial)
     assert found.transport == TRANSPORT
     device = Aravis.Camera.new(found.id).get_device()
     name, us = worn.exposure_time, worn.us_per_unit

@@ -66,7 +66,7 @@ def camera() -> Iterator[FakeCamera]:
 
 
 def test_a_device_whose_name_is_not_text_hides_no_camera(camera: FakeCamera, caplog: pytest.LogCaptureFixture) -> None:
-    caplog.set_level(logging.WARNING, "drivers.aravis.discovery")
+    caplog.set_level(logging.WARNING, "drivers.aravis.opening")
     with device("Käm".encode("latin-1")) as address:
         for _ in range(2):
             serials = [found.serial for found in find_cameras()]

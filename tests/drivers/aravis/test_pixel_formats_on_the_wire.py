@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drivers.aravis import discovery, open_camera
-from drivers.aravis.introspection import Aravis
+from drivers.aravis import open_camera, opening
+from drivers.aravis.nodes import Aravis
 from drivers.camera import IncompleteFrame
 from drivers.genicam.image_format import decode_pixels
 from drivers.setup import CameraSetup, TriggerSetup
@@ -62,7 +62,7 @@ def expected(device: Device, name: str) -> Pixels:
 def device() -> Iterator[Device]:
     serial = unique("PIX")[:15]
     with contextlib.ExitStack() as running, pytest.MonkeyPatch.context() as patch:
-        patch.setattr(discovery, "FRESH_S", float("inf"))  # one search for all
+        patch.setattr(opening, "FRESH_S", float("inf"))  # one search for all
         device = Device(Noise(), serial)
         running.callback(device.close)
         if PORTS:
@@ -86,7 +86,7 @@ def test_every_format_arrives_bit_by_bit(device: Device) -> None:
 
     Alone, as all streams of bare Aravis: without our filter a packet from another test's camera may end the process.
     """
-    camera = Aravis.Camera.new(discovery.find_camera(serial_of(device)).id)
+    camera = Aravis.Camera.new(opening.find_camera(serial_of(device)).id)
     camera.set_exposure_time_auto(Aravis.Auto.OFF)
     camera.set_exposure_time(100.0)
     for wanted in PixelFormat:

@@ -14,8 +14,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from drivers.aravis import discovery, find_cameras, open_camera
-from drivers.aravis.introspection import Aravis
+from drivers.aravis import find_cameras, open_camera, opening
+from drivers.aravis.nodes import Aravis
 from drivers.setup import CameraSetup, TriggerSetup
 from fake_camera.device.device import Device
 from fake_camera.device.line0 import Line0
@@ -60,7 +60,7 @@ class Shaped:
 def cameras() -> Iterator[dict[str, Shaped]]:
     line0 = Line0(time.monotonic_ns(), RATE_HZ)
     with contextlib.ExitStack() as running, pytest.MonkeyPatch.context() as patch:
-        patch.setattr(discovery, "FRESH_S", float("inf"))
+        patch.setattr(opening, "FRESH_S", float("inf"))
         shaped = {}
         for name in SERVED:
             device = Device(GreyCard(), unique("SHP")[:15], 0, line0)
@@ -193,7 +193,7 @@ def test_a_rate_between_whole_numbers_is_refused_where_the_camera_takes_only_tho
 
 @pytest.mark.parametrize("name", [shape(name) for name in DRIVEN | FREE_ONLY if name not in (*UNABLE, "falling time")])
 def test_stock_aravis_finds_the_time_writable_within_bounds(name: str, cameras: dict[str, Shaped]) -> None:
-    device = Aravis.Camera.new(discovery.find_camera(cameras[name].serial).id).get_device()
+    device = Aravis.Camera.new(opening.find_camera(cameras[name].serial).id).get_device()
     names = ("ExposureTime", "ExposureTimeAbs", "ExposureTimeRaw")
     name = next(name for name in names if device.get_feature(name) is not None)
     assert device.get_feature(name).get_actual_access_mode() == Aravis.GcAccessMode.RW

@@ -36,6 +36,6 @@ def names_written(monkeypatch: pytest.MonkeyPatch) -> set[str]:
 
         monkeypatch.setattr(AravisNodes, method, note)
 
-    for method in ("write_float", "write_integer", "write_boolean", "write_entry", "write_string", "execute"):
+    for method in ("write", "execute"):
         noting(method)
     return names

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import TypeVar
 
 from drivers.genicam.nodes import Kind
+from drivers.setup import FeatureValue
 from imaging.errors import NodeError
 
 
@@ -68,6 +69,13 @@ KINDS: dict[type[Node], Kind] = {
     StringNode: "string",
     CommandNode: "command",
 }
+TYPES: dict[type[Node], type | tuple[type, ...]] = {
+    FloatNode: (float, int),
+    IntegerNode: int,
+    EnumerationNode: str,
+    BooleanNode: bool,
+    StringNode: str,
+}
 
 
 @dataclass
@@ -83,6 +91,11 @@ class MemoryNodes:
         assert isinstance(node, kind), f"{name} is a {type(node).__name__}"
         return node
 
+    def _number(self, name: str) -> FloatNode | IntegerNode:
+        node = self.nodes[name]
+        assert isinstance(node, FloatNode | IntegerNode), f"{name} is a {type(node).__name__}"
+        return node
+
     def features(self) -> tuple[str, ...]:
         return tuple(self.nodes)
 
@@ -96,8 +109,7 @@ class MemoryNodes:
         return not getattr(self.nodes[name], "locked", False)
 
     def selected(self, name: str) -> tuple[str, ...]:
-        node = self.nodes.get(name)
-        return node.selected if isinstance(node, EnumerationNode) else ()
+        return getattr(self.nodes.get(name), "selected", ())
 
     def exists(self, name: str) -> bool:
         return name in self.nodes
@@ -105,78 +117,31 @@ class MemoryNodes:
     def available(self, name: str) -> bool:
         return name in self.nodes
 
-    def is_float(self, name: str) -> bool:
-        return isinstance(self.nodes.get(name), FloatNode)
-
-    def is_integer(self, name: str) -> bool:
-        return isinstance(self.nodes.get(name), IntegerNode)
-
     def unit(self, name: str) -> str | None:
-        node = self.nodes.get(name)
-        return node.unit if isinstance(node, FloatNode | IntegerNode) else None
+        return getattr(self.nodes.get(name), "unit", None)
 
     def entries(self, name: str) -> tuple[str, ...]:
-        node = self.nodes.get(name)
-        return node.entries if isinstance(node, EnumerationNode) else ()
+        return getattr(self.nodes.get(name), "entries", ())
 
-    def float_bounds(self, name: str) -> tuple[float, float]:
-        node = self._node(name, FloatNode)
-        return node.low, node.high
+    def bounds(self, name: str) -> tuple[float, float]:
+        return self._number(name).low, self._number(name).high
 
-    def float_increment(self, name: str) -> float:
-        return self._node(name, FloatNode).increment
+    def increment(self, name: str) -> float:
+        return self._number(name).increment
 
-    def integer_bounds(self, name: str) -> tuple[int, int]:
-        node = self._node(name, IntegerNode)
-        return node.low, node.high
+    def read(self, name: str) -> FeatureValue:
+        node = self.nodes[name]
+        assert not isinstance(node, CommandNode), name
+        return node.value
 
-    def integer_increment(self, name: str) -> int:
-        return self._node(name, IntegerNode).increment
-
-    def read_float(self, name: str) -> float:
-        return self._node(name, FloatNode).value
-
-    def write_float(self, name: str, value: float) -> None:
-        node = self._node(name, FloatNode)
-        if node.locked or not node.low <= value <= node.high:
+    def write(self, name: str, value: FeatureValue) -> None:
+        node = self.nodes[name]
+        assert isinstance(value, TYPES[type(node)]), (name, value)
+        if isinstance(node, FloatNode | IntegerNode) and (node.locked or not node.low <= value <= node.high):  # type: ignore[operator]
             raise NodeError(f"camera {self.serial}: could not set {name} to {value:g}")
+        assert not getattr(node, "locked", False) and value in getattr(node, "entries", (value,)), name
         self.writes.append((name, value))
-        node.value = node.take(value)
-
-    def read_integer(self, name: str) -> int:
-        return self._node(name, IntegerNode).value
-
-    def write_integer(self, name: str, value: int) -> None:
-        node = self._node(name, IntegerNode)
-        if node.locked or not node.low <= value <= node.high:
-            raise NodeError(f"camera {self.serial}: could not set {name} to {value}")
-        self.writes.append((name, value))
-        node.value = value
-
-    def read_boolean(self, name: str) -> bool:
-        return self._node(name, BooleanNode).value
-
-    def write_boolean(self, name: str, value: bool) -> None:
-        node = self._node(name, BooleanNode)
-        assert not node.locked, name
-        self.writes.append((name, value))
-        node.value = value
-
-    def read_entry(self, name: str) -> str:
-        return self._node(name, EnumerationNode).value
-
-    def write_entry(self, name: str, entry: str) -> None:
-        node = self._node(name, EnumerationNode)
-        assert entry in node.entries and not node.locked, name
-        self.writes.append((name, entry))
-        node.value = entry
-
-    def read_string(self, name: str) -> str:
-        return self._node(name, StringNode).value
-
-    def write_string(self, name: str, value: str) -> None:
-        self.writes.append((name, value))
-        self._node(name, StringNode).value = value
+        node.value = node.take(value) if isinstance(node, FloatNode) else value  # type: ignore[union-attr, arg-type, assignment]
 
     def execute(self, name: str) -> None:
         self._node(name, CommandNode).run()

@@ -6,7 +6,15 @@ import pytest
 import yaml
 
 from drivers.genicam.features import apply_features, changed_from_default, differing, read_inventory, same, set_features
-from drivers.setup import CameraSetup, FeatureSetting, LinkShare, TriggerMode, TriggerSetup, parse_features
+from drivers.setup import (
+    CameraSetup,
+    FeatureSetting,
+    FeatureValue,
+    LinkShare,
+    TriggerMode,
+    TriggerSetup,
+    parse_features,
+)
 from imaging.errors import ConfigurationError, NodeError, UnsupportedCameraError
 from tests.drivers.genicam.node_map import (
     BooleanNode,
@@ -43,25 +51,23 @@ class Camera(MemoryNodes):
             }
         )
 
-    def write_integer(self, name: str, value: int) -> None:
-        super().write_integer(name, value)
+    def read(self, name: str) -> FeatureValue:
+        return self.inverted[str(self.read("LineSelector"))] if name == "LineInverter" else super().read(name)
+
+    def write(self, name: str, value: FeatureValue) -> None:
+        super().write(name, value)
+        if name == "LineInverter":
+            self.inverted[str(self.read("LineSelector"))] = bool(value)
         width, offset = self._node("Width", IntegerNode), self._node("OffsetX", IntegerNode)
         for node, other in ((width, offset), (offset, width)):
             node.value -= node.value % node.increment
             node.high = 720 - other.value
 
-    def read_boolean(self, name: str) -> bool:
-        return self.inverted[self.read_entry("LineSelector")]
-
-    def write_boolean(self, name: str, value: bool) -> None:
-        self.writes.append((name, value))
-        self.inverted[self.read_entry("LineSelector")] = value
-
     def _load(self) -> None:
         self.writes.append(("UserSetLoad", True))
         self._node("BlackLevel", FloatNode).value = 0.0
         for name, value in (("OffsetX", 0), ("Width", 720)):
-            self.write_integer(name, value)
+            self.write(name, value)
         self.inverted = dict.fromkeys(LINES, False)
 
 
@@ -82,9 +88,9 @@ def test_they_are_set_in_their_order_and_selectors_put_back() -> None:
             "- LineSelector[Line2].LineInverter: on\n- BlackLevel: 2\n- Sharpness: On\n- DeviceUserID: left"
         ),
     )
-    assert (camera.read_integer("Width"), camera.read_integer("OffsetX")) == (320, 400)
+    assert (camera.read("Width"), camera.read("OffsetX")) == (320, 400)
     assert camera.inverted == {"Line1": False, "Line2": True}
-    assert camera.read_entry("LineSelector") == "Line1"
+    assert camera.read("LineSelector") == "Line1"
     names = [name for name, _ in camera.writes]
     assert names.index("UserSetLoad") < names.index("BlackLevel") < names.index("Sharpness")
 
@@ -93,18 +99,19 @@ def test_a_region_may_move_and_grow_whatever_it_was() -> None:
     camera = Camera()
     for width, offset in ((320, 400), (700, 20), (8, 712), (720, 0)):
         assert set_features(camera, features(f"- Width: {width}\n- OffsetX: {offset}")) == []
-        assert (camera.read_integer("Width"), camera.read_integer("OffsetX")) == (width, offset)
+        assert (camera.read("Width"), camera.read("OffsetX")) == (width, offset)
 
 
 def test_what_another_feature_changes_is_set_again() -> None:
     class Binning(Camera):
-        def write_float(self, name: str, value: float) -> None:
-            super().write_float(name, value)
-            self.write_integer("OffsetX", 0)
+        def write(self, name: str, value: FeatureValue) -> None:
+            super().write(name, value)
+            if name == "BlackLevel":
+                self.write("OffsetX", 0)
 
     camera = Binning()
     assert set_features(camera, features("- Width: 320\n- OffsetX: 400\n- BlackLevel: 2")) == []
-    assert camera.read_integer("OffsetX") == 400
+    assert camera.read("OffsetX") == 400
 
 
 def test_what_cannot_be_before_a_command_is_not_tried_after_it() -> None:
@@ -154,7 +161,7 @@ def test_all_that_is_wrong_is_told_at_once() -> None:
 
 def test_a_refusal_without_a_reason_may_pass() -> None:
     class Refusing(Camera):
-        def write_string(self, name: str, value: str) -> None:
+        def write(self, name: str, value: FeatureValue) -> None:
             raise NodeError(f"camera M1: could not set {name}: access denied")
 
     with pytest.raises(NodeError, match="features: DeviceUserID: camera M1: could not set DeviceUserID: access denied"):

@@ -3,6 +3,7 @@ from __future__ import annotations
 import pytest
 
 from drivers.genicam.dialect import switch_gamma_off
+from drivers.setup import FeatureValue
 from imaging.errors import NodeError
 from tests.drivers.genicam.node_map import BooleanNode, FloatNode, MemoryNodes
 
@@ -32,7 +33,7 @@ def test_the_reason_why_gamma_stays_on_is_reported() -> None:
     assert "could not set Gamma to 1" in limitation
 
     class Locked(MemoryNodes):
-        def write_boolean(self, name: str, value: bool) -> None:
+        def write(self, name: str, value: FeatureValue) -> None:
             raise NodeError(f"{name} is locked")
 
     (limitation,) = switch_gamma_off(Locked({"GammaEnable": BooleanNode(True)}))

@@ -16,6 +16,7 @@ from drivers.genicam.image_format import (
     set_binning,
     switch_white_balance_off,
 )
+from drivers.setup import FeatureValue
 from imaging.errors import ConfigurationError, NodeError, UnsupportedCameraError
 from imaging.pixels import PixelFormat
 from tests.drivers.genicam.node_map import BooleanNode, EnumerationNode, IntegerNode, MemoryNodes
@@ -100,7 +101,7 @@ def test_binning_resets_the_region_to_the_whole_sensor() -> None:
     set_binning(nodes, None)
     assert nodes.writes == []
     set_binning(nodes, 2)
-    assert {name: nodes.read_integer(name) for name in nodes.nodes} == {
+    assert {name: nodes.read(name) for name in nodes.nodes} == {
         "BinningHorizontal": 2, "BinningVertical": 2, "OffsetX": 0, "OffsetY": 0, "Width": 360, "Height": 270
     }  # fmt: skip
     with pytest.raises(ConfigurationError, match="BinningHorizontal takes 1 to 4 at present, not 8"):
@@ -188,11 +189,11 @@ def test_samples_of_two_bytes_are_asked_for_with_the_low_one_first(name: str) ->
 
 def test_a_camera_that_keeps_sending_the_high_byte_first_is_refused() -> None:
     class Stubborn(MemoryNodes):
-        def write_boolean(self, name: str, value: bool) -> None:
+        def write(self, name: str, value: FeatureValue) -> None:
             pass
 
     class Refusing(MemoryNodes):
-        def write_boolean(self, name: str, value: bool) -> None:
+        def write(self, name: str, value: FeatureValue) -> None:
             raise NodeError("it is read-only")
 
     for kind, why in ((Stubborn, "stays on"), (Refusing, "cannot be switched off .it is read-only")):

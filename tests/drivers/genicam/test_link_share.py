@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.genicam.link_share import USABLE_SHARE, bytes_per_s, needed_bytes_per_s, packet_delay_ns
+from drivers.host.network import USABLE_SHARE, bytes_per_s, needed_bytes_per_s, packet_delay_ns
 
 sizes = st.integers(576, 9000)
 link_mbps = st.floats(10.0, 10_000.0)

@@ -3,6 +3,7 @@ from __future__ import annotations
 import pytest
 
 from drivers.genicam.metadata import ChunkNodes, SettingLedger, enable_chunks
+from drivers.setup import FeatureValue
 from imaging.errors import NodeError
 from imaging.exposure import ExposureSetting
 from tests.drivers.genicam.node_map import BooleanNode, EnumerationNode, FloatNode, IntegerNode, MemoryNodes
@@ -102,7 +103,7 @@ def test_a_chunk_of_another_unit_is_read_in_microseconds() -> None:
 
 def test_chunks_that_cannot_be_switched_on_are_reported_with_the_reason() -> None:
     class Refusing(MemoryNodes):
-        def write_boolean(self, name: str, value: bool) -> None:
+        def write(self, name: str, value: FeatureValue) -> None:
             raise NodeError(f"could not set {name}: write-protect")
 
     nodes = Refusing({"ChunkModeActive": BooleanNode(), "ChunkSelector": EnumerationNode("Image", ("Image",))})

@@ -83,7 +83,7 @@ def test_what_is_read_only_and_needed_is_refused_by_name() -> None:
 def test_what_a_trigger_has_only_while_it_is_on_is_set_then() -> None:
     class Hiding(MemoryNodes):
         def available(self, name: str) -> bool:
-            hidden = name in ("TriggerSource", "TriggerActivation") and self.read_entry("TriggerMode") == "Off"
+            hidden = name in ("TriggerSource", "TriggerActivation") and self.read("TriggerMode") == "Off"
             return super().available(name) and not hidden
 
         def entries(self, name: str) -> tuple[str, ...]:
@@ -91,7 +91,7 @@ def test_what_a_trigger_has_only_while_it_is_on_is_set_then() -> None:
 
     nodes = Hiding(triggered().nodes)
     assert arm_trigger(nodes, FREE_RUN) == arm_trigger(nodes, LINE0) == ()
-    held = [nodes.read_entry(name) for name in ("TriggerSource", "TriggerActivation", "TriggerMode")]
+    held = [nodes.read(name) for name in ("TriggerSource", "TriggerActivation", "TriggerMode")]
     assert held == ["Line0", "RisingEdge", "On"]
 
 
@@ -168,8 +168,8 @@ def test_cameras_without_a_line_or_a_frame_trigger_are_refused() -> None:
 def test_a_free_run_sets_the_rate_with_triggers_off() -> None:
     nodes = triggered(AcquisitionMode=EnumerationNode("SingleFrame", ("SingleFrame", "Continuous")))
     assert arm_trigger(nodes, FREE_RUN) == ()
-    assert nodes.read_entry("TriggerMode") == "Off"
-    assert nodes.read_entry("AcquisitionMode") == "Continuous"
+    assert nodes.read("TriggerMode") == "Off"
+    assert nodes.read("AcquisitionMode") == "Continuous"
     assert nodes.writes[-2:] == [("AcquisitionFrameRateEnable", True), ("AcquisitionFrameRate", 60.0)]
 
 
@@ -239,8 +239,8 @@ def test_older_names_of_the_frame_rate_are_known() -> None:
 def test_a_fixed_rate_is_a_trigger_source_on_some_cameras() -> None:
     nodes = triggered(TriggerSource=EnumerationNode("Freerun", ("Freerun", "Line1", "FixedRate")))
     arm_trigger(nodes, FREE_RUN)
-    assert nodes.read_entry("TriggerSource") == "FixedRate"
-    assert nodes.read_entry("TriggerMode") == "On"
+    assert nodes.read("TriggerSource") == "FixedRate"
+    assert nodes.read("TriggerMode") == "On"
 
 
 def test_triggers_without_a_mode_are_skipped() -> None:

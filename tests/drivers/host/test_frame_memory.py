@@ -7,7 +7,7 @@ import sys
 
 PROGRAM = """
 import ctypes, sys, threading
-from drivers.host.linux import share_one_heap
+from drivers.host import share_one_heap
 
 if sys.argv[1] == "shared":
     share_one_heap()

@@ -9,12 +9,12 @@ from pathlib import Path
 
 import pytest
 
-from drivers.host.linux import NICENESS, come_first
+from drivers.host import NICENESS, come_first
 
 RAISED = """
 import os, threading
 from pathlib import Path
-from drivers.host.linux import come_first
+from drivers.host import come_first
 found = []
 def on_a_thread(run):
     thread = threading.Thread(target=run)

@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 
 from drivers.camera import PtpState
-from drivers.ptp import PtpNodes
+from drivers.genicam.trigger import PtpNodes
 from imaging.errors import UnsupportedCameraError
 from tests.drivers.genicam.node_map import BooleanNode, CommandNode, EnumerationNode, IntegerNode, MemoryNodes, Node
 

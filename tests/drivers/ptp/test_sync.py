@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from drivers.camera import ClockReading, PtpState
-from drivers.ptp import LOST_NS, PATIENCE_NS, STEP_NS, SYNCHRONISED_NS, Synchronisation
 from drivers.rig.supervision import Slots
+from drivers.triggers.host import LOST_NS, PATIENCE_NS, STEP_NS, SYNCHRONISED_NS, Synchronisation
 from imaging.frames import Side
 
 S = 1_000_000_000

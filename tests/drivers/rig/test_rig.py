@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 from drivers.camera import Camera, CameraDescription, RefusedPackets
+from drivers.rig import Rig
 from drivers.rig.events import CameraGone, CameraReady, CameraSilent, FrameArrived, RigEvent, WriteFailed, Written
-from drivers.rig.rig import Rig
 from imaging.errors import CameraLostError, CameraNotFoundError, ConfigurationError, NodeError, UnsupportedCameraError
 from imaging.exposure import ExposureLimits, ExposureSetting
 from imaging.frames import Frame, Side

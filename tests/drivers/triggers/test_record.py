@@ -6,9 +6,9 @@ import numpy as np
 
 from drivers.camera import CameraDescription, IncompleteFrame
 from drivers.rig.events import CameraGone, CameraReady, FrameArrived, WriteFailed, Written
+from drivers.triggers import RigRecord
 from drivers.triggers.outcomes import LossReason
 from drivers.triggers.rate import JUDGED_FRAMES, PATIENCE_NS
-from drivers.triggers.record import RigRecord
 from imaging.errors import CameraLostError, NodeError
 from imaging.exposure import ExposureLimits, ExposureSetting
 from imaging.frames import SIDES, Frame, Side
