@@ -5,32 +5,38 @@ from __future__ import annotations
 from dataclasses import fields
 from functools import cached_property
 from pathlib import Path
+from typing import Annotated, Literal
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import ValidationInfo, field_validator, model_validator
+from pydantic import (
+    AfterValidator,
+    ValidationInfo,
+    ValidatorFunctionWrapHandler,
+    WrapValidator,
+    field_validator,
+    model_validator,
+)
 
 from autoexpose_daemon.config.section import (
     AreaConfig,
-    BalanceOffset,
-    BalanceWeight,
-    BracketExposures,
-    BracketStops,
     ExposureTimeUs,
     FileName,
-    FlickerHz,
-    FocalLengthPx,
-    FullWellE,
+    Float,
     GainDb,
-    MeanTarget,
-    MetricDelta,
-    MetricLambda,
-    ReadNoiseE,
+    Integer,
     Section,
     present_name,
 )
-from autoexpose_daemon.control.parameters import BalanceId, Bracketing, ControlParameters, MotionId
+from autoexpose_daemon.control.parameters import (
+    BRACKET_RANGES,
+    RANGES,
+    BalanceId,
+    Bracketing,
+    ControlParameters,
+    MotionId,
+)
 from autoexpose_daemon.control.picture.region import Rectangle, Region
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY, check_policy_id
 from documents.files import is_whole_png, read_regular
@@ -144,6 +150,18 @@ class StartConfig(Section):
     gain_db: GainDb = 0.0
 
 
+def _hertz_or_auto(value: object, parse: ValidatorFunctionWrapHandler) -> object:
+    if value == "auto":
+        return value
+    try:
+        return RANGES["flicker_hz"].check(parse(value))
+    except ValueError as error:
+        number = isinstance(value, int | float) and not isinstance(value, bool)
+        wrong = "is out of bounds" if number else "is not a frequency"
+        raise ValueError(f"{quoted(value)} {wrong}: give {RANGES['flicker_hz']}, or auto") from error
+
+
+_WITHIN = {name: AfterValidator(allowed.check) for name, allowed in {**RANGES, **BRACKET_RANGES}.items()}
 _TUNING = ControlParameters()
 _BRACKETING = Bracketing()
 
@@ -151,13 +169,9 @@ _BRACKETING = Bracketing()
 class BracketConfig(Section):
     """Brackets, recorded to judge policies later, instead of exposures by the policy."""
 
-    exposures: BracketExposures = _BRACKETING.exposures
-    range_stops: BracketStops = _BRACKETING.range_stops
+    exposures: Annotated[Integer, _WITHIN["exposures"]] = _BRACKETING.exposures
+    range_stops: Annotated[Float, _WITHIN["range_stops"]] = _BRACKETING.range_stops
     keep: bool = _BRACKETING.keep
-
-    def bracketing(self) -> Bracketing:
-        """The same for control."""
-        return Bracketing(self.exposures, self.range_stops, self.keep)
 
 
 class ControlConfig(Section):
@@ -167,23 +181,23 @@ class ControlConfig(Section):
     start: StartConfig | None = None
     roi: RoiConfig = RoiConfig()
     balance: BalanceId = _TUNING.balance
-    flicker_hz: FlickerHz = "auto" if _TUNING.flicker_hz is None else _TUNING.flicker_hz
+    flicker_hz: Annotated[Float | Literal["auto"], WrapValidator(_hertz_or_auto)] = _TUNING.flicker_hz or "auto"
     motion: MotionId = _TUNING.motion
-    focal_length_px: FocalLengthPx | None = _TUNING.focal_length_px
-    full_well_e: FullWellE = _TUNING.full_well_e
-    read_noise_e: ReadNoiseE = _TUNING.read_noise_e
-    metric_delta: MetricDelta = _TUNING.metric_delta
-    metric_lambda: MetricLambda = _TUNING.metric_lambda
-    balance_weight: BalanceWeight = _TUNING.balance_weight
-    balance_offset: BalanceOffset = _TUNING.balance_offset
-    mean_target: MeanTarget = _TUNING.mean_target
+    focal_length_px: Annotated[Float, _WITHIN["focal_length_px"]] | None = _TUNING.focal_length_px
+    full_well_e: Annotated[Float, _WITHIN["full_well_e"]] = _TUNING.full_well_e
+    read_noise_e: Annotated[Float, _WITHIN["read_noise_e"]] = _TUNING.read_noise_e
+    metric_delta: Annotated[Float, _WITHIN["metric_delta"]] = _TUNING.metric_delta
+    metric_lambda: Annotated[Float, _WITHIN["metric_lambda"]] = _TUNING.metric_lambda
+    balance_weight: Annotated[Float, _WITHIN["balance_weight"]] = _TUNING.balance_weight
+    balance_offset: Annotated[Float, _WITHIN["balance_offset"]] = _TUNING.balance_offset
+    mean_target: Annotated[Float, _WITHIN["mean_target"]] = _TUNING.mean_target
     bracket: BracketConfig | None = None
 
     def parameters(self) -> ControlParameters:
         """What the control loop is tuned with."""
         values = {field.name: getattr(self, field.name) for field in fields(ControlParameters)}
         found = {"flicker_hz": None} if self.flicker_hz == "auto" else {}
-        bracketing = None if self.bracket is None else self.bracket.bracketing()
+        bracketing = None if self.bracket is None else Bracketing(**self.bracket.model_dump())
         return ControlParameters(**values | found | {"bracket": bracketing})
 
     @field_validator("policy", "motion", mode="before")

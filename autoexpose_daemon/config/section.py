@@ -8,7 +8,7 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 from pydantic import (
     AfterValidator,
@@ -17,14 +17,11 @@ from pydantic import (
     ConfigDict,
     Field,
     ValidationError,
-    ValidatorFunctionWrapHandler,
-    WrapValidator,
     field_validator,
     model_validator,
 )
 from pydantic_core import ErrorDetails
 
-from autoexpose_daemon.control.parameters import BRACKET_RANGES, RANGES
 from autoexpose_daemon.control.policies.ids import REMOVED
 from autoexpose_daemon.messages.keys import check_endpoints, check_zenoh_file
 from documents import bounds
@@ -43,17 +40,6 @@ def _refuse_boolean(value: object) -> object:
     if isinstance(value, bool):  # YAML reads yes, no, on and off as booleans, which Python takes for 1 and 0
         raise ValueError(f"{str(value).lower()} is not a number")
     return value
-
-
-def _hertz_or_auto(value: object, parse: ValidatorFunctionWrapHandler) -> object:
-    if value == "auto":
-        return value
-    try:
-        return RANGES["flicker_hz"].check(parse(value))
-    except ValueError as error:
-        number = isinstance(value, int | float) and not isinstance(value, bool)
-        wrong = "is out of bounds" if number else "is not a frequency"
-        raise ValueError(f"{quoted(value)} {wrong}: give {RANGES['flicker_hz']}, or auto") from error
 
 
 def check_name(name: str) -> str:
@@ -94,17 +80,6 @@ Extent = Annotated[Integer, AfterValidator(bounds.EXTENT.check)]
 Binning = Annotated[Integer, AfterValidator(bounds.BINNING.check)]
 LinkMbps = Annotated[Float, AfterValidator(bounds.LINK_MBPS.check)]
 PacketBytes = Annotated[Integer, AfterValidator(bounds.PACKET_BYTES.check)]
-MetricDelta = Annotated[Float, AfterValidator(RANGES["metric_delta"].check)]
-MetricLambda = Annotated[Float, AfterValidator(RANGES["metric_lambda"].check)]
-BalanceWeight = Annotated[Float, AfterValidator(RANGES["balance_weight"].check)]
-BalanceOffset = Annotated[Float, AfterValidator(RANGES["balance_offset"].check)]
-MeanTarget = Annotated[Float, AfterValidator(RANGES["mean_target"].check)]
-FlickerHz = Annotated[Float | Literal["auto"], WrapValidator(_hertz_or_auto)]
-FocalLengthPx = Annotated[Float, AfterValidator(RANGES["focal_length_px"].check)]
-FullWellE = Annotated[Float, AfterValidator(RANGES["full_well_e"].check)]
-ReadNoiseE = Annotated[Float, AfterValidator(RANGES["read_noise_e"].check)]
-BracketExposures = Annotated[Integer, AfterValidator(BRACKET_RANGES["exposures"].check)]
-BracketStops = Annotated[Float, AfterValidator(BRACKET_RANGES["range_stops"].check)]
 EvStops = Annotated[Float, AfterValidator(bounds.EV_STOPS.check)]
 SampleAgeS = Annotated[Float, AfterValidator(bounds.SAMPLE_AGE_S.check)]
 Name = Annotated[str, AfterValidator(check_name)]

@@ -4,34 +4,29 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from autoexpose_daemon.control.balance import Balance, whole_periods_us
 from autoexpose_daemon.control.decision import Decision, Grounds
-from autoexpose_daemon.control.metrics.gradient import GradientMetric
 from autoexpose_daemon.control.override import Compensation
-from autoexpose_daemon.control.parameters import FASTEST_TURN_RAD_S, REMEMBERED_STEPS, ControlParameters
+from autoexpose_daemon.control.parameters import FASTEST_TURN_RAD_S, REMEMBERED_STEPS
 from autoexpose_daemon.control.picture.image import median
 from autoexpose_daemon.control.picture.motion import FarnebackMotion, Motion, TileMotion
-from autoexpose_daemon.control.picture.region import Region
 from autoexpose_daemon.control.picture.steering import CellExposure
 from autoexpose_daemon.control.policies.flicker import FlickerWatch
 from autoexpose_daemon.control.policies.table import build_policy
-from autoexpose_daemon.control.policy import Look, Objective, Observation, PastStep, PolicySetup, Target
+from autoexpose_daemon.control.policy import Look, Objective, Observation, PastStep, Target
+from autoexpose_daemon.control.setup import ControlSetup
 from autoexpose_daemon.control.snapshot import Plain, restore, take
 from autoexpose_daemon.control.step import StepInputs
 from autoexpose_daemon.control.view import View
 from imaging.errors import ConfigurationError
-from imaging.exposure import ExposureLimits, ExposureSetting
-from imaging.frames import SIDES, Frame, Side, StereoPair
+from imaging.exposure import ExposureSetting
+from imaging.frames import Frame, Side, StereoPair
 from imaging.response import ResponseFunction
-from imaging.vignetting import Vignetting
 
 REFERENCE_RATE_HZ = 60.0
 """Image speeds are in pixels per 1/60 s, the unit of the paper's tuning."""
-
-_DEFAULT_PARAMETERS = ControlParameters()
 
 _MOTIONS: dict[str, Callable[[ResponseFunction], Motion]] = {
     "tiles": TileMotion,
@@ -43,35 +38,6 @@ STATE_FORMAT = "autoexpose-control/13"
 """Format of `ControlSetup` and `ControlLoop.state` as plain data: a new number when names, types or meaning change."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ControlSetup:
-    """What a control loop is built from: the parameters of `ControlLoop`."""
-
-    policy_id: str
-    responses: dict[Side, ResponseFunction]
-    limits: ExposureLimits
-    start: ExposureSetting
-    parameters: ControlParameters
-    regions: dict[Side, Region]
-    vignettings: dict[Side, Vignetting]
-
-    def of_policy(self, policy_id: str) -> ControlSetup:
-        """The same for another policy, which decides on every frame: without brackets."""
-        return replace(self, policy_id=policy_id, parameters=replace(self.parameters, bracket=None))
-
-    def loop(self) -> ControlLoop:
-        """A new loop."""
-        return ControlLoop(
-            self.policy_id,
-            self.responses,
-            self.limits,
-            self.start,
-            self.parameters,
-            regions=self.regions,
-            vignettings=self.vignettings,
-        )
-
-
 class ControlLoop:
     """Decides once per stereo pair, for both cameras.
 
@@ -80,23 +46,14 @@ class ControlLoop:
 
     Parameters
     ----------
-    policy_id
-        One of `POLICY_IDS`.
-    responses
-        Response function of each camera; a single one applies to all.
-    limits
-        Bounds and increments that both cameras can take.
-    start
-        The setting the cameras start with; the policy `fixed` stays there.
-    parameters
-        Tuning and choices.
-    regions
-        What counts in a camera's picture; without one, everything.
-    vignettings
-        What a camera's lens lets through; without one, contrast counts as frames show it.
+    setup, parts, named
+        What it is built from: a `ControlSetup`, or the arguments of one, as in
+        ``ControlLoop("belief", responses, limits, start)``.
 
     Attributes
     ----------
+    setup
+        What it was built from.
     inputs
         What the latest step was given; None before the first.
     metric_asked
@@ -114,35 +71,24 @@ class ControlLoop:
     _motion_px: float
     _flicker: FlickerWatch | None
 
-    def __init__(
-        self,
-        policy_id: str,
-        responses: ResponseFunction | Mapping[Side, ResponseFunction],
-        limits: ExposureLimits,
-        start: ExposureSetting,
-        parameters: ControlParameters = _DEFAULT_PARAMETERS,
-        *,
-        regions: Mapping[Side, Region] | None = None,
-        vignettings: Mapping[Side, Vignetting] | None = None,
-    ) -> None:
-        by_side = dict.fromkeys(SIDES, responses) if isinstance(responses, ResponseFunction) else dict(responses)
-        self.setup = ControlSetup(
-            policy_id, by_side, limits, start, parameters, dict(regions or {}), dict(vignettings or {})
-        )
+    def __init__(self, setup: ControlSetup | str, *parts: Any, **named: Any) -> None:
+        self.setup = setup if isinstance(setup, ControlSetup) else ControlSetup(setup, *parts, **named)
+        setup, parameters = self.setup, self.setup.parameters
         self.inputs: StepInputs | None = None
         self.metric_asked = False
         self._compensation: Compensation | None = None  # follows from the override
-        self._limits = limits
-        self._focal_length_px = parameters.focal_length_px
-        self._metric = GradientMetric(parameters.metric_delta, parameters.metric_lambda)
-        self._policy = build_policy(PolicySetup(policy_id, by_side, self._metric, start, parameters))
-        self._flicker = FlickerWatch(by_side) if parameters.flicker_hz is None else None
+        self._limits = setup.limits
+        self._metric = setup.metric
+        self._policy = build_policy(setup)
+        self._flicker = FlickerWatch(setup.responses) if parameters.flicker_hz is None else None
         self._views = {
-            side: View(response, self.setup.regions.get(side), self.setup.vignettings.get(side))
-            for side, response in by_side.items()
+            side: View(response, setup.regions.get(side), setup.vignettings.get(side))
+            for side, response in setup.responses.items()
         }
         flow = self._policy.FLOW if parameters.motion == "policy" else parameters.motion
-        self._motions: dict[Side, Motion] = {side: _MOTIONS[flow](response) for side, response in by_side.items()}
+        self._motions: dict[Side, Motion] = {
+            side: _MOTIONS[flow](response) for side, response in setup.responses.items()
+        }
         self._motion_side = None
         self._motion_px = 0.0
         self._seen: list[Look] = []
@@ -315,7 +261,8 @@ class ControlLoop:
         """Mean speed of image points, pixels of full resolution per 1/60 s."""
         if angular_rate_rad_s is None:
             return self._flow_px(look, frame, setting)
-        if self._focal_length_px is None:
+        focal_length_px = self.setup.parameters.focal_length_px
+        if focal_length_px is None:
             raise ConfigurationError("an angular rate needs control.focal_length_px: give the focal length in pixels")
         if not abs(angular_rate_rad_s) <= FASTEST_TURN_RAD_S:
             raise ConfigurationError(
@@ -324,7 +271,7 @@ class ControlLoop:
         for motion in self._motions.values():
             motion.forget()
         self._motion_side = None
-        self._motion_px = abs(angular_rate_rad_s) * self._focal_length_px / REFERENCE_RATE_HZ
+        self._motion_px = abs(angular_rate_rad_s) * focal_length_px / REFERENCE_RATE_HZ
         return self._motion_px
 
     def _flow_px(self, look: Look, frame: Frame, setting: ExposureSetting) -> float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Annotated, Literal, get_type_hints
 
 from documents.bounds import Range
 from imaging.errors import ConfigurationError
@@ -20,20 +20,6 @@ FASTEST_M_S = 50.0
 
 REMEMBERED_STEPS = 32
 """Half a second at 60 Hz: the slowest camera reported takes 0.4 s from write to effect."""
-
-RANGES = {
-    "metric_delta": Range(0.0, 0.99),
-    "metric_lambda": Range(0.001, 1_000_000.0),
-    "balance_weight": Range(0.000_001, 1000.0),
-    "balance_offset": Range(0.0, 1_000_000.0),
-    "mean_target": Range(0.001, 0.999),
-    "flicker_hz": Range(10.0, 1000.0, "Hz"),
-    "focal_length_px": Range(1.0, 100_000.0, "pixels"),
-    "full_well_e": Range(100.0, 10_000_000.0, "electrons"),
-    "read_noise_e": Range(0.1, 1000.0, "electrons"),
-}
-BRACKET_RANGES = {"exposures": Range(2, 12), "range_stops": Range(1.0, 16.0, "stops")}
-"""Beyond these bounds a value is a typo."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,8 +41,8 @@ class Bracketing:
         Names a number that is out of bounds.
     """
 
-    exposures: int = 6
-    range_stops: float = 6.0
+    exposures: Annotated[int, Range(2, 12)] = 6
+    range_stops: Annotated[float, Range(1.0, 16.0, "stops")] = 6.0
     keep: bool = False
 
     def __post_init__(self) -> None:
@@ -101,21 +87,32 @@ class ControlParameters:
         Names a parameter that is out of bounds.
     """
 
-    metric_delta: float = 0.30
-    metric_lambda: float = 1000.0
-    balance_weight: float = 0.02
-    balance_offset: float = 8.0
-    mean_target: float = 0.20
+    metric_delta: Annotated[float, Range(0.0, 0.99)] = 0.30
+    metric_lambda: Annotated[float, Range(0.001, 1_000_000.0)] = 1000.0
+    balance_weight: Annotated[float, Range(0.000_001, 1000.0)] = 0.02
+    balance_offset: Annotated[float, Range(0.0, 1_000_000.0)] = 8.0
+    mean_target: Annotated[float, Range(0.001, 0.999)] = 0.20
     balance: BalanceId = "policy"
-    flicker_hz: float | None = 100.0
+    flicker_hz: Annotated[float | None, Range(10.0, 1000.0, "Hz")] = 100.0
     motion: MotionId = "policy"
-    focal_length_px: float | None = None
-    full_well_e: float = 10_500.0
-    read_noise_e: float = 3.0
+    focal_length_px: Annotated[float | None, Range(1.0, 100_000.0, "pixels")] = None
+    full_well_e: Annotated[float, Range(100.0, 10_000_000.0, "electrons")] = 10_500.0
+    read_noise_e: Annotated[float, Range(0.1, 1000.0, "electrons")] = 3.0
     bracket: Bracketing | None = None
 
     def __post_init__(self) -> None:
         _check(self, RANGES)
+
+
+def _ranges(kind: type) -> dict[str, Range]:
+    hints = get_type_hints(kind, include_extras=True)
+    return {
+        name: each for name, hint in hints.items() for each in getattr(hint, "__metadata__", ()) if type(each) is Range
+    }
+
+
+RANGES, BRACKET_RANGES = _ranges(ControlParameters), _ranges(Bracketing)
+"""By parameter: beyond these bounds a value is a typo."""
 
 
 def _check(parameters: object, ranges: Mapping[str, Range]) -> None:

@@ -1,4 +1,4 @@
-"""The interface of policies: what one is built from, what it sees of a frame, and what it returns."""
+"""The interface of policies: what one sees of a frame, and what it returns."""
 
 from __future__ import annotations
 
@@ -10,11 +10,10 @@ from typing import ClassVar, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from autoexpose_daemon.control.balance import Balance, BlurNoiseBalance, ExposurePriority, FixedRatio, FlickerBalance
+from autoexpose_daemon.control.balance import Balance
 from autoexpose_daemon.control.decision import Grounds
 from autoexpose_daemon.control.light_ahead import LightAhead
-from autoexpose_daemon.control.metrics.gradient import GradientMetric, mean_signal
-from autoexpose_daemon.control.parameters import ControlParameters
+from autoexpose_daemon.control.metrics.gradient import mean_signal
 from autoexpose_daemon.control.picture.steering import Steering
 from imaging.exposure import ExposureLimits, ExposureSetting
 from imaging.frames import Side
@@ -200,32 +199,6 @@ class Target:
     reason: str
     predicted_metric: float | None = None
     exposure_time_us: float | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class PolicySetup:
-    """What policies are built from. `metric` is shared with the loop, for its buffers."""
-
-    policy_id: str
-    responses: Mapping[Side, ResponseFunction]
-    metric: GradientMetric
-    start: ExposureSetting
-    parameters: ControlParameters
-
-    def balance(self, paper_balance: Balance | None = None) -> Balance:
-        """The configured balance, or else that of the policy's paper (None: Begin & Hunter's)."""
-        match self.parameters.balance:
-            case "policy" if paper_balance is not None:
-                return paper_balance
-            case "policy" | "blur_noise":
-                return BlurNoiseBalance(self.parameters.balance_weight, self.parameters.balance_offset)
-            case "exposure_priority":
-                return ExposurePriority()
-            case "fixed_ratio":
-                return FixedRatio()
-            case "flicker":
-                flicker_hz = self.parameters.flicker_hz
-                return ExposurePriority() if flicker_hz is None else FlickerBalance(flicker_hz)
 
 
 Objective = Literal["metric", "information"]

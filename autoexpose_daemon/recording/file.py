@@ -19,8 +19,9 @@ import numpy as np
 from mcap.writer import CompressionType, Writer
 
 from autoexpose_daemon.control.decision import Decision
-from autoexpose_daemon.control.loop import STATE_FORMAT, ControlSetup
+from autoexpose_daemon.control.loop import STATE_FORMAT
 from autoexpose_daemon.control.override import NO_OVERRIDE
+from autoexpose_daemon.control.setup import ControlSetup
 from autoexpose_daemon.control.snapshot import Plain, plain
 from autoexpose_daemon.control.step import StepInputs
 from autoexpose_daemon.messages.frames import TOPICS, MessageWriter, Stamp, realtime_offset_ns

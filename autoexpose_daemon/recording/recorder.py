@@ -16,7 +16,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from autoexpose_daemon.config.document import Config, PublishConfig
-from autoexpose_daemon.control.loop import ControlLoop, ControlSetup
+from autoexpose_daemon.control.loop import ControlLoop
+from autoexpose_daemon.control.setup import ControlSetup
 from autoexpose_daemon.control.snapshot import Plain
 from autoexpose_daemon.control.step import ControlStep
 from autoexpose_daemon.messages.frames import Stamp

@@ -98,7 +98,7 @@ class Replay:
                     yield self._step(item)
 
     def _new_loop(self, setup: Setup) -> ControlLoop:
-        return (setup.control if self._policy_id is None else setup.control.of_policy(self._policy_id)).loop()
+        return ControlLoop(setup.control if self._policy_id is None else setup.control.of_policy(self._policy_id))
 
     def _resume(self, state: LoopState) -> None:
         if self.setup is None:

@@ -13,7 +13,6 @@ from autoexpose_daemon.control.override import Override
 from autoexpose_daemon.runtime.active_loop import ActiveLoop
 from autoexpose_daemon.status.inputs import Answer, AnsweredShot, Bounds, RequestTally
 from drivers.log_throttle import LogThrottle
-from drivers.rig.events import CameraGone, RigEvent, WriteFailed, Written
 from imaging.errors import AutoexposeError, ConfigurationError
 from imaging.exposure import ExposureLimits, ExposureSetting
 from imaging.frames import SIDES, Frame, Side, StereoPair
@@ -67,17 +66,20 @@ class PendingShot:
         """The cameras that are present are asked for it; some of them will be written."""
         self.is_decided, self.unwritten, self._cameras = True, set(written_to), set(present)
 
-    def see(self, event: RigEvent) -> None:
-        """An event of the rig."""
-        match event:
-            case Written(side) if event.command == self.command:
-                self.unwritten.discard(side)
-                self.written_ns = event.finished_ns
-            case WriteFailed(side):
-                self.unwritten.discard(side)
-            case CameraGone(side):
-                self.unwritten.discard(side)
-                self._cameras.discard(side)
+    def written(self, side: Side, command: int, finished_ns: int) -> None:
+        """A camera was written for a command."""
+        if command == self.command:
+            self.unwritten.discard(side)
+            self.written_ns = finished_ns
+
+    def write_failed(self, side: Side) -> None:
+        """A camera refused what it was written."""
+        self.unwritten.discard(side)
+
+    def gone(self, side: Side) -> None:
+        """A camera is lost."""
+        self.unwritten.discard(side)
+        self._cameras.discard(side)
 
     def is_in(self, pair: StereoPair) -> bool:
         """Whether a frame of a pair was taken for it: only the first such frame of each camera was."""
@@ -216,11 +218,6 @@ class Requests:
         """Control had no time for a pair, which may contain a shot."""
         if self.shot is not None:
             self.shot.is_in(pair)
-
-    def see(self, event: RigEvent) -> None:
-        """An event of the rig."""
-        if self.shot is not None:
-            self.shot.see(event)
 
     def look(self, now_ns: int) -> None:
         """To be called at least ten times a second."""

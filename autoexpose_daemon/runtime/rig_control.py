@@ -18,7 +18,17 @@ from autoexpose_daemon.runtime.rig_health import RigHealth
 from autoexpose_daemon.runtime.setup import Tuning
 from autoexpose_daemon.status.inputs import Answer
 from autoexpose_daemon.status.telemetry import Telemetry
-from drivers.rig.events import CameraReady, RigEvent, WriteFailed, Written
+from drivers.rig.events import (
+    CameraGone,
+    CameraReady,
+    CameraSilent,
+    ClockRead,
+    FrameArrived,
+    PacketsRefused,
+    RigEvent,
+    WriteFailed,
+    Written,
+)
 from drivers.rig.supervision import Slots
 from drivers.triggers import RigRecord
 from drivers.triggers.host import HostTriggers, PtpTriggers, ReadoutTimes, SoftwareTriggers
@@ -170,23 +180,43 @@ class RigControl:
             self._deliver(ControlStep(StepInputs(pair)))
 
     def _enter(self, event: RigEvent) -> list[StereoPair]:
-        """Enter an event; returns the pairs it completed."""
-        pairs: list[StereoPair] = []
+        """Dispatch an event: to the triggers and the record, then to whom it concerns; returns the pairs it completed.
+
+        Nobody else looks at what kind of event it is.
+        """
+        now_ns, shot = self._now_ns(), self.requests.shot
         event = self._triggers.placed(self._readout_times.placed(event))
-        for side, slots in self._triggers.see(event, self._now_ns()).items():
+        for side, slots in self._triggers.see(event, now_ns).items():
             self._cameras.pace(side, slots)
-            self.record.paced(side, self._now_ns())
-        if isinstance(event, Written):
-            self.telemetry.written(event, self.record.written(event))
-        else:
-            pairs = self.record.take(event, self._now_ns())
-        self._health.see(event, self._now_ns())
-        self.requests.see(event)
-        if isinstance(event, CameraReady):
-            self.active.ready(event)
-            self._joins = True
-        elif isinstance(event, WriteFailed):
-            self._asked = None
+            self.record.paced(side, now_ns)
+        pairs = [] if isinstance(event, Written) else self.record.take(event, now_ns)
+        match event:
+            case FrameArrived(side, frame, stale):
+                self._health.arrived(side, frame, stale, now_ns)
+            case Written(side):
+                self.telemetry.written(event, self.record.written(event))
+                self._health.written(event)
+                if shot is not None:
+                    shot.written(side, event.command, event.finished_ns)
+            case WriteFailed(side):
+                self._health.write_failed(event)
+                if shot is not None:
+                    shot.write_failed(side)
+                self._asked = None
+            case CameraReady():
+                self._health.ready(event)
+                self.active.ready(event)
+                self._joins = True
+            case CameraGone(side):
+                self._health.gone(event, now_ns)
+                if shot is not None:
+                    shot.gone(side)
+            case CameraSilent(side):
+                self._health.silent(side, now_ns)
+            case ClockRead(side, reading):
+                self._health.clock_read(side, reading)
+            case PacketsRefused(side, packets):
+                self._health.packets_refused(side, packets)
         return pairs
 
     def _step(self, pair: StereoPair) -> None:

@@ -11,24 +11,13 @@ from autoexpose_daemon.runtime.response_drift import ResponseDrift
 from autoexpose_daemon.runtime.setup import Tuning
 from autoexpose_daemon.status.states import ADJUSTED, START_PATIENCE_NS
 from autoexpose_daemon.status.telemetry import GONE, Telemetry
-from drivers.camera import IncompleteFrame
+from drivers.camera import ClockReading, IncompleteFrame, RefusedPackets
 from drivers.log_throttle import LogThrottle
-from drivers.rig.events import (
-    CameraGone,
-    CameraReady,
-    CameraSilent,
-    ClockRead,
-    FrameArrived,
-    PacketsRefused,
-    RigEvent,
-    WriteFailed,
-    Written,
-)
+from drivers.rig.events import CameraGone, CameraReady, WriteFailed, Written
 from drivers.triggers import RigRecord
 from drivers.triggers.host import HostTriggers
 from drivers.triggers.rate import HOST_RATE_TOLERANCE, RATE_TOLERANCE, RateWatch
 from drivers.triggers.writes import EffectWatch
-from imaging.errors import AutoexposeError
 from imaging.frames import ClockTrouble, Frame, Side, StereoPair
 
 log = logging.getLogger(__name__)
@@ -206,7 +195,7 @@ _WHOSE_PACKETS = (
 
 
 class RigHealth:
-    """Examines every event after the record has taken it."""
+    """Examines what the rig's events say of its cameras, after the record has taken them."""
 
     def __init__(self, config: Config, telemetry: Telemetry, record: RigRecord, triggers: HostTriggers) -> None:
         self._telemetry = telemetry
@@ -224,45 +213,78 @@ class RigHealth:
         self._silent: set[Side] = set()
         self._throttle = LogThrottle(_SILENCE_LOG_PAUSE_S)
 
-    def see(self, event: RigEvent, now_ns: int) -> None:
-        """Look at an event; raises the error of a camera that cannot be driven: at the start, or if none is left."""
-        if isinstance(event, FrameArrived):
-            self._arrived(event.side, event.frame, now_ns)
-        match event:
-            case FrameArrived(side, IncompleteFrame()):
-                self._frame_watch.incomplete(side)
-            case FrameArrived(side, Frame() as frame, stale=False):
-                self._telemetry.last_frame_ns[side] = frame.arrival_time_ns
-                self._frame_watch.frame(side, frame)
-            case CameraSilent(side):
-                if side not in self._record.unpaced and self._throttle.due(side, now_ns):
-                    log.warning("%s camera: no frames; checking that it answers", side)
-                self._frame_watch.silent(side)
-                self._silent.add(side)
-            case PacketsRefused(side, packets):
-                self._telemetry.counts.refused_packets += packets.count
-                if side in self._silent:
-                    self._troubles.begin(side, "strangers", f"{packets}: {_WHOSE_PACKETS}")
-            case CameraGone(side, error, final):
-                self._gone(side, error, final, now_ns)
-            case CameraReady():
-                self._ready(event)
-            case Written():
-                self._written(event)
-            case ClockRead(side, reading):
-                self._telemetry.ptp[side] = reading.ptp
-            case WriteFailed(side, asked, error):
-                self._telemetry.counts.refused_writes += 1
-                self._frame_watch.refused(side)
-                self._troubles.begin(side, "refused", f"{asked} was refused: {error}")
-
-    def _arrived(self, side: Side, frame: Frame | IncompleteFrame, now_ns: int) -> None:
-        """Look at any frame, whole or not, late or not."""
+    def arrived(self, side: Side, frame: Frame | IncompleteFrame, stale: bool, now_ns: int) -> None:
+        """Look at any frame, whole or not; `stale`: too late for control."""
         self._stuck.arrived(side, now_ns)
         self._silent.discard(side)
         self._troubles.end(side, "strangers")
-        if isinstance(frame, Frame) and frame.clock_trouble is not None:
+        if isinstance(frame, IncompleteFrame):
+            self._frame_watch.incomplete(side)
+            return
+        if frame.clock_trouble is not None:
             self._frame_watch.report_clock(side, frame.clock_trouble)
+        if not stale:
+            self._telemetry.last_frame_ns[side] = frame.arrival_time_ns
+            self._frame_watch.frame(side, frame)
+
+    def silent(self, side: Side, now_ns: int) -> None:
+        """A camera sends no frames."""
+        if side not in self._record.unpaced and self._throttle.due(side, now_ns):
+            log.warning("%s camera: no frames; checking that it answers", side)
+        self._frame_watch.silent(side)
+        self._silent.add(side)
+
+    def ready(self, event: CameraReady) -> None:
+        """A camera is open."""
+        side, camera = event.side, event.description
+        self._telemetry.counts.reconnects += side in self._ever_ready
+        self._ever_ready.add(side)
+        self._troubles.end(side, GONE)
+        log.info("%s camera: %s %s %s, ready", side, camera.vendor, camera.model, camera.serial)
+        for limitation in camera.limitations:
+            log.warning("%s camera %s: %s", side, camera.serial, limitation)
+        self._telemetry.cameras[side] = f"{camera.model} {camera.serial}"
+
+    def gone(self, event: CameraGone, now_ns: int) -> None:
+        """A camera is lost; raises its error if it cannot be driven: at the start, or if none is left."""
+        side = event.side
+        if self._telemetry.cameras.get(side) != GONE:
+            self._troubles.end_all(side)
+        self._telemetry.cameras[side] = GONE
+        self._telemetry.ptp.pop(side, None)
+        self._frame_watch.gone(side)
+        if event.final:
+            self._out.add(side)
+            if self._out == self._sides or (side not in self._ever_ready and self._starting(now_ns)):
+                raise event.error
+        what_now = "it stays out until the daemon is restarted" if event.final else "trying again"
+        self._troubles.change(side, GONE, f"{event.error}; {what_now}")
+
+    def written(self, write: Written) -> None:
+        """A camera was written: did it take what was asked for?"""
+        self._troubles.end(write.side, "refused")
+        if write.read_back.agrees_with(write.asked):
+            self._troubles.end(write.side, ADJUSTED)
+        else:
+            self._telemetry.counts.adjusted_writes += 1
+            taken = f"{write.asked} was asked for, the camera took {write.read_back}"
+            self._troubles.begin(write.side, ADJUSTED, taken)
+
+    def write_failed(self, event: WriteFailed) -> None:
+        """A camera refused a setting."""
+        self._telemetry.counts.refused_writes += 1
+        self._frame_watch.refused(event.side)
+        self._troubles.begin(event.side, "refused", f"{event.asked} was refused: {event.error}")
+
+    def packets_refused(self, side: Side, packets: RefusedPackets) -> None:
+        """Packets of somebody else came instead of a camera's."""
+        self._telemetry.counts.refused_packets += packets.count
+        if side in self._silent:
+            self._troubles.begin(side, "strangers", f"{packets}: {_WHOSE_PACKETS}")
+
+    def clock_read(self, side: Side, reading: ClockReading) -> None:
+        """A camera says how its clock is synchronised."""
+        self._telemetry.ptp[side] = reading.ptp
 
     def pair(self, pair: StereoPair) -> None:
         """Look at a pair: do the cameras still respond as calibrated?"""
@@ -286,38 +308,6 @@ class RigHealth:
             self._troubles.judge(side, "clock", self._triggers.trouble(side, now_ns))
         return self._stuck.reasons(self._telemetry.cameras, now_ns, self._record.unpaced)
 
-    def _ready(self, event: CameraReady) -> None:
-        side, camera = event.side, event.description
-        self._telemetry.counts.reconnects += side in self._ever_ready
-        self._ever_ready.add(side)
-        self._troubles.end(side, GONE)
-        log.info("%s camera: %s %s %s, ready", side, camera.vendor, camera.model, camera.serial)
-        for limitation in camera.limitations:
-            log.warning("%s camera %s: %s", side, camera.serial, limitation)
-        self._telemetry.cameras[side] = f"{camera.model} {camera.serial}"
-
-    def _gone(self, side: Side, error: AutoexposeError, final: bool, now_ns: int) -> None:
-        if self._telemetry.cameras.get(side) != GONE:
-            self._troubles.end_all(side)
-        self._telemetry.cameras[side] = GONE
-        self._telemetry.ptp.pop(side, None)
-        self._frame_watch.gone(side)
-        if final:
-            self._out.add(side)
-            if self._out == self._sides or (side not in self._ever_ready and self._starting(now_ns)):
-                raise error
-        what_now = "it stays out until the daemon is restarted" if final else "trying again"
-        self._troubles.change(side, GONE, f"{error}; {what_now}")
-
     def _starting(self, now_ns: int) -> bool:
         opened_ns = self._telemetry.opened_ns
         return opened_ns is None or now_ns - opened_ns < START_PATIENCE_NS
-
-    def _written(self, event: Written) -> None:
-        self._troubles.end(event.side, "refused")
-        if event.read_back.agrees_with(event.asked):
-            self._troubles.end(event.side, ADJUSTED)
-        else:
-            self._telemetry.counts.adjusted_writes += 1
-            taken = f"{event.asked} was asked for, the camera took {event.read_back}"
-            self._troubles.begin(event.side, ADJUSTED, taken)

@@ -15,6 +15,7 @@ from autoexpose_daemon.config.request import RegionRequest, Request
 from autoexpose_daemon.config.section import AreaConfig, error_sentences
 from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.picture.region import Region
+from autoexpose_daemon.control.setup import ControlSetup
 from drivers.aravis import open_camera
 from drivers.camera import Camera, CameraDescription
 from drivers.setup import CameraSetup
@@ -111,15 +112,11 @@ class Tuning:
 
     def loop(self, limits: ExposureLimits) -> ControlLoop:
         """A new control loop."""
-        control = self.config.control
+        control, start = self.config.control, self.config.start
         return ControlLoop(
-            control.policy,
-            self.responses,
-            limits,
-            self.config.start,
-            parameters=control.parameters(),
-            regions=self.regions,
-            vignettings=self.vignettings,
+            ControlSetup(
+                control.policy, self.responses, limits, start, control.parameters(), self.regions, self.vignettings
+            )
         )
 
 

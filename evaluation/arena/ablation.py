@@ -267,8 +267,7 @@ class _Follower(ControlLoop):
     """Decides as was decided elsewhere."""
 
     def __init__(self, leader: _Leader, taken: Decisions) -> None:
-        setup = leader.setup
-        super().__init__(setup.policy_id, setup.responses, setup.limits, setup.start)
+        super().__init__(leader.setup)
         self._leader, self._ahead = leader, iter(taken)
 
     @property

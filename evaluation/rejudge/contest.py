@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autoexpose_daemon.control.decision import Decision
-from autoexpose_daemon.control.loop import REFERENCE_RATE_HZ, ControlLoop, ControlSetup
+from autoexpose_daemon.control.loop import REFERENCE_RATE_HZ, ControlLoop
 from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
+from autoexpose_daemon.control.setup import ControlSetup
 from autoexpose_daemon.control.step import StepInputs
 from evaluation.arrays import Greys
 from evaluation.odometry.features import StereoMatcher
@@ -89,7 +90,7 @@ class PolicyRun:
 
     def __init__(self, setup: ControlSetup, delay_frames: int, judge: PairJudge, *, told_motion: bool = True) -> None:
         parameters = replace(setup.parameters, focal_length_px=FOCAL_LENGTH_PX)
-        self.loop: ControlLoop = replace(setup, parameters=parameters).loop()
+        self.loop = ControlLoop(replace(setup, parameters=parameters))
         self.loop.metric_asked = True
         self.judge = judge
         self._told = told_motion

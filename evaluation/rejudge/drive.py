@@ -11,7 +11,8 @@ import cv2
 import numpy as np
 
 from autoexpose_daemon.control.decision import Decision
-from autoexpose_daemon.control.loop import REFERENCE_RATE_HZ, ControlSetup
+from autoexpose_daemon.control.loop import REFERENCE_RATE_HZ
+from autoexpose_daemon.control.setup import ControlSetup
 from evaluation.arrays import Floats32, Greys
 from imaging.errors import AutoexposeError
 from imaging.exposure import ExposureSetting

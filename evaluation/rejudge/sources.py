@@ -16,8 +16,9 @@ import cv2
 import numpy as np
 
 from autoexpose_daemon.control.decision import Decision
-from autoexpose_daemon.control.loop import ControlLoop, ControlSetup
+from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.parameters import Bracketing, ControlParameters
+from autoexpose_daemon.control.setup import ControlSetup
 from autoexpose_daemon.recording.file import LoopState, RecordingError, Setup, Step
 from autoexpose_daemon.recording.read import Recording
 from calibration.geometry.file import check_pair, load_geometry
@@ -64,14 +65,14 @@ def read_folder(folder: Path) -> Drive:
         min(0.0, *(setting.gain_db for setting in settings)),
         max(_HIGHEST_GAIN_DB, *(setting.gain_db for setting in settings)),
     )
-    setup = ControlSetup("fixed", responses, limits, settings[0], ControlParameters(bracket=bracket), {}, {})
+    setup = ControlSetup("fixed", responses, limits, settings[0], ControlParameters(bracket=bracket))
     source = partial(_pairs, instants)
     return watched(str(folder), setup, _decided(setup, source()), source, geometries)
 
 
 def _decided(setup: ControlSetup, pairs: Iterator[StereoPair]) -> Iterator[tuple[StereoPair, Decision, float]]:
     """Pairs with what control sees of them; the decision itself is the setting that the next one has."""
-    loop: ControlLoop = setup.of_policy("fixed").loop()
+    loop = ControlLoop(setup.of_policy("fixed"))
     former: tuple[StereoPair, Decision, float] | None = None
     for pair in pairs:
         if former is not None:

@@ -29,8 +29,9 @@ from autoexpose_daemon.client.top import Sparklines, panel_of
 from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.config.load import load_config
 from autoexpose_daemon.config.request import read_request
-from autoexpose_daemon.control.loop import ControlSetup
+from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
+from autoexpose_daemon.control.setup import ControlSetup
 from autoexpose_daemon.control.snapshot import parse, plain
 from autoexpose_daemon.demo.fakes import read_pulses
 from autoexpose_daemon.messages.client import ConsumerTally, response_from_json, response_to_json, vignetting_from_json
@@ -474,7 +475,7 @@ def recording_seeds() -> Iterator[bytes]:
 
 
 def control_setup(data: bytes) -> None:
-    parse(from_json(data.decode(errors="replace")), ControlSetup).loop()
+    ControlLoop(parse(from_json(data.decode(errors="replace")), ControlSetup))
 
 
 def setup_seeds() -> Iterator[bytes]:

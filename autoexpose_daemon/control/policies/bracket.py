@@ -16,7 +16,8 @@ import numpy as np
 
 from autoexpose_daemon.control.balance import ExposurePriority
 from autoexpose_daemon.control.parameters import Bracketing
-from autoexpose_daemon.control.policy import ExposurePolicy, Observation, PastStep, PolicySetup, Target
+from autoexpose_daemon.control.policy import ExposurePolicy, Observation, PastStep, Target
+from autoexpose_daemon.control.setup import ControlSetup
 from imaging.exposure import ExposureLimits
 from imaging.python310 import exp2
 
@@ -80,7 +81,7 @@ class Bracket(ExposurePolicy):
 
     @classmethod
     def around(
-        cls, bracketing: Bracketing, setup: PolicySetup, build: Callable[[PolicySetup], ExposurePolicy]
+        cls, bracketing: Bracketing, setup: ControlSetup, build: Callable[[ControlSetup], ExposurePolicy]
     ) -> Bracket:
         """That of a setup; its policy is built only if it is kept."""
         return cls(bracketing, setup.start.level, build(setup) if bracketing.keep else None)

@@ -7,19 +7,20 @@ from importlib import import_module
 
 from autoexpose_daemon.control.policies.bracket import Bracket
 from autoexpose_daemon.control.policies.ids import PLACES, check_policy_id
-from autoexpose_daemon.control.policy import ExposurePolicy, PolicySetup
+from autoexpose_daemon.control.policy import ExposurePolicy
+from autoexpose_daemon.control.setup import ControlSetup
 
 
-def _builder(place: str) -> Callable[[PolicySetup], ExposurePolicy]:
+def _builder(place: str) -> Callable[[ControlSetup], ExposurePolicy]:
     module, _, name = place.rpartition(".")
-    build: Callable[[PolicySetup], ExposurePolicy] = getattr(import_module(f"{__package__}.{module}"), name).build
+    build: Callable[[ControlSetup], ExposurePolicy] = getattr(import_module(f"{__package__}.{module}"), name).build
     return build
 
 
 _BUILDERS = {policy_id: _builder(place) for policy_id, place in PLACES.items()}
 
 
-def build_policy(setup: PolicySetup) -> ExposurePolicy:
+def build_policy(setup: ControlSetup) -> ExposurePolicy:
     """A fresh policy; with `ControlParameters.bracket`, brackets around it.
 
     Raises

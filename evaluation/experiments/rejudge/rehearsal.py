@@ -10,8 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from autoexpose_daemon.control.loop import ControlSetup
+from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.parameters import Bracketing, ControlParameters
+from autoexpose_daemon.control.setup import ControlSetup
 from evaluation.arena.race import course_of
 from evaluation.odometry.stereo import StereoCamera
 from evaluation.odometry.tracking import Light, odometry_stage
@@ -47,13 +48,13 @@ def simulated_setup(bracketing: Bracketing) -> ControlSetup:
     sensor = SensorModel()
     parameters = ControlParameters(full_well_e=sensor.full_well_e, read_noise_e=sensor.read_noise_e, bracket=bracketing)
     responses: dict[Side, ResponseFunction] = dict.fromkeys(SIDES, ResponseFunction.linear())
-    return ControlSetup("fixed", responses, LIMITS, START, parameters, {}, {})
+    return ControlSetup("fixed", responses, LIMITS, START, parameters)
 
 
 def record(stage: Stage, frames: int, bracketing: Bracketing) -> Drive:
     """Drive once in brackets; the pairs stay in memory."""
     setup = simulated_setup(bracketing)
-    delayed = DelayedLoop(setup.loop(), DELAY_FRAMES)
+    delayed = DelayedLoop(ControlLoop(setup), DELAY_FRAMES)
     pairs: list[StereoPair] = []
     times_s: list[float] = []
     for number in range(frames):

@@ -11,10 +11,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from autoexpose_daemon.control.loop import STATE_FORMAT, ControlLoop, ControlSetup
+from autoexpose_daemon.control.loop import STATE_FORMAT, ControlLoop
 from autoexpose_daemon.control.parameters import ControlParameters, MotionId
 from autoexpose_daemon.control.picture.region import Rectangle, Region
 from autoexpose_daemon.control.policies.ids import POLICY_IDS
+from autoexpose_daemon.control.setup import ControlSetup
 from autoexpose_daemon.control.snapshot import Plain, parse, plain
 from autoexpose_daemon.recording.file import from_json, to_json
 from imaging.exposure import ExposureLimits, ExposureSetting
@@ -99,7 +100,7 @@ def test_a_restored_loop_decides_bit_for_bit_the_same(policy_id: str, course: Co
     for index, (pair, asked) in enumerate(pairs(course.seed, course.before + 30, course.moving, course.shape)):
         if index == course.before:
             setup = parse(through_json(plain(loop.setup)), ControlSetup)
-            other = setup.loop()
+            other = ControlLoop(setup)
             other.restore(through_json(loop.state()))
         decision = loop.step(pair)
         asked.append(decision.setting)

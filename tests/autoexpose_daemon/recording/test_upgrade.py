@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 
 from autoexpose_daemon.control.light_ahead import LightAhead
-from autoexpose_daemon.control.loop import ControlLoop, ControlSetup
+from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.parameters import Bracketing, ControlParameters
 from autoexpose_daemon.control.policies.belief.policy import Belief
+from autoexpose_daemon.control.setup import ControlSetup
 from autoexpose_daemon.control.snapshot import parse, plain
 from autoexpose_daemon.recording.file import from_json, to_json
 from autoexpose_daemon.recording.read import upgraded_light, upgraded_setup, upgraded_state
@@ -55,7 +56,7 @@ def test_a_loop_goes_on_from_a_former_setup_and_state(as_it_was: Callable[[Any, 
     for pair in pairs[:8]:
         loop.step(pair)
     setup, state = (through_json(each) for each in as_it_was(plain(loop.setup), loop.state()))
-    again = parse(upgraded_setup(setup), ControlSetup).loop()
+    again = ControlLoop(parse(upgraded_setup(setup), ControlSetup))
     again.restore(upgraded_state(state, again.setup))
     assert set(again.setup.responses) == set(SIDES)
     assert [again.step(pair) for pair in pairs[8:]] == [loop.step(pair) for pair in pairs[8:]]
@@ -87,7 +88,7 @@ def test_where_motion_was_measured_by_dis_tiles_begin_anew(motion: str, bracket:
         "previous_time_ns": 1,
     }
     state["motions"] = dict.fromkeys(SIDES, by_dis)
-    again = parse(upgraded_setup(setup), ControlSetup).loop()
+    again = ControlLoop(parse(upgraded_setup(setup), ControlSetup))
     again.restore(upgraded_state(state, again.setup))
     assert again.setup.parameters.motion in {"policy", "tiles"}
     for pair in pairs[8:]:
@@ -112,7 +113,7 @@ def test_a_search_of_the_eighth_format_goes_on_with_the_camera_of_its_next_frame
     loop = ControlLoop(policy_id, ResponseFunction.linear(), LIMITS, START, ControlParameters(bracket=bracket))
     for pair in pairs[:8]:
         loop.step(pair)
-    again = loop.setup.loop()
+    again = ControlLoop(loop.setup)
     again.restore(upgraded_state(through_json(_of_eighth(loop.state())), loop.setup))
     assert [again.step(pair) for pair in pairs[8:]] == [loop.step(pair) for pair in pairs[8:]]
 

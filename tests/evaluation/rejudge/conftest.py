@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.parameters import Bracketing
 from autoexpose_daemon.control.step import StepInputs
 from autoexpose_daemon.recording.file import RecordingFile, Step
@@ -30,7 +31,7 @@ def drive_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A short recording in brackets of the simulated rig in motion, in four shots to a cycle."""
     path = tmp_path_factory.mktemp("rejudge") / "drive.mcap"
     setup = simulated_setup(Bracketing(4, 4.0))
-    stage, delayed = moving_stage(), DelayedLoop(setup.loop(), 2)
+    stage, delayed = moving_stage(), DelayedLoop(ControlLoop(setup), 2)
     file = RecordingFile(path, "rig")
     for number in range(FRAMES):
         stage.go_to(number)

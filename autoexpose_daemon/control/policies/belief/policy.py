@@ -29,8 +29,9 @@ from autoexpose_daemon.control.policies.belief.scene_belief import (
     shows,
 )
 from autoexpose_daemon.control.policies.belief.timing import Cadence, LoopDelay
-from autoexpose_daemon.control.policy import ExposurePolicy, Look, Objective, Observation, PolicySetup, Target
+from autoexpose_daemon.control.policy import ExposurePolicy, Look, Objective, Observation, Target
 from autoexpose_daemon.control.registration import LightChange, LightRegistration
+from autoexpose_daemon.control.setup import ControlSetup
 from imaging.exposure import ExposureLimits, linear_gain
 from imaging.frames import Side
 from imaging.python310 import Self
@@ -99,7 +100,7 @@ class Belief(ExposurePolicy):
         self._planned_for: tuple[float, Prospects, Array] | None = None
 
     @classmethod
-    def build(cls, setup: PolicySetup) -> Self:
+    def build(cls, setup: ControlSetup) -> Self:
         """With its own balance, unless another is configured."""
         noise = SensorNoise(setup.parameters.full_well_e, setup.parameters.read_noise_e)
         return cls(setup.responses, setup.balance(BlurPhotonBalance(noise)), noise)

@@ -11,7 +11,8 @@ from autoexpose_daemon.control.balance import ExposurePriority
 from autoexpose_daemon.control.policies.learned.features import region_figures
 from autoexpose_daemon.control.policies.learned.learned_policy import LearnedPolicy, Sight
 from autoexpose_daemon.control.policies.learned.net import trained_net
-from autoexpose_daemon.control.policy import Look, PolicySetup
+from autoexpose_daemon.control.policy import Look
+from autoexpose_daemon.control.setup import ControlSetup
 from imaging.python310 import Self
 
 MEAN_TARGET = 0.20
@@ -34,7 +35,7 @@ class Berthold2013(LearnedPolicy):
     FRAMES = 3
 
     @classmethod
-    def build(cls, setup: PolicySetup) -> Self:
+    def build(cls, setup: ControlSetup) -> Self:
         """With exposure priority, unless another balance is configured."""
         return cls(trained_net("berthold2013", "tanh"), setup.balance(ExposurePriority()), MEAN_TARGET)
 

@@ -9,7 +9,8 @@ from autoexpose_daemon.control.balance import ExposurePriority
 from autoexpose_daemon.control.policies.learned.features import light_histogram
 from autoexpose_daemon.control.policies.learned.learned_policy import StackedHistograms
 from autoexpose_daemon.control.policies.learned.net import trained_net
-from autoexpose_daemon.control.policy import Look, PolicySetup
+from autoexpose_daemon.control.policy import Look
+from autoexpose_daemon.control.setup import ControlSetup
 from imaging.python310 import Self
 
 
@@ -24,7 +25,7 @@ class Tomasi2021(StackedHistograms):
     """
 
     @classmethod
-    def build(cls, setup: PolicySetup) -> Self:
+    def build(cls, setup: ControlSetup) -> Self:
         """With exposure priority, unless another balance is configured."""
         net = trained_net("tomasi2021", "relu")
         return cls(net, setup.balance(ExposurePriority()), setup.parameters.mean_target)

@@ -11,7 +11,8 @@ from autoexpose_daemon.control.balance import ExposurePriority
 from autoexpose_daemon.control.policies.learned.features import grey_histogram
 from autoexpose_daemon.control.policies.learned.learned_policy import StackedHistograms
 from autoexpose_daemon.control.policies.learned.net import trained_net
-from autoexpose_daemon.control.policy import Look, PolicySetup
+from autoexpose_daemon.control.policy import Look
+from autoexpose_daemon.control.setup import ControlSetup
 from imaging.python310 import Self
 
 LARGEST_STEP_STOPS = 2.0
@@ -33,7 +34,7 @@ class Zhang2024(StackedHistograms):
     """
 
     @classmethod
-    def build(cls, setup: PolicySetup) -> Self:
+    def build(cls, setup: ControlSetup) -> Self:
         """With exposure priority, unless another balance is configured."""
         return cls(trained_net("zhang2024", "relu"), setup.balance(ExposurePriority()), MEAN_TARGET)
 

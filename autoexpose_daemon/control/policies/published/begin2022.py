@@ -6,9 +6,10 @@ from collections.abc import Mapping
 
 from autoexpose_daemon.control.balance import Balance
 from autoexpose_daemon.control.metrics.gradient import GradientMetric
-from autoexpose_daemon.control.policy import ExposurePolicy, Observation, PolicySetup, Target
+from autoexpose_daemon.control.policy import ExposurePolicy, Observation, Target
 from autoexpose_daemon.control.search.optimum import PolynomialFit
 from autoexpose_daemon.control.search.query import PredictedCurve
+from autoexpose_daemon.control.setup import ControlSetup
 from imaging.frames import Side
 from imaging.python310 import Self
 from imaging.response import ResponseFunction, prediction_tables
@@ -50,7 +51,7 @@ class Begin2022(ExposurePolicy):
         }
 
     @classmethod
-    def build(cls, setup: PolicySetup) -> Self:
+    def build(cls, setup: ControlSetup) -> Self:
         """With the paper's balance, unless another is configured."""
         return cls(setup.responses, setup.metric, setup.balance())
 

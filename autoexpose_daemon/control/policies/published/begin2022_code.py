@@ -18,7 +18,8 @@ from autoexpose_daemon.control.policies.published.vo_autoexpose import (
     LiftedFrames,
     lifted,
 )
-from autoexpose_daemon.control.policy import ExposurePolicy, Observation, PolicySetup, Target
+from autoexpose_daemon.control.policy import ExposurePolicy, Observation, Target
+from autoexpose_daemon.control.setup import ControlSetup
 from imaging.frames import Side
 from imaging.python310 import Self
 from imaging.response import GREY_LEVELS, ResponseFunction
@@ -83,7 +84,7 @@ class Begin2022Code(ExposurePolicy):
         }
 
     @classmethod
-    def build(cls, setup: PolicySetup) -> Self:
+    def build(cls, setup: ControlSetup) -> Self:
         """With the paper's balance, unless another is configured."""
         return cls(setup.responses, setup.metric, setup.balance())
 

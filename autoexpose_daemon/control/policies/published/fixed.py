@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from autoexpose_daemon.control.balance import Balance, ExposurePriority
-from autoexpose_daemon.control.policy import ExposurePolicy, Observation, PolicySetup, Target
+from autoexpose_daemon.control.policy import ExposurePolicy, Observation, Target
+from autoexpose_daemon.control.setup import ControlSetup
 from imaging.exposure import ExposureSetting
 from imaging.python310 import Self
 
@@ -20,7 +21,7 @@ class Fixed(ExposurePolicy):
     balance: Balance
 
     @classmethod
-    def build(cls, setup: PolicySetup) -> Self:
+    def build(cls, setup: ControlSetup) -> Self:
         """With exposure priority, unless another balance is configured."""
         return cls(setup.start, setup.balance(ExposurePriority()))
 

@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from autoexpose_daemon.control.balance import Balance, FixedGain
 from autoexpose_daemon.control.metrics.weighted_gradients import entropy_weighted_gradient
-from autoexpose_daemon.control.policy import ExposurePolicy, Observation, PolicySetup, Target
+from autoexpose_daemon.control.policy import ExposurePolicy, Observation, Target
 from autoexpose_daemon.control.search.gaussian_process import GaussianProcess
 from autoexpose_daemon.control.search.query import Held, Reference, way_out
+from autoexpose_daemon.control.setup import ControlSetup
 from imaging.exposure import DB_PER_STOP, ExposureLimits
 from imaging.python310 import Self
 
@@ -72,7 +73,7 @@ class Kim2018(ExposurePolicy):
     reference: Reference = field(default_factory=Reference)
 
     @classmethod
-    def build(cls, setup: PolicySetup) -> Self:
+    def build(cls, setup: ControlSetup) -> Self:
         """With the balance of Table 1 of Begin & Hunter 2022, unless another is configured."""
         return cls(setup.balance(FixedGain(setup.start.gain_db)), setup.start.gain_db)
 

@@ -8,8 +8,9 @@ from typing import ClassVar
 
 from autoexpose_daemon.control.balance import Balance, FixedRatio
 from autoexpose_daemon.control.metrics.weighted_gradients import entropy
-from autoexpose_daemon.control.policy import ExposurePolicy, Observation, PolicySetup, Target
+from autoexpose_daemon.control.policy import ExposurePolicy, Observation, Target
 from autoexpose_daemon.control.search.query import Held, Reference, way_out
+from autoexpose_daemon.control.setup import ControlSetup
 from imaging.python310 import Self
 
 FIRST_STEP_STOPS = 1.0
@@ -59,7 +60,7 @@ class Lu2010(ExposurePolicy):
     reference: Reference = field(default_factory=Reference)
 
     @classmethod
-    def build(cls, setup: PolicySetup) -> Self:
+    def build(cls, setup: ControlSetup) -> Self:
         """With the balance of Table 1 of Begin & Hunter 2022, unless another is configured."""
         return cls(setup.balance(FixedRatio()))
 

@@ -8,7 +8,8 @@ from typing import ClassVar, Literal
 
 from autoexpose_daemon.control.balance import Balance, ExposurePriority
 from autoexpose_daemon.control.metrics.gradient import mean_signal
-from autoexpose_daemon.control.policy import ExposurePolicy, Observation, PolicySetup, Target
+from autoexpose_daemon.control.policy import ExposurePolicy, Observation, Target
+from autoexpose_daemon.control.setup import ControlSetup
 from imaging.errors import ConfigurationError
 from imaging.python310 import Self
 
@@ -48,7 +49,7 @@ class Majer2018(ExposurePolicy):
     level: float | None = None
 
     @classmethod
-    def build(cls, setup: PolicySetup) -> Self:
+    def build(cls, setup: ControlSetup) -> Self:
         """With exposure priority, unless another balance is configured: the paper sets one "exposure"."""
         region: Literal["top_half", "full"] = "full" if setup.policy_id == "majer2018-full" else "top_half"
         return cls(region, setup.balance(ExposurePriority()))

@@ -8,9 +8,10 @@ from numpy.polynomial import polynomial
 from autoexpose_daemon.control.balance import Balance
 from autoexpose_daemon.control.metrics.gradient import GradientMetric
 from autoexpose_daemon.control.policies.published.shim2018 import GammaStep, gamma_table
-from autoexpose_daemon.control.policy import ExposurePolicy, Observation, PolicySetup, Target
+from autoexpose_daemon.control.policy import ExposurePolicy, Observation, Target
 from autoexpose_daemon.control.search.optimum import PolynomialFit
 from autoexpose_daemon.control.search.query import PredictedCurve
+from autoexpose_daemon.control.setup import ControlSetup
 from imaging.python310 import Self
 
 GAMMAS = (1 / 1.9, 1 / 1.5, 1 / 1.2, 1.0, 1.2, 1.5, 1.9)
@@ -50,7 +51,7 @@ class Mehta2020(ExposurePolicy):
         self._curve = PredictedCurve(metric, np.stack([gamma_table(1 / gamma) for gamma in GAMMAS]), GAMMAS.index(1.0))
 
     @classmethod
-    def build(cls, setup: PolicySetup) -> Self:
+    def build(cls, setup: ControlSetup) -> Self:
         """With the balance of section 3.3 of Begin & Hunter 2022, unless another is configured."""
         return cls(setup.metric, setup.balance())
 

@@ -17,7 +17,8 @@ from autoexpose_daemon.control.policies.published.vo_autoexpose import (
     LiftedFrames,
     lift_table,
 )
-from autoexpose_daemon.control.policy import ExposurePolicy, Observation, PolicySetup, Target
+from autoexpose_daemon.control.policy import ExposurePolicy, Observation, Target
+from autoexpose_daemon.control.setup import ControlSetup
 from imaging.frames import Side
 from imaging.python310 import Self
 from imaging.response import ResponseFunction
@@ -43,7 +44,7 @@ class Mehta2020Code(ExposurePolicy):
         }
 
     @classmethod
-    def build(cls, setup: PolicySetup) -> Self:
+    def build(cls, setup: ControlSetup) -> Self:
         """With the balance of section 3.3 of Begin & Hunter 2022, unless another is configured."""
         return cls(setup.responses, setup.metric, setup.balance())
 

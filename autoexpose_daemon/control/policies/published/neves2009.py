@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from autoexpose_daemon.control.balance import Balance, ExposurePriority
-from autoexpose_daemon.control.policy import ExposurePolicy, Observation, PolicySetup, Target
+from autoexpose_daemon.control.policy import ExposurePolicy, Observation, Target
+from autoexpose_daemon.control.setup import ControlSetup
 from imaging.python310 import Self
 
 INTEGRAL_GAIN = 0.6
@@ -45,7 +46,7 @@ class Neves2009(ExposurePolicy):
     previous_error: float | None = None
 
     @classmethod
-    def build(cls, setup: PolicySetup) -> Self:
+    def build(cls, setup: ControlSetup) -> Self:
         """With the balance of Table 1 of Begin & Hunter 2022, unless another is configured."""
         return cls(setup.parameters.mean_target, setup.balance(ExposurePriority()))
 

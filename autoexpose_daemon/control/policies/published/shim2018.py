@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from autoexpose_daemon.control.balance import Balance, ExposurePriority
 from autoexpose_daemon.control.metrics.gradient import GradientMetric
-from autoexpose_daemon.control.policy import ExposurePolicy, Observation, PolicySetup, Target
+from autoexpose_daemon.control.policy import ExposurePolicy, Observation, Target
 from autoexpose_daemon.control.search.optimum import PolynomialFit, best_sample
 from autoexpose_daemon.control.search.query import PredictedCurve
+from autoexpose_daemon.control.setup import ControlSetup
 from imaging.python310 import Self
 
 LEAST_VALUE = 1.0
@@ -93,7 +94,7 @@ class Shim2018(ExposurePolicy):
         self._curve = PredictedCurve(metric, np.stack([gamma_table(gamma) for gamma in GAMMAS]), GAMMAS.index(1.0))
 
     @classmethod
-    def build(cls, setup: PolicySetup) -> Self:
+    def build(cls, setup: ControlSetup) -> Self:
         """With the balance of Table 1 of Begin & Hunter 2022, unless another is configured."""
         return cls(setup.metric, setup.balance(ExposurePriority()))
 

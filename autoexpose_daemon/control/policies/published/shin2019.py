@@ -8,9 +8,10 @@ from typing import ClassVar
 
 from autoexpose_daemon.control.balance import Balance, ExposurePriority
 from autoexpose_daemon.control.metrics.quality import CombinedQuality
-from autoexpose_daemon.control.policy import ExposurePolicy, Observation, PolicySetup, Target
+from autoexpose_daemon.control.policy import ExposurePolicy, Observation, Target
 from autoexpose_daemon.control.search.nelder_mead import NelderMead, Point
 from autoexpose_daemon.control.search.query import Held, Reference, way_out
+from autoexpose_daemon.control.setup import ControlSetup
 from imaging.exposure import DB_PER_STOP
 from imaging.python310 import Self, exp2
 
@@ -56,7 +57,7 @@ class Shin2019(ExposurePolicy):
     reference: Reference = field(default_factory=Reference)
 
     @classmethod
-    def build(cls, setup: PolicySetup) -> Self:
+    def build(cls, setup: ControlSetup) -> Self:
         """With exposure priority for the steps from black or white, unless another balance is configured."""
         quality = CombinedQuality(setup.parameters.metric_delta, setup.parameters.metric_lambda)
         return cls(quality, setup.balance(ExposurePriority()))

@@ -7,7 +7,8 @@ from collections.abc import Mapping
 
 from autoexpose_daemon.control.balance import Balance, ExposurePriority
 from autoexpose_daemon.control.metrics.weighted_gradients import SoftPercentile
-from autoexpose_daemon.control.policy import ExposurePolicy, Observation, PolicySetup, Target
+from autoexpose_daemon.control.policy import ExposurePolicy, Observation, Target
+from autoexpose_daemon.control.setup import ControlSetup
 from imaging.frames import Side
 from imaging.python310 import Self
 from imaging.response import ResponseFunction
@@ -39,7 +40,7 @@ class Zhang2017(ExposurePolicy):
         self._percentiles = {side: SoftPercentile(response) for side, response in responses.items()}
 
     @classmethod
-    def build(cls, setup: PolicySetup) -> Self:
+    def build(cls, setup: ControlSetup) -> Self:
         """With the balance of Table 1 of Begin & Hunter 2022, unless another is configured."""
         return cls(setup.responses, setup.balance(ExposurePriority()))
 

@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 
 from autoexpose_daemon.control.decision import Decision
-from autoexpose_daemon.control.loop import ControlLoop, ControlSetup
+from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.override import Override
 from autoexpose_daemon.control.parameters import Bracketing, ControlParameters
 from autoexpose_daemon.control.policies.bracket import KEPT
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
+from autoexpose_daemon.control.setup import ControlSetup
 from autoexpose_daemon.control.step import StepInputs
 from imaging.errors import ConfigurationError
 from imaging.exposure import ExposureLimits, ExposureSetting
@@ -89,7 +90,7 @@ def test_one_frame_of_a_cycle_can_be_the_policys() -> None:
 def test_a_snapshot_goes_on_in_the_middle_of_a_cycle() -> None:
     bracketing = Bracketing(4, 4.0, keep=True)
     loop, _ = drive(bracketing, lambda _: 13.0, 33)
-    again = loop.setup.loop()
+    again = ControlLoop(loop.setup)
     again.restore(loop.state())
     for number in range(33, 45):
         pair = StereoPair(number, {"left": expose(SCENE, START, 13.0 + 0.1 * number)})
@@ -99,8 +100,8 @@ def test_a_snapshot_goes_on_in_the_middle_of_a_cycle() -> None:
 def test_a_snapshot_splits_the_policys_frame_as_the_original_does() -> None:
     """By the size of the frames, before the policy of the restored loop has seen one."""
     bracketing = Bracketing(4, 4.0, keep=True)
-    setup = ControlSetup(DEFAULT_POLICY, {"left": LINEAR}, LIMITS, START, ControlParameters(bracket=bracketing), {}, {})
-    loop, again, settings = setup.loop(), setup.loop(), [START, START]
+    setup = ControlSetup(DEFAULT_POLICY, {"left": LINEAR}, LIMITS, START, ControlParameters(bracket=bracketing))
+    loop, again, settings = ControlLoop(setup), ControlLoop(setup), [START, START]
     for number in range(35):
         if number == 32:
             again.restore(loop.state())

@@ -14,15 +14,14 @@ from numpy.typing import NDArray
 
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.loop import ControlLoop
-from autoexpose_daemon.control.metrics.gradient import GradientMetric
-from autoexpose_daemon.control.parameters import ControlParameters
 from autoexpose_daemon.control.policies.ids import LEARNED
 from autoexpose_daemon.control.policies.learned import net as net_module
 from autoexpose_daemon.control.policies.learned.features import BINS, grey_histogram, light_histogram, region_figures
 from autoexpose_daemon.control.policies.learned.learned_policy import HOLD_STOPS, STEADY_SHARE, LearnedPolicy
 from autoexpose_daemon.control.policies.learned.net import Net, trained_net
 from autoexpose_daemon.control.policies.table import build_policy
-from autoexpose_daemon.control.policy import Look, Observation, PolicySetup
+from autoexpose_daemon.control.policy import Look, Observation
+from autoexpose_daemon.control.setup import ControlSetup
 from autoexpose_daemon.demo.reference_step import ReferenceStep, synthetic_frames
 from imaging.errors import AutoexposeError
 from imaging.exposure import ExposureSetting
@@ -44,7 +43,7 @@ def observe(image: NDArray[np.uint8], setting: ExposureSetting = START) -> Obser
 
 
 def built(policy_id: str) -> LearnedPolicy:
-    policy = build_policy(PolicySetup(policy_id, {"left": LINEAR}, GradientMetric(), START, ControlParameters()))
+    policy = build_policy(ControlSetup(policy_id, {"left": LINEAR}, LIMITS, START))
     assert isinstance(policy, LearnedPolicy)
     return policy
 
