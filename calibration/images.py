@@ -13,7 +13,6 @@ from typing import Any, NamedTuple
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 
 from calibration.sweep import Shot, Sweep
 from documents.files import SIGNATURE, is_whole_png, open_regular, read_regular
@@ -230,6 +229,8 @@ def seconds_in_name(path: Path) -> float | None:
 
 
 def _exif_number(path: Path, tag: int) -> float | None:
+    from PIL import Image  # noqa: PLC0415  of the extra, which a daemon that reads calibration files does not need
+
     try:
         with open_regular(path) as file, Image.open(file) as image:
             value = image.getexif().get_ifd(_EXIF_IFD).get(tag)

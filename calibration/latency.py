@@ -145,38 +145,34 @@ def _first_shown(greys: list[float], under_way: int) -> int | None:
 
 def _findings(quantity: WrittenQuantity, effects: list[_Effect], unclear: int) -> Iterator[Finding]:
     if len(effects) < MIN_TRIALS:
-        yield Finding(
-            "refused",
-            "too_few_writes",
+        text = (
             f"only {len(effects)} of {len(effects) + unclear} writes of {quantity} showed in the images: use steady "
-            "light, neither dark nor saturated",
+            "light, neither dark nor saturated"
         )
+        yield Finding("refused", "too_few_writes", text)
         return
     counts = Counter(effect.frames for effect in effects)
     mode, most = counts.most_common(1)[0]
     if most < REGULAR * len(effects):
         spread = ", ".join(f"{count} times {frames}" for frames, count in sorted(counts.items()))
-        yield Finding(
-            "warned",
-            "irregular",
+        text = (
             f"a write of {quantity} takes no fixed number of frames to show ({spread}): lower the frame rate, or look "
-            "for traffic that delays writes",
+            "for traffic that delays writes"
         )
+        yield Finding("warned", "irregular", text)
     if unclear > UNCLEAR * (len(effects) + unclear):
-        yield Finding(
-            "warned",
-            "unclear",
+        text = (
             f"{unclear} of {len(effects) + unclear} writes of {quantity} did not show clearly in the images: use "
-            "steady light, and look for lost frames",
+            "steady light, and look for lost frames"
         )
+        yield Finding("warned", "unclear", text)
     said = Counter(effect.said_frames for effect in effects if effect.said_frames is not None)
     if said and said.most_common(1)[0][0] != mode:
-        yield Finding(
-            "warned",
-            "metadata_off",
+        text = (
             f"frames claim a new {quantity} {said.most_common(1)[0][0]} frames after its write, but show it after "
-            f"{mode}: do not trust what this camera's chunks say",
+            f"{mode}: do not trust what this camera's chunks say"
         )
+        yield Finding("warned", "metadata_off", text)
 
 
 TRIALS = 100

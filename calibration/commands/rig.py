@@ -18,6 +18,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from calibration.document import CameraIdentity, Finding, Verdict, located, verdict
 from calibration.gain import GainFile
+from calibration.images import read_images
 from calibration.response.file import Origin, ResponseFile
 from calibration.response.result import Result, calibrate
 from calibration.session import Session, session_setup
@@ -225,8 +226,6 @@ def _brighter(session: Session, plan: SweepPlan, name: str, console: Console) ->
 
 def measure_images(source: Path) -> Result:
     """Solve the sweep that a folder or a list of images holds; the camera is unknown."""
-    from calibration.images import read_images  # noqa: PLC0415  it needs pillow, from the extra
-
     return calibrate(f"the images of {source}", Origin(**stamp()), read_images(source))
 
 

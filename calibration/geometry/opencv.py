@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 import yaml
 
+from calibration.document import located
 from calibration.geometry.numbers import check_plausible, is_rotation, numbers, pixels, required, size_of
 from calibration.geometry.rig import MAY_BE_FISHEYE, RigGeometry, lens_of, model_of
 from documents.text import quoted
@@ -226,10 +227,8 @@ def _lens(parts: Parts, side: Side, size: tuple[int, int] | None) -> tuple[Camer
     if "fisheye" in model_key.lower():
         model = "radtan" if model in (0, "0", False) else "fisheye"
     coefficients = numbers(d, d_key)
-    try:
+    with located(f"{key}, {d_key}"):
         lens, notes = lens_of(size, model_of(model, model_key), k, coefficients)
-    except ConfigurationError as error:
-        raise ConfigurationError(f"{key}, {d_key}: {error}") from error
     if not model_key and len(coefficients) == 4:
         notes = (*notes, MAY_BE_FISHEYE)
     if ("r", side) not in parts or ("p", side) not in parts:

@@ -34,8 +34,8 @@ from imaging.errors import CameraError, ConfigurationError
 from imaging.exposure import ExposureLimits
 from imaging.pixels import PixelFormat
 from imaging.response import ResponseFunction
+from tests.calibration.command_line import calibrate, done, refused
 from tests.calibration.made_up_camera import LIMITS, MadeUpCamera, linear
-from tests.calibration.test_commands import calibrate
 from tests.fakes import FakeCamera, fake_camera
 
 SENSOR = SensorModel()
@@ -154,20 +154,17 @@ def test_files_that_cannot_be_added_to_are_refused_before_the_camera_is_looked_f
     command: str, tmp_path: Path
 ) -> None:
     missing, other = tmp_path / "none.yaml", response_file(tmp_path / "other.yaml", "OTHER")
-    code, output = calibrate(command, "--camera", "S", "-o", str(missing))
-    assert code == 1
-    assert f"make it first with autoexpose calibrate response --camera S -o {missing}" in output
-    code, output = calibrate(command, "--camera", "S", "-o", str(other))
-    assert code == 1
-    assert "camera.serial is OTHER, but this is camera S" in output
+    assert f"make it first with autoexpose calibrate response --camera S -o {missing}" in refused(
+        command, "--camera", "S", "-o", str(missing)
+    )
+    assert "camera.serial is OTHER, but this is camera S" in refused(command, "--camera", "S", "-o", str(other))
 
 
 @pytest.mark.parametrize("computed", [PixelFormat.RGB8, PixelFormat.BGR8, PixelFormat.YUV422_8])
 def test_noise_of_formats_that_the_camera_computes_is_refused_with_those_that_serve(
     computed: PixelFormat, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    code, output = calibrate("noise", "--camera", "S", "--pixel-format", computed)
-    assert code == 1
+    output = refused("noise", "--camera", "S", "--pixel-format", computed)
     assert f"camera S: {computed} is computed from several pixels" in output
     assert "its Mono formats, or of its Bayer formats, whose green is measured" in output
     with pytest.raises(ConfigurationError, match="is computed from several pixels"):
@@ -241,8 +238,7 @@ def test_noise_over_the_wire_is_that_of_the_sensor(fake: FakeCamera, tmp_path: P
     file = response_file(tmp_path / "left.response.yaml", fake.serial)
     before = noise_document("Mono12", [MEASURED])
     replace(ResponseFile.load(file), noise=before).save(file)
-    code, output = calibrate("noise", "--camera", fake.serial, "--gain-db", str(gain_db), "-o", str(file))
-    assert code == 0, output
+    output = done("noise", "--camera", fake.serial, "--gain-db", str(gain_db), "-o", str(file))
     assert f"camera {fake.serial}, Mono12" in output
     assert f"written: {file}" in output
     noise = ResponseFile.load(file).noise
@@ -262,8 +258,7 @@ def test_noise_over_the_wire_is_that_of_the_sensor(fake: FakeCamera, tmp_path: P
 @pytest.mark.wire
 def test_noise_of_a_camera_with_a_curve_is_refused(light: list[str]) -> None:
     with fake_camera(options=[*light, "--response", "gamma"]) as fake:
-        code, output = calibrate("noise", "--camera", fake.serial, "--gain-db", "30", "--pixel-format", "Mono8")
-    assert code == 1
+        output = refused("noise", "--camera", fake.serial, "--gain-db", "30", "--pixel-format", "Mono8")
     assert "refused at 30 dB: grey levels are up to" in output
     assert "photon transfer needs a linear response" in output
 
@@ -271,8 +266,7 @@ def test_noise_of_a_camera_with_a_curve_is_refused(light: list[str]) -> None:
 @pytest.mark.realtime
 def test_latency_over_the_wire(fake: FakeCamera, tmp_path: Path) -> None:
     file = response_file(tmp_path / "left.response.yaml", fake.serial)
-    code, output = calibrate("latency", "--camera", fake.serial, "--writes", "7", "-o", str(file))
-    assert code == 0, output
+    output = done("latency", "--camera", fake.serial, "--writes", "7", "-o", str(file))
     assert "frames until it shows" in output
     assert "exposure: written " in output
     latency = ResponseFile.load(file).latency
@@ -298,12 +292,10 @@ def test_a_camera_lost_while_it_is_measured_is_clear_as_such(fake: FakeCamera, m
 def test_a_scene_too_dark_is_clear_once_and_without_a_table(fake: FakeCamera, monkeypatch: pytest.MonkeyPatch) -> None:
     dark = Finding("refused", "too_dark", "the scene is too dark")
     effects = [WriteEffect(quantity, {}, 0, None, None, (dark,)) for quantity in ("exposure", "gain")]
-    monkeypatch.setattr(measure_noise, "_measure_writes", lambda *arguments: effects)
+    monkeypatch.setattr(measure_noise, "capture_latency", lambda *arguments: effects)
     assert calibrate("latency", "--camera", fake.serial) == (1, "refused: the scene is too dark\n")
 
 
 @pytest.mark.wire
 def test_a_gain_that_the_camera_lacks_is_refused(fake: FakeCamera) -> None:
-    code, output = calibrate("noise", "--camera", fake.serial, "--gain-db", "60")
-    assert code == 1
-    assert "its gain is 0 to 47 dB, not 60 dB" in output
+    assert "its gain is 0 to 47 dB, not 60 dB" in refused("noise", "--camera", fake.serial, "--gain-db", "60")

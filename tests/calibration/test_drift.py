@@ -13,7 +13,7 @@ from fake_camera.world.lighting import Change, LightScript
 from fake_camera.world.simulation import build_image_source
 from imaging.pixels import sparse
 from imaging.response import ResponseFunction, prediction_table
-from tests.calibration.true_response import true_response
+from tests.calibration.sweeps import true_response
 
 NAMES = ("linear", "gamma", "s_shaped")
 LIGHT = LightScript((Change(0.0, 60.0), Change(2.0, 20.0), Change(4.0, 100.0), Change(6.0, 40.0)))

@@ -21,7 +21,7 @@ from calibration.sweep import Shot, Sweep
 from evaluation.sweeps import HEIGHT, PROCESSINGS, WIDTH, Processing, errors_stops, scored, simulated
 from imaging.exposure import ExposureSetting
 from imaging.response import ResponseFunction
-from tests.calibration.test_commands import calibrate as run_calibrate
+from tests.calibration.command_line import done
 from tests.data import data
 
 pytestmark = pytest.mark.data
@@ -131,9 +131,7 @@ def test_a_real_bracket_is_accepted_with_an_error_that_covers_debevecs_solution(
 def test_the_command_accepts_a_real_bracket(tmp_path: Path) -> None:
     file = tmp_path / "bracket.yaml"
     images = data("bracket_stlouis_ccbysa") / "shutterspeed.txt"
-    code, output = run_calibrate("response", "--images", str(images), "-o", str(file))
-    assert code == 0
-    assert "noise of the images: not that of photons" in output
+    assert "noise of the images: not that of photons" in done("response", "--images", str(images), "-o", str(file))
     assert ResponseFile.load(file).accurate is not None
 
 

@@ -18,8 +18,7 @@ from calibration.sweep import Shot, Sweep
 from imaging.errors import ConfigurationError
 from imaging.exposure import ExposureSetting
 from imaging.response import ResponseFunction, prediction_tables
-from tests.calibration.sweeps import TIMES_US, Bench
-from tests.calibration.true_response import true_response
+from tests.calibration.sweeps import TIMES_US, Bench, true_response
 
 CHANGES_STOPS = [float(change) for change in np.linspace(-2, 2, 17)]
 

@@ -18,7 +18,7 @@ from autoexpose_daemon.publish.session import Endpoints, open_session
 from autoexpose_daemon.runtime.setup import Tuning
 from tests.autoexpose_daemon.publish.steps import PATIENCE_S, endpoint, wait_until
 from tests.autoexpose_daemon.scripted import SHAPE, config, scripted_daemon
-from tests.calibration.geometry.pairs import small_ros
+from tests.calibration.geometry.written import small_ros
 
 pytestmark = pytest.mark.wire
 
