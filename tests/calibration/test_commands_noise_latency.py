@@ -61,23 +61,20 @@ def printed(table: Table) -> str:
     return captured.get()
 
 
+def cells(shown: str, word: str) -> list[list[str]]:
+    """Of the rows with a word."""
+    return [[cell.strip() for cell in line.strip("│").split("│")] for line in shown.splitlines() if word in line]
+
+
 def test_the_table_of_noise_has_a_row_for_each_gain_in_digits_that_mean_something() -> None:
     shown = printed(noise_table("camera S, Mono12", [MODEL]))
     assert "…" not in shown
-    row = next(line for line in shown.splitlines() if "12.0" in line)
-    assert [cell.strip() for cell in row.strip("│").split("│")] == [
-        "12.0",
-        "0.7410±0.0012",
-        "2.971±0.046",
-        "41.04±0.31",
-        "5471±12",
-    ]
+    assert cells(shown, "12.0") == [["12.0", "0.7410±0.0012", "2.971±0.046", "41.04±0.31", "5471±12"]]
 
 
 def test_the_table_of_latency_shows_the_distribution() -> None:
     shown = printed(latency_table("camera S at 60 Hz", [EFFECT]))
-    rows = [[cell.strip() for cell in line.strip("│").split("│")] for line in shown.splitlines() if "gain" in line]
-    assert rows == [
+    assert cells(shown, "gain") == [
         ["gain", "1", "19", "95%", "#" * 19],
         ["gain", "2", "1", "5%", "#"],
         ["gain", "unclear", "3", "", ""],
@@ -104,28 +101,19 @@ def response_file(path: Path, serial: str) -> Path:
     return path
 
 
-def test_what_is_added_to_a_response_file_is_read_back(tmp_path: Path) -> None:
+def test_what_is_added_to_a_response_file_is_read_back_with_its_doubts(tmp_path: Path) -> None:
     path = tmp_path / "a.response.yaml"
-    noise, latency = noise_document("Mono12", [MEASURED]), latency_document(60.0, [EFFECT])
+    doubted = PhotonTransfer(replace(MODEL, gain_db=18.0), (DRIFT,))
+    noise = noise_document("Mono12", [MEASURED, doubted])
+    latency = latency_document(60.0, [EFFECT, replace(EFFECT, quantity="exposure", findings=(DRIFT,))])
     ResponseFile(ResponseFunction.linear(0), noise=noise, latency=latency).save(path)
     loaded = ResponseFile.load(path)
-    assert loaded.noise == noise
-    assert loaded.noise["gains"][0]["system_gain"] == [0.74102, 0.00123]
-    assert loaded.latency == latency
-    assert loaded.latency["gain"] == {"mode_frames": 1, "frames": {1: 19, 2: 1}, "untold": 3}
-
-
-def test_doubts_are_in_the_file_beside_what_they_are_about(tmp_path: Path) -> None:
-    path = tmp_path / "a.response.yaml"
-    noise = noise_document(
-        "Mono12", [PhotonTransfer(MODEL, (DRIFT,)), PhotonTransfer(replace(MODEL, gain_db=18.0), ())]
-    )
-    latency = latency_document(60.0, [replace(EFFECT, findings=(DRIFT,))])
-    ResponseFile(ResponseFunction.linear(0), noise=noise, latency=latency).save(path)
-    loaded = ResponseFile.load(path)
+    assert (loaded.noise, loaded.latency) == (noise, latency)
     said = [{"severity": "warned", "reason": "light_drift", "text": "the light changed: use steady light"}]
-    assert [gain.get("findings") for gain in loaded.noise["gains"]] == [said, None]
-    assert loaded.latency["gain"]["findings"] == said
+    assert loaded.noise["gains"][0]["system_gain"] == [0.74102, 0.00123]
+    assert [gain.get("findings") for gain in loaded.noise["gains"]] == [None, said]
+    assert loaded.latency["gain"] == {"mode_frames": 1, "frames": {1: 19, 2: 1}, "untold": 3}
+    assert loaded.latency["exposure"]["findings"] == said
 
 
 def test_gains_measured_before_stay_unless_they_are_measured_again() -> None:
@@ -138,11 +126,8 @@ def test_gains_measured_before_stay_unless_they_are_measured_again() -> None:
     refused = PhotonTransfer(None, (Finding("refused", "no_noise", "no noise shows"),))
     first = noise_document("Mono12", [at(12.0, 1.0), at(0.0, 2.0)])
     assert list(black_levels(first)) == [0.0, 12.0]
-    assert black_levels(noise_document("Mono12", [at(6.0, 3.0), at(12.0, 4.0), refused], first)) == {
-        0.0: 2.0,
-        6.0: 3.0,
-        12.0: 4.0,
-    }
+    again = noise_document("Mono12", [at(6.0, 3.0), at(12.0, 4.0), refused], first)
+    assert black_levels(again) == {0.0: 2.0, 6.0: 3.0, 12.0: 4.0}
     assert black_levels(noise_document("Mono8", [at(6.0, 3.0)], first)) == {6.0: 3.0}
     edited: list[Any] = [{}, {"gains": 3}, {"gains": [3, {"gain_db": "3"}, {"gain_db": 3, "black_level_dn": [5.0]}]}]
     kept = [black_levels(noise_document("Mono12", [refused], {"pixel_format": "Mono12"} | noise)) for noise in edited]

@@ -60,7 +60,6 @@ def test_a_brighter_sweep_has_the_same_times_at_about_four_times_the_gain(max_ga
 def test_grey_levels_of_a_brighter_sweep_lie_between_the_others() -> None:
     plan = plan_sweep(MadeUpCamera(), 0.0)
     brighter = plan.brighter(LIMITS)
-    assert brighter is not None
     levels = np.unique([setting.level for setting in plan.settings])
     assert np.interp(brighter.settings[0].level, levels, np.arange(len(levels))) % 1.0 == pytest.approx(0.5, abs=0.01)
 
