@@ -252,21 +252,12 @@ class _Watch:
 def capture_latency(
     session: Session, rate_hz: float, trials: int = TRIALS, progress: Progress = lambda done, total: None
 ) -> list[WriteEffect]:
-    """Measure how many frames a write of exposure time, and one of gain, takes to show.
+    """Measure how many frames a write of exposure time, and one of gain if the camera has one in dB, takes to show.
 
-    Parameters
-    ----------
-    session
-        A camera that runs freely at `rate_hz`, in front of a static scene in steady light.
-    trials
-        Clear writes of each quantity to aim for.
-    progress
-        Called with the number of clear writes so far, and the number aimed for.
-
-    Returns
-    -------
-    One for the exposure, and one for the gain if the camera has a gain in dB. A scene that is too dark or too bright
-    at this rate gives no clear write, and the finding that says so.
+    The camera runs freely at `rate_hz`, in front of a static scene in steady light; one that is too dark or too bright
+    at this rate gives no clear write, and the finding that says so. `trials` clear writes of each quantity are aimed
+    for; `progress` is called with the number of clear writes so far, and the number aimed for. Raises CameraError when
+    the camera fails.
     """
     session.latch_clock()
     bright, finding = _bright_setting(session, LONGEST_PART * 1e6 / rate_hz)

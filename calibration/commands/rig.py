@@ -315,7 +315,7 @@ def check_place(path: Path, load: Callable[[Path], File], kind: str) -> File | N
     try:
         return load(path)
     except ConfigurationError as error:
-        raise ConfigurationError(f"{error}; it is not a {kind} to replace: choose another name") from None
+        raise ConfigurationError(f"{error}; it is not a {kind} to replace: choose another place") from None
 
 
 def check_report(path: Path, title: str, *suffixes: str) -> None:

@@ -118,9 +118,7 @@ def test_impossible_input_is_one_sentence(pictures: Path, tmp_path: Path) -> Non
 
 def test_another_file_is_not_replaced(pictures: Path, tmp_path: Path) -> None:
     (tmp_path / "left.yaml").write_text("cameras: {}")
-    assert "it is not a calibration file to replace: choose another folder" in refused(
-        *from_folders(pictures, tmp_path)
-    )
+    assert "it is not a calibration file to replace" in refused(*from_folders(pictures, tmp_path))
     assert (tmp_path / "left.yaml").read_text() == "cameras: {}"
 
 
