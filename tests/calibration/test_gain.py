@@ -16,7 +16,6 @@ from calibration.sweep import Shot
 from imaging.errors import ConfigurationError
 from imaging.exposure import ExposureLimits, ExposureSetting, linear_gain
 from imaging.gain_scale import GainScale
-from tests.calibration.command_line import refused
 
 SHAPE = (96, 128)
 Law = Callable[[float], float]
@@ -167,23 +166,3 @@ def test_what_is_no_gain_file_is_refused_in_one_sentence(tmp_path: Path, text: s
     assert str(path) in str(refused.value)
     assert words in str(refused.value)
     assert "\n" not in str(refused.value)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        ("gain -o out.yaml", "one of --camera and --config"),
-        ("gain --camera A --camera A -o rig", "left and right are the same camera, A"),
-        ("gain --camera A -o missing/out.yaml", "out.yaml: cannot be written"),
-        ("gain --camera A -o other.yaml", "not a gain file to replace"),
-        ("gain --camera NO-SUCH -o out.yaml", "NO-SUCH"),
-    ],
-)
-def test_what_cannot_be_measured_is_one_sentence(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: str, words: str
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    Path("other.yaml").write_text("cameras: {}")
-    output = refused(*arguments.split())
-    assert words in output
-    assert "\n" not in output.strip()
