@@ -189,12 +189,8 @@ class GainLooks:
 def capture_gain(camera: StaticCamera, progress: Progress = lambda done, total: None) -> GainLooks:
     """Look at a static scene in steady light at enough gains to know all of them.
 
-    Parameters
-    ----------
-    camera
-        Driven in the gain's own numbers: the bounds and increment of its gain are those of the node.
-    progress
-        Called with the looks taken, and about how many there will be.
+    The camera is driven in the gain's own numbers: the bounds and increment of its gain are those of the node.
+    `progress` is called with the looks taken, and about how many there will be. Raises CameraError when it fails.
     """
     limits = camera.limits
     low, high = limits.min_gain_db, limits.max_gain_db

@@ -13,7 +13,6 @@ from typing import Any, NamedTuple
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 
 from calibration.sweep import Shot, Sweep
 from documents.files import SIGNATURE, is_whole_png, open_regular, read_regular
@@ -29,7 +28,6 @@ _TIME = re.compile(r"(.*?)\s*(ns|us|ms|s|)", re.IGNORECASE)
 _TIME_COLUMNS = re.compile("exposure", re.IGNORECASE), re.compile("shutter|time(?!_?stamp)", re.IGNORECASE)
 _IMAGE_COLUMN = re.compile("file|image|name|path", re.IGNORECASE)
 _UNIT_OF_COLUMN = re.compile(r"[\W_](ns|us|ms|s)\W*$", re.IGNORECASE)
-_TUM_IMAGES = ("images/{}.jpg", "images/{}.png", "{}.jpg", "{}.png")
 
 
 class _Row(NamedTuple):
@@ -52,7 +50,7 @@ def read_list(path: Path, beside: Callable[[Path], list[Path]]) -> list[tuple[Pa
     """
     rows = _rows(path)
     if all(len(row.cells) == 3 and all(_number(cell) is not None for cell in row.cells) for row in rows):
-        return _of_tum(path, rows)
+        return read_tum_times(path)
     columns = _columns(rows[0].cells)
     rows = rows if columns is None else rows[1:]
     if not rows:
@@ -129,15 +127,22 @@ def _columns(cells: list[str]) -> _Columns | None:
     return None
 
 
-def _of_tum(path: Path, rows: list[_Row]) -> list[tuple[Path, float]]:
+def read_tum_times(path: Path) -> list[tuple[Path, float]]:
+    """The images of `times.txt` of the TUM mono data set, and their exposure times in seconds.
+
+    Its lines are number, time and exposure in ms. Raises ConfigurationError naming the file and the line at fault.
+    """
+    folders = [folder for folder in (path.parent, path.parent / "images") if folder.is_dir()]
+    images = {image.stem: image for folder in folders for image in image_paths(folder)}
     files = []
-    for number, (image, _, time) in rows:
+    for number, cells in _rows(path):
         where = f"{path}: line {number}"
-        found = [path.parent / name.format(image) for name in _TUM_IMAGES]
-        there = next((name for name in found if name.is_file()), None)
-        if there is None:
-            raise ConfigurationError(f"{where}: there is no image {found[0]}: unpack images.zip next to the list")
-        files.append((there, _seconds(time, where, "ms")))
+        if len(cells) < 3:
+            raise ConfigurationError(f"{where}: has no exposure time: give number, time, exposure in ms")
+        if cells[0] not in images:
+            image = path.parent / "images" / cells[0]
+            raise ConfigurationError(f"{where}: there is no image {image}: unpack images.zip next to the list")
+        files.append((images[cells[0]], _seconds(cells[2], where, "ms")))
     return files
 
 
@@ -230,6 +235,8 @@ def seconds_in_name(path: Path) -> float | None:
 
 
 def _exif_number(path: Path, tag: int) -> float | None:
+    from PIL import Image  # noqa: PLC0415  of the extra, which a daemon that reads calibration files does not need
+
     try:
         with open_regular(path) as file, Image.open(file) as image:
             value = image.getexif().get_ifd(_EXIF_IFD).get(tag)

@@ -145,38 +145,34 @@ def _first_shown(greys: list[float], under_way: int) -> int | None:
 
 def _findings(quantity: WrittenQuantity, effects: list[_Effect], unclear: int) -> Iterator[Finding]:
     if len(effects) < MIN_TRIALS:
-        yield Finding(
-            "refused",
-            "too_few_writes",
+        text = (
             f"only {len(effects)} of {len(effects) + unclear} writes of {quantity} showed in the images: use steady "
-            "light, neither dark nor saturated",
+            "light, neither dark nor saturated"
         )
+        yield Finding("refused", "too_few_writes", text)
         return
     counts = Counter(effect.frames for effect in effects)
     mode, most = counts.most_common(1)[0]
     if most < REGULAR * len(effects):
         spread = ", ".join(f"{count} times {frames}" for frames, count in sorted(counts.items()))
-        yield Finding(
-            "warned",
-            "irregular",
+        text = (
             f"a write of {quantity} takes no fixed number of frames to show ({spread}): lower the frame rate, or look "
-            "for traffic that delays writes",
+            "for traffic that delays writes"
         )
+        yield Finding("warned", "irregular", text)
     if unclear > UNCLEAR * (len(effects) + unclear):
-        yield Finding(
-            "warned",
-            "unclear",
+        text = (
             f"{unclear} of {len(effects) + unclear} writes of {quantity} did not show clearly in the images: use "
-            "steady light, and look for lost frames",
+            "steady light, and look for lost frames"
         )
+        yield Finding("warned", "unclear", text)
     said = Counter(effect.said_frames for effect in effects if effect.said_frames is not None)
     if said and said.most_common(1)[0][0] != mode:
-        yield Finding(
-            "warned",
-            "metadata_off",
+        text = (
             f"frames claim a new {quantity} {said.most_common(1)[0][0]} frames after its write, but show it after "
-            f"{mode}: do not trust what this camera's chunks say",
+            f"{mode}: do not trust what this camera's chunks say"
         )
+        yield Finding("warned", "metadata_off", text)
 
 
 TRIALS = 100
@@ -256,21 +252,12 @@ class _Watch:
 def capture_latency(
     session: Session, rate_hz: float, trials: int = TRIALS, progress: Progress = lambda done, total: None
 ) -> list[WriteEffect]:
-    """Measure how many frames a write of exposure time, and one of gain, takes to show.
+    """Measure how many frames a write of exposure time, and one of gain if the camera has one in dB, takes to show.
 
-    Parameters
-    ----------
-    session
-        A camera that runs freely at `rate_hz`, in front of a static scene in steady light.
-    trials
-        Clear writes of each quantity to aim for.
-    progress
-        Called with the number of clear writes so far, and the number aimed for.
-
-    Returns
-    -------
-    One for the exposure, and one for the gain if the camera has a gain in dB. A scene that is too dark or too bright
-    at this rate gives no clear write, and the finding that says so.
+    The camera runs freely at `rate_hz`, in front of a static scene in steady light; one that is too dark or too bright
+    at this rate gives no clear write, and the finding that says so. `trials` clear writes of each quantity are aimed
+    for; `progress` is called with the number of clear writes so far, and the number aimed for. Raises CameraError when
+    the camera fails.
     """
     session.latch_clock()
     bright, finding = _bright_setting(session, LONGEST_PART * 1e6 / rate_hz)

@@ -43,14 +43,8 @@ class Session:
     """One opened camera (see `session_setup`), started now and closed by `close` or at the end of a ``with`` block.
 
     Opening has switched off the camera's own auto exposure, auto gain and gamma, or says in `description.limitations`
-    what stands in the way. Every method may raise `CameraError`, in one sentence.
-
-    Parameters
-    ----------
-    camera
-        Opened, not yet started.
-    samples
-        Which samples of a frame its shots hold.
+    what stands in the way. `samples` says which samples of a frame its shots hold. Every method may raise
+    `CameraError`, in one sentence.
     """
 
     def __init__(self, camera: Camera, samples: Callable[[Pixels, Layout], Pixels] = light_samples) -> None:

@@ -53,6 +53,7 @@ FRAMES = 3
 STEP_STOPS = 0.5
 MOST_EXPOSURES = 33
 SEARCH_STOPS = 2.0
+SEARCH_STEPS, SEARCH_FACTOR = 10, 8.0
 NEARLY_ALL_PERCENT = 95
 BLACK_GREY, WHITE_GREY = 6.0, 250.0
 BRIGHTER_STOPS, LEAST_BRIGHTER_STOPS = 1.75, 1.5
@@ -139,6 +140,35 @@ def exposure_span_us(camera: StaticCamera, gain_db: float) -> tuple[float, float
         if dark - before <= STANDSTILL_GREY and dark > WHITE_GREY / 2:
             break
     return low_us, high_us
+
+
+def exposure_us_for(
+    camera: StaticCamera,
+    gain_db: float,
+    *,
+    percent: float,
+    bright: tuple[float, float],
+    white: float,
+    first_us: float = FIRST_TIME_US,
+) -> float:
+    """The exposure time (us) at which a percentile of the pixels lies within `bright`, as near as the bounds allow.
+
+    It is looked for from `first_us` on. Brightness counts in parts of full scale; from `white` on, an image shows that
+    it is too bright, but not by how much. Raises CameraError when the camera fails.
+    """
+    shortest_us, longest_us = time_bounds_us(camera.limits)
+    time_us = min(max(first_us, shortest_us), longest_us)
+    for _ in range(SEARCH_STEPS):
+        (shot,) = camera.take(ExposureSetting(time_us, gain_db), 1)
+        part = float(np.percentile(shot.pixels, percent)) / (2**shot.bit_depth - 1)
+        if bright[0] < part < bright[1]:
+            break
+        factor = min(sum(bright) / 2.0 / max(part, 1e-3), SEARCH_FACTOR) if part < white else 1.0 / SEARCH_FACTOR
+        following_us = min(max(time_us * factor, shortest_us), longest_us)
+        if following_us == time_us:
+            break
+        time_us = following_us
+    return time_us
 
 
 def time_bounds_us(limits: ExposureLimits) -> tuple[float, float]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -15,11 +15,11 @@ from rich.console import Console
 from calibration.commands.rig import check_place, make_folder, print_written
 from calibration.document import located, written
 from calibration.geometry.file import check_pair, load_geometry, read_rigs
-from calibration.geometry.numbers import baseline_note, numbers
+from calibration.geometry.numbers import baseline_note
 from calibration.geometry.opencv import ros_yaml
 from calibration.geometry.rig import RigGeometry, joined
 from calibration.geometry.slam import is_times_txt
-from calibration.images import image_paths
+from calibration.images import read_tum_times
 from calibration.response.file import ResponseFile, is_tum_table, read_tum_table
 from calibration.vignetting.file import VignettingFile, read_vignette_picture
 from documents.files import SIGNATURE, open_regular, read_text, replace_file
@@ -65,8 +65,9 @@ def take_photometric(path: Path, side: Side, found: Imported) -> bool:
         found.said.append(f"{path}: response, 256 grey levels, black level {black}, saturation {full}")
         return True
     if is_times_txt(text):
-        found.texts[TIMES] = "".join(_timed(path, text))
-        found.said.append(f"{path}: exposure times of {found.texts[TIMES].count(chr(10))} images")
+        images = read_tum_times(path)
+        found.texts[TIMES] = "".join(f"{image.resolve()} {seconds:.9g}\n" for image, seconds in images)
+        found.said.append(f"{path}: exposure times of {len(images)} images")
         return True
     return False
 
@@ -83,24 +84,6 @@ def _begins_as_png(path: Path) -> bool:
             return file.read(len(SIGNATURE)) == SIGNATURE
     except OSError as error:
         raise ConfigurationError(f"{path}: cannot be read ({error.strerror}): check its name and access") from error
-
-
-def _timed(path: Path, text: str) -> Iterator[str]:
-    """Lines of a list of images and seconds, from those of `times.txt`: number, time, exposure in ms."""
-    folder = next((each for each in (path.parent / "images", path.parent) if each.is_dir() and image_paths(each)), None)
-    images = {} if folder is None else {image.stem: image for image in image_paths(folder)}
-    for number, line in enumerate(text.splitlines(), 1):
-        words = line.partition("#")[0].split()
-        if not words:
-            continue
-        if len(words) < 3:
-            raise ConfigurationError(f"{path}: line {number}: has no exposure time: give number, time, exposure in ms")
-        (exposure_ms,) = numbers([words[2]], f"{path}: line {number}")
-        if words[0] not in images:
-            raise ConfigurationError(
-                f"{path}: line {number}: there is no image {words[0]} in {path.parent / 'images'}: unpack them there"
-            )
-        yield f"{images[words[0]].resolve()} {1e-3 * exposure_ms:.9g}\n"
 
 
 UNITS_M: Final = {"m": 1.0, "cm": 0.01, "mm": 0.001}

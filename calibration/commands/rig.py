@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from datetime import datetime
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
-from typing import Annotated, Any, TypeVar, get_args
+from typing import Annotated, Any, TypeVar
 
 import typer
 from rich.console import Console
@@ -18,6 +18,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from calibration.document import CameraIdentity, Finding, Verdict, located, verdict
 from calibration.gain import GainFile
+from calibration.images import read_images
 from calibration.response.file import Origin, ResponseFile
 from calibration.response.result import Result, calibrate
 from calibration.session import Session, session_setup
@@ -30,7 +31,7 @@ from drivers.genicam.dialect import GAINS
 from drivers.genicam.trigger import RATE_NODES
 from drivers.setup import CameraSetup, FeatureSetting, LinkShare, parse_features
 from imaging.errors import AutoexposeError, ConfigurationError
-from imaging.frames import SIDES, Side
+from imaging.frames import SIDES
 from imaging.gain_scale import GainScale
 from imaging.pixels import PIXEL_FORMATS, PixelFormat
 from imaging.python310 import UTC
@@ -95,64 +96,83 @@ def rig_of_config(path: Path) -> list[CameraMode]:
 
     Raises ConfigurationError naming the file, the key and what to do.
     """
-    document = load_mapping(path, "begin with `cameras:`; see docs/configuration.md")
-    cameras, image = _section(path, document, "cameras"), _section(path, document, "image")
-    pixel_format, binning = image.get("pixel_format"), image.get("binning")
+    document = _Section(path, "", load_mapping(path, "begin with `cameras:`; see docs/configuration.md"))
+    cameras, image, transport = (document.section(key) for key in ("cameras", "image", "transport"))
+    pixel_format, binning = image.keys.get("pixel_format"), image.keys.get("binning")
     if pixel_format is not None and pixel_format not in list(PIXEL_FORMATS):
-        raise ConfigurationError(f"{path}: image.pixel_format is {quoted(pixel_format)}: see autoexpose config check")
+        raise image.wrong("pixel_format", "see autoexpose config check")
     if binning is not None and type(binning) is not int:
-        raise ConfigurationError(f"{path}: image.binning is {quoted(binning)}: give a whole number of pixels")
-    rate_hz = _number(path, "trigger.rate_hz", _section(path, document, "trigger").get("rate_hz"), bounds.RATE_HZ)
-    transport = _section(path, document, "transport")
-    packet_bytes = _number(path, "transport.packet_size_bytes", transport.get("packet_size_bytes"), bounds.PACKET_BYTES)
-    mbps = _number(path, "transport.link_mbps", transport.get("link_mbps"), bounds.LINK_MBPS)
-    rig: list[CameraMode] = []
-    if cameras.get("left") is None:
+        raise image.wrong("binning", "give a whole number of pixels")
+    packet_bytes = transport.number("packet_size_bytes", bounds.PACKET_BYTES)
+    mbps = transport.number("link_mbps", bounds.LINK_MBPS)
+    sides = [side for side in SIDES if cameras.keys.get(side) is not None]
+    if "left" not in sides:
         raise ConfigurationError(f"{path}: cameras.left.serial is missing: name the camera")
-    for side in get_args(Side):
-        if cameras.get(side) is not None:
-            camera = _section(path, cameras, side, "cameras.")
-            serial = camera.get("serial")
-            if not isinstance(serial, str) or not serial:
-                raise ConfigurationError(f"{path}: cameras.{side}.serial is {quoted(serial)}: give it in quotes")
-            try:
-                features = parse_features(camera.get("features", []))
-            except ValueError as error:
-                raise ConfigurationError(f"{path}: cameras.{side}.features: {error}") from error
-            scale, gain_file = None, _file(path, camera, side, "gain_calibration")
-            if gain_file is not None:
-                with located(f"{path}: cameras.{side}.gain_calibration"):
-                    scale = _gain_scale(gain_file, serial)
-            response = _file(path, camera, side, "response")
-            row = pixel_format and PIXEL_FORMATS[pixel_format]
-            key = "exposure_count_us"
-            count_us = _number(path, f"cameras.{side}.{key}", camera.get(key), bounds.EXPOSURE_COUNT_US)
-            rig.append(CameraMode(serial, row, binning, features, scale, count_us, response))
-    share = LinkShare(len(rig), mbps) if transport.get("plan") is True else None
-    size = None if packet_bytes is None else int(packet_bytes)
-    return [replace(mode, rate_hz=rate_hz, packet_size_bytes=size, link_share=share) for mode in rig]
+    alike = CameraMode(
+        "",
+        pixel_format and PIXEL_FORMATS[pixel_format],
+        binning,
+        rate_hz=document.section("trigger").number("rate_hz", bounds.RATE_HZ),
+        packet_size_bytes=None if packet_bytes is None else int(packet_bytes),
+        link_share=LinkShare(len(sides), mbps) if transport.keys.get("plan") is True else None,
+    )
+    return [_camera(cameras.section(side), alike) for side in sides]
 
 
-def _number(path: Path, key: str, value: object, within: bounds.Range) -> float | None:
-    if value is None:
-        return None
-    if isinstance(value, bool) or not isinstance(value, int | float) or value not in within:
-        raise ConfigurationError(f"{path}: {key} is {quoted(value)}: give {within}")
-    return value
+@dataclass(frozen=True, slots=True)
+class _Section:
+    """A part of a configuration file: its keys, and where they stand, as in `cameras.left.`."""
+
+    path: Path
+    place: str
+    keys: Mapping[Any, Any]
+
+    def section(self, key: str) -> _Section:
+        section = self.keys.get(key) or {}
+        if not isinstance(section, dict):
+            raise self.wrong(key, "give keys and values")
+        return _Section(self.path, f"{self.place}{key}.", section)
+
+    def number(self, key: str, within: bounds.Range) -> float | None:
+        value = self.keys.get(key)
+        if value is None:
+            return None
+        if isinstance(value, bool) or not isinstance(value, int | float) or value not in within:
+            raise self.wrong(key, f"give {within}")
+        return value
+
+    def file(self, key: str) -> Path | None:
+        file = self.keys.get(key)
+        if file is not None and not isinstance(file, str):
+            raise self.wrong(key, "name a file")
+        return None if file is None else self.path.parent / file
+
+    def wrong(self, key: str, advice: str) -> ConfigurationError:
+        return ConfigurationError(f"{self.path}: {self.place}{key} is {quoted(self.keys.get(key))}: {advice}")
 
 
-def _file(path: Path, camera: dict[Any, Any], side: Side, key: str) -> Path | None:
-    """The file that a camera's section names under a key; None if it names none."""
-    file = camera.get(key)
-    if file is not None and not isinstance(file, str):
-        raise ConfigurationError(f"{path}: cameras.{side}.{key} is {quoted(file)}: name a file")
-    return None if file is None else path.parent / file
-
-
-def _gain_scale(path: Path, serial: str) -> GainScale:
-    file = GainFile.load(path)
-    file.check_belongs(serial)
-    return file.scale
+def _camera(section: _Section, alike: CameraMode) -> CameraMode:
+    serial, scale = section.keys.get("serial"), None
+    if not isinstance(serial, str) or not serial:
+        raise section.wrong("serial", "give it in quotes")
+    try:
+        features = parse_features(section.keys.get("features", []))
+    except ValueError as error:
+        raise ConfigurationError(f"{section.path}: {section.place}features: {error}") from error
+    gain_file = section.file("gain_calibration")
+    if gain_file is not None:
+        with located(f"{section.path}: {section.place}gain_calibration"):
+            gain = GainFile.load(gain_file)
+            gain.check_belongs(serial)
+            scale = gain.scale
+    return replace(
+        alike,
+        serial=serial,
+        features=features,
+        gain_scale=scale,
+        exposure_count_us=section.number("exposure_count_us", bounds.EXPOSURE_COUNT_US),
+        response=section.file("response"),
+    )
 
 
 def check_rig(rig: Sequence[CameraMode]) -> None:
@@ -181,13 +201,6 @@ def make_folder(path: Path) -> None:
         path.mkdir(exist_ok=True)
     except OSError as error:
         raise ConfigurationError(f"{path}: cannot be made ({error.strerror}): choose another folder") from error
-
-
-def _section(path: Path, document: dict[Any, Any], key: str, parent: str = "") -> dict[Any, Any]:
-    section = document.get(key) or {}
-    if not isinstance(section, dict):
-        raise ConfigurationError(f"{path}: {parent}{key} is {quoted(section)}: give keys and values")
-    return section
 
 
 def measure_camera(mode: CameraMode, gain_db: float, console: Console) -> Result:
@@ -225,8 +238,6 @@ def _brighter(session: Session, plan: SweepPlan, name: str, console: Console) ->
 
 def measure_images(source: Path) -> Result:
     """Solve the sweep that a folder or a list of images holds; the camera is unknown."""
-    from calibration.images import read_images  # noqa: PLC0415  it needs pillow, from the extra
-
     return calibrate(f"the images of {source}", Origin(**stamp()), read_images(source))
 
 
@@ -316,7 +327,7 @@ def check_place(path: Path, load: Callable[[Path], File], kind: str) -> File | N
     try:
         return load(path)
     except ConfigurationError as error:
-        raise ConfigurationError(f"{error}; it is not a {kind} to replace: choose another name") from None
+        raise ConfigurationError(f"{error}; it is not a {kind} to replace: choose another place") from None
 
 
 def check_report(path: Path, title: str, *suffixes: str) -> None:

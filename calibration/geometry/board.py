@@ -97,17 +97,11 @@ class Corners:
 
 
 class BoardFinder:
-    """Finds the corners of a board in pictures.
-
-    Attributes
-    ----------
-    without
-        The last picture in which it found no board.
-    """
+    """Finds the corners of a board in pictures."""
 
     def __init__(self, board: Board) -> None:
         self.board = board
-        self.without: NDArray[np.uint8] | None = None
+        self.without: NDArray[np.uint8] | None = None  # the last picture in which it found no board
         self._detector = cv2.aruco.CharucoDetector(board.charuco)
         self._points_m = board.points_m[:, :2]
 
@@ -214,26 +208,11 @@ NEW_SHARE = 0.06
 
 
 class Capture:
-    """The views taken so far.
-
-    Parameters
-    ----------
-    board
-        What is shown.
-    size
-        Width and height of the pictures.
-
-    Attributes
-    ----------
-    views
-        The board as both cameras see it, or one alone, which still shows its lens.
-    advice
-        What to do next, in a few words.
-    """
+    """The views taken so far of a board, in pictures of a size (width, height)."""
 
     def __init__(self, board: Board, size: tuple[int, int]) -> None:
-        self.views: list[BoardView] = []
-        self.advice = SHOW
+        self.views: list[BoardView] = []  # the board as both cameras see it, or one alone, which still shows its lens
+        self.advice = SHOW  # what to do next, in a few words
         self.finders: dict[Side, BoardFinder] = {side: BoardFinder(board) for side in SIDES}
         self._board, self._size = board, size
         self._blank = 0

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, Final
 from xml.etree import ElementTree as ET
 
+from calibration.document import located
 from calibration.geometry.opencv import KINDS, is_camera, is_pair, read_camera, read_pair
 from calibration.geometry.rig import RigGeometry, side_of
 from calibration.geometry.slam import (
@@ -121,18 +122,14 @@ def read_rig(path: Path, size: Size | None = None) -> RigGeometry:
     Raises ConfigurationError naming the file, the key and what to do.
     """
     text = read_text(path, MOST_BYTES)
-    try:
+    with located(path):
         if is_camera_txt(text):
             return read_camera_txt(text)
-    except ConfigurationError as error:
-        raise ConfigurationError(f"{path}: {error}") from error
     content = parsed(text, path, FORMATS)
     if "cam0_calib" in content:
         return _vins(content, path)
-    try:
+    with located(path):
         return _of(content, size)
-    except ConfigurationError as error:
-        raise ConfigurationError(f"{path}: {error}") from error
 
 
 def _of(content: Mapping[Any, Any], size: Size | None) -> RigGeometry:
@@ -161,10 +158,8 @@ def _vins(content: Mapping[Any, Any], path: Path) -> RigGeometry:
             if not isinstance(file, str):
                 raise ConfigurationError(f"{path}: {name}_calib is {quoted(file)}: name a file")
             rigs[name] = _camodocal(path.parent / file)
-    try:
+    with located(path):
         places = body_places(content)
-    except ConfigurationError as error:
-        raise ConfigurationError(f"{path}: {error}") from error
     lenses = {name: next(iter(rig.lenses.values())) for name, rig in rigs.items()}
     notes = tuple(f"{name}: {note}" for name, rig in rigs.items() for note in rig.notes)
     return replace(rigs["cam0"], kind="settings of VINS-Fusion", lenses=lenses, places=places, notes=notes)
@@ -172,12 +167,10 @@ def _vins(content: Mapping[Any, Any], path: Path) -> RigGeometry:
 
 def _camodocal(path: Path) -> RigGeometry:
     content = parsed(read_text(path, MOST_BYTES), path, "give a camera of camodocal")
-    try:
+    with located(path):
         if "model_type" not in content:
             raise ConfigurationError("the key model_type is missing: give a camera of camodocal")
         return read_camodocal(content)
-    except ConfigurationError as error:
-        raise ConfigurationError(f"{path}: {error}") from error
 
 
 _Reader = tuple[Callable[[Mapping[Any, Any]], object], Callable[[Mapping[Any, Any], Size | None], RigGeometry]]
@@ -204,7 +197,7 @@ def load_geometry(path: Path, side: Side) -> CameraGeometry:
     """
     rig = read_rig(path)
     names = list(rig.lenses)
-    try:
+    with located(path):
         if len(names) > 1:
             return rig.pair(*names[:2])[SIDES.index(side)]
         if not names:
@@ -212,13 +205,10 @@ def load_geometry(path: Path, side: Side) -> CameraGeometry:
                 "says where the cameras are, but has no lens: join it with the file that has with "
                 "autoexpose calibrate import"
             )
-        of = side_of(names[0])
-        if of not in (None, side):
+        if side_of(names[0]) not in (None, side):
             raise ConfigurationError(
                 f"camera_name is {quoted(names[0])}, but this is the {side} camera: name its own file"
             )
-    except ConfigurationError as error:
-        raise ConfigurationError(f"{path}: {error}") from error
     return rig.lenses[names[0]]
 
 

@@ -36,13 +36,9 @@ def rectified(
     """Both geometries with R and P of the pair, the baseline in the right one's P.
 
     R is that of `cv2.stereoRectify`. P is the same for both: the shortest focal length at which all pixels of both
-    rectified pictures are valid, but at least half of the lenses' own. Raises ConfigurationError when the right camera
-    is not to the right of the left one.
-
-    Parameters
-    ----------
-    rotation, translation_m
-        From the left camera's coordinates to the right one's, shapes (3, 3) and (3,): x_right = R x_left + t.
+    rectified pictures are valid, but at least half of the lenses' own. Rotation and translation, shapes (3, 3) and
+    (3,), go from the left camera's coordinates to the right one's: x_right = R x_left + t. Raises ConfigurationError
+    when the right camera is not to the right of the left one.
     """
     halfway = np.asarray(cv2.Rodrigues(-cv2.Rodrigues(np.ascontiguousarray(rotation))[0] / 2)[0]) @ translation_m
     if not -halfway[0] > max(np.abs(halfway[1:]).max(), _LEAST_BASELINE_M):

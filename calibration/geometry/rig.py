@@ -158,16 +158,9 @@ def lens_of(
 ) -> tuple[CameraGeometry, tuple[str, ...]]:
     """A lens that stands alone, and notes about it.
 
-    Raises ConfigurationError for numbers that no lens has, or that no model of ROS can follow.
-
-    Parameters
-    ----------
-    size
-        Width and height in pixels.
-    model
-        As `model_of` gives it.
-    k, distortion, extra
-        fx, fy, cx, cy; coefficients in the model's order; for fov, omni, ds and eucm what else they have.
+    The model is as `model_of` gives it; `k` is fx, fy, cx, cy; `distortion` has coefficients in the model's order, and
+    `extra` what else fov, omni, ds and eucm have. Raises ConfigurationError for numbers that no lens has, or that no
+    model of ROS can follow.
     """
     _check_size(size, k)
     if model in EXTRA_NUMBERS:

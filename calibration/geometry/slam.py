@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from contextlib import nullcontext
 from itertools import pairwise
 from typing import Any, Final
 
@@ -11,6 +12,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from calibration.document import located
 from calibration.geometry.numbers import inverse_of, mapping, numbers, pixels, pose_of, required, size_of
 from calibration.geometry.opencv import read_camera
 from calibration.geometry.rig import EXTRA_NUMBERS, RigGeometry, lens_of, model_of
@@ -90,12 +92,10 @@ def _lens(section: Mapping[Any, Any], name: str) -> tuple[CameraGeometry, tuple[
     extra = len(EXTRA_NUMBERS.get(model, ())) if model != "fov" else 0
     intrinsics = numbers(required(section, "intrinsics", named("intrinsics")), named("intrinsics"), extra + 4)
     size = size_of(required(section, "resolution", named("resolution")), named("resolution"))
-    try:
+    with located(name) if name else nullcontext():
         if model == "fov":  # Kalibr's angle is its only coefficient
             return lens_of(size, model, intrinsics, (), distortion)
         return lens_of(size, model, intrinsics[extra:], distortion, intrinsics[:extra])
-    except ConfigurationError as error:
-        raise ConfigurationError(f"{name}: {error}" if name else str(error)) from error
 
 
 def _places(content: Mapping[Any, Any], names: list[str]) -> dict[str, NDArray[np.float64]]:
@@ -201,10 +201,8 @@ def _rectified_by_orb_slam(content: Mapping[Any, Any], size: tuple[int, int] | N
     lenses = {}
     for name in ("LEFT", "RIGHT"):
         one = {key.partition(".")[2]: value for key, value in content.items() if str(key).startswith(f"{name}.")}
-        try:
+        with located(name):
             lenses[name] = next(iter(read_camera(one, size).lenses.values()))
-        except ConfigurationError as error:
-            raise ConfigurationError(f"{name}: {error}") from error
     return RigGeometry("settings of ORB-SLAM", lenses, is_rectified=True)
 
 

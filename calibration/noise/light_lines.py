@@ -175,12 +175,7 @@ def judge_steadiness(
 ) -> Steadiness:
     """Whether the scene moved within a pair, or else the light changed within a pair, or from pair to pair.
 
-    Parameters
-    ----------
-    pairs
-        Indices of the shots of each pair.
-    variance
-        The variance of a pixel (DN squared) by its grey level.
+    `pairs` are indices of the shots of each pair, `variance` is that of a pixel (DN squared) by its grey level.
     """
     changed, together = max(_changed(lines, pair, variance) for pair in pairs)
     if changed > CHANGED_PATCHES:  # which hides how much the light changed

@@ -20,7 +20,7 @@ from calibration.noise.light_lines import (
     fit_light_lines,
     judge_steadiness,
 )
-from calibration.sweep import FIRST_TIME_US, Shot, StaticCamera, Sweep, SweepPlan, time_bounds_us
+from calibration.sweep import FIRST_TIME_US, Shot, StaticCamera, Sweep, SweepPlan, exposure_us_for, time_bounds_us
 from imaging.exposure import ExposureLimits, ExposureSetting
 
 MOST_BINS = 1024
@@ -133,9 +133,6 @@ STEP_STOPS = 0.6
 """A flat scene shows noise at as many levels as there are exposures; at a high gain only a stop of them helps."""
 PAIR = 2
 HALF = (0.3, 0.7)
-SEARCH_STEPS = 8
-SEARCH_FACTOR = 8.0
-"""A saturated image shows that it is too bright, but not by how much."""
 
 
 def plan_noise(camera: StaticCamera, gain_db: float) -> SweepPlan:
@@ -161,23 +158,8 @@ def default_gains_db(limits: ExposureLimits) -> tuple[float, ...]:
 
 
 def half_exposure_us(camera: StaticCamera, gain_db: float, first_us: float) -> float:
-    """The exposure time at which the median pixel is about half of full scale, as near as the bounds allow.
-
-    It is looked for from `first_us` on.
-    """
-    shortest_us, longest_us = time_bounds_us(camera.limits)
-    time_us = min(max(first_us, shortest_us), longest_us)
-    for _ in range(SEARCH_STEPS):
-        (shot,) = camera.take(ExposureSetting(time_us, gain_db), 1)
-        part = float(np.median(shot.pixels)) / (2**shot.bit_depth - 1)
-        if HALF[0] < part < HALF[1]:
-            break
-        factor = min(0.5 / max(part, 1e-3), SEARCH_FACTOR) if part < HALF[0] else 1.0 / SEARCH_FACTOR
-        following_us = min(max(time_us * factor, shortest_us), longest_us)
-        if following_us == time_us:
-            break
-        time_us = following_us
-    return time_us
+    """The exposure time (us), looked for from `first_us` on, at which the median pixel is about half of full scale."""
+    return exposure_us_for(camera, gain_db, percent=50, bright=HALF, white=HALF[1], first_us=first_us)
 
 
 MARGIN_SIGMAS = 4.0
@@ -324,12 +306,11 @@ def _findings(
     mean, span_dn = curve.mean[line.used], limit_dn - lines.black.value
     bent = float(np.nan_to_num(np.abs(lines.light(BRIGHT * span_dn))).max())
     if bent > BENT + steadiness.light:
-        yield Finding(
-            "refused",
-            "not_linear",
+        text = (
             f"grey levels are up to {bent:.0%} off the straight line over exposure time: photon transfer needs a "
-            "linear response; switch off gamma, tone curves and automatics",
+            "linear response; switch off gamma, tone curves and automatics"
         )
+        yield Finding("refused", "not_linear", text)
     elif len(mean) < MIN_BINS or np.ptp(mean) < MIN_SPAN * span_dn or line.slope <= 0:
         yield _too_few(curve, line, limit_dn)
 
@@ -380,12 +361,11 @@ def _root(variance: float, error: float) -> Estimate:
 def _unresolved(model: NoiseModel) -> Iterator[Finding]:
     noise = model.read_noise_e
     if noise.error > UNRESOLVED * noise.value:
-        yield Finding(
-            "warned",
-            "read_noise_unresolved",
+        text = (
             f"read noise is {noise.value:.1f} +- {noise.error:.1f} e, too little to resolve at {model.bit_depth} bits "
-            f"and {model.gain_db:g} dB: measure with Mono12 or Mono16, or at a higher gain",
+            f"and {model.gain_db:g} dB: measure with Mono12 or Mono16, or at a higher gain"
         )
+        yield Finding("warned", "read_noise_unresolved", text)
 
 
 _UNSATURATED = Finding(

@@ -9,6 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from calibration.document import written
 from calibration.geometry.fit import GeometryResult, overall
 from calibration.noise.light_lines import Estimate
 from calibration.response.file import Fact, ResponseFile, curve_facts, origin_facts
@@ -29,10 +30,8 @@ def write_page(path: Path, template: str, pictures: Sequence[ReportPicture], **c
     Raises ConfigurationError when it cannot be written.
     """
     page = _html(template, pictures, **content)
-    try:
+    with written(path):
         path.write_text(page, encoding="utf-8")
-    except OSError as error:
-        raise ConfigurationError(f"{path}: cannot be written ({error.strerror}): choose another place") from error
     return path
 
 
@@ -63,16 +62,8 @@ def check_extra() -> None:
 def write_report(path: Path, result: Result, other: tuple[Comparison, Result, Result] | None = None) -> Path:
     """Write the page next to a response file (`.html` and `.png` for its `.yaml`), and return its path.
 
-    Raises ConfigurationError when the files cannot be written.
-
-    Parameters
-    ----------
-    path
-        The response file, written or not.
-    result
-        What the report shows.
-    other
-        For a rig: how left and right compare, and both results.
+    The response file need not be written. `other` is for a rig: how left and right compare, and both results. Raises
+    ConfigurationError when the files cannot be written.
     """
     from calibration.report.plots import comparison_picture, overview_png, pictures  # noqa: PLC0415  needs an extra
 
@@ -92,13 +83,10 @@ def write_report(path: Path, result: Result, other: tuple[Comparison, Result, Re
         measured=[(name, list(_flat(values)), list(_tables(values))) for name, values in measured.items() if values],
     )
     html, png = path.with_suffix(".html"), path.with_suffix(".png")
-    try:
+    with written(html):
         html.write_text(page, encoding="utf-8")
+    with written(png):
         png.write_bytes(overview_png(f"Response of {result.name}: {result.verdict}", shown))
-    except OSError as error:
-        raise ConfigurationError(
-            f"{error.filename}: cannot be written ({error.strerror}): choose another place"
-        ) from error
     return html
 
 

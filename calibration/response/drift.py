@@ -52,21 +52,14 @@ class ResponseWatch:
 
     Light that changes at the same time would look like a wrong response. So a change counts only when the two frames
     before it, taken with one exposure, look alike, and so do the two frames after it. Not thread-safe.
-
-    Attributes
-    ----------
-    changes
-        The latest of the changes that counted.
-    counted
-        How many have counted in all.
     """
 
     def __init__(self, response: ResponseFunction) -> None:
         self._response = response
         self._seen: deque[_Seen] = deque(maxlen=4)
-        self.changes: deque[Change] = deque(maxlen=REMEMBERED)
+        self.changes: deque[Change] = deque(maxlen=REMEMBERED)  # the latest of those that counted
         self._misses_grey: deque[float] = deque(maxlen=REMEMBERED)
-        self.counted = 0
+        self.counted = 0  # how many changes have counted in all
 
     @property
     def residual_grey(self) -> float | None:
@@ -76,12 +69,7 @@ class ResponseWatch:
     def see(self, image: NDArray[np.uint8], level: float) -> None:
         """The next frame of the camera, and the exposure level it was taken with (stops).
 
-        Parameters
-        ----------
-        image
-            Some thousand pixels from all over the frame, uint8; kept until four more have arrived.
-        level
-            In stops.
+        `image` are some thousand pixels from all over the frame, uint8; kept until four more have arrived.
         """
         self._seen.append(_Seen(level, image))
         if len(self._seen) < 4:

@@ -40,16 +40,9 @@ class FreeFit:
 
 
 def fit_free(tones: Tones, within: NDArray[np.bool_], prior: InverseCurve, anchor: int) -> FreeFit:
-    """The curve of free shape.
+    """The curve of free shape, by the medians of `within` (see `usable`), with errors relative to the node `anchor`.
 
-    Parameters
-    ----------
-    within
-        Which medians count, see `usable`.
-    prior
-        What the curve is where the sweep says nothing: differences from it are kept smooth.
-    anchor
-        The node that errors are relative to.
+    `prior` is what the curve is where the sweep says nothing: differences from it are kept smooth.
     """
     between = _Between.of(octaves(tones.greys, prior.black), prior.octaves)
     roughness = _roughness(_stretched(prior.greys, prior.black))

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.sweep import FIRST_TIME_US, Shot, StaticCamera, mean_of, time_bounds_us
+from calibration.sweep import Shot, StaticCamera, exposure_us_for, mean_of
 from imaging.exposure import ExposureSetting
 from imaging.response import ResponseFunction, greys_of_codes
 
@@ -87,8 +87,8 @@ SHORT = 0.5
 """The shorter exposure time, as a part of the longer one."""
 BRIGHT = (0.55, 0.8)
 """Brightness aimed for in the brightest twentieth of the picture, as a part of full scale."""
-_STEPS = 10
-_FACTOR = 8.0
+WHITE = 0.98
+"""Part of full scale from which a picture does not show how much too bright it is."""
 
 
 def capture_looks(
@@ -110,21 +110,5 @@ def _field(camera: StaticCamera, response: ResponseFunction, time_us: float, gai
 
 
 def bright_exposure_us(camera: StaticCamera, gain_db: float) -> float:
-    """The exposure time at which the brightest part of the picture is bright but not saturated.
-
-    It is as near to that as the bounds allow.
-    """
-    shortest_us, longest_us = time_bounds_us(camera.limits)
-    time_us = min(max(FIRST_TIME_US, shortest_us), longest_us)
-    for _ in range(_STEPS):
-        (shot,) = camera.take(ExposureSetting(time_us, gain_db), 1)
-        part = float(np.percentile(shot.pixels, 95)) / (2**shot.bit_depth - 1)
-        if BRIGHT[0] < part < BRIGHT[1]:
-            break
-        middle = sum(BRIGHT) / 2.0
-        factor = min(middle / max(part, 1e-3), _FACTOR) if part < 0.98 else 1.0 / _FACTOR
-        following_us = min(max(time_us * factor, shortest_us), longest_us)
-        if following_us == time_us:
-            break
-        time_us = following_us
-    return time_us
+    """The exposure time (us) at which the brightest part of the picture is bright but not saturated."""
+    return exposure_us_for(camera, gain_db, percent=95, bright=BRIGHT, white=WHITE)

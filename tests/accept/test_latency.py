@@ -10,7 +10,7 @@ from calibration.document import CameraIdentity
 from calibration.response.file import Origin, ResponseFile
 from imaging.pixels import PixelFormat
 from imaging.response import ResponseFunction
-from tests.calibration.test_commands import calibrate
+from tests.calibration.command_line import calibrate
 from tests.fakes import fake_camera
 
 

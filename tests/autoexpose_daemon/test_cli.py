@@ -28,7 +28,7 @@ from imaging.frames import SIDES
 from imaging.pixels import PixelFormat
 from imaging.response import ResponseFunction
 from tests.autoexpose_daemon.stereo import stereo_cameras
-from tests.calibration.geometry.pairs import small_ros
+from tests.calibration.geometry.written import small_ros
 from tests.fake_camera.gige.gige_client import CCP, GvcpClient
 from tests.fakes import FOREIGN_ADDRESS, fake_camera, foreign_camera, loopback_address
 

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.response.file import Origin
+from calibration.response.result import Result, calibrate
 from calibration.sweep import Shot, Sweep
 from fake_camera.imaging import ImageSettings
 from fake_camera.world.sensor import Sensor, SensorModel
@@ -65,3 +68,18 @@ def noisy_sweep(
         bit_depth = PIXEL_FORMATS[pixel_format].bit_depth
         shots.append(Shot(sensor.expose(seen, settings, index), bit_depth, setting, 0.1 * index))
     return Sweep(tuple(shots))
+
+
+def misstated(sweep: Sweep, stated: Callable[[float], float]) -> Sweep:
+    """The same images, whose stated exposure times are a function of the real ones (us)."""
+    return Sweep(
+        tuple(
+            replace(shot, setting=replace(shot.setting, exposure_time_us=stated(shot.setting.exposure_time_us)))
+            for shot in sweep.shots
+        )
+    )
+
+
+def calibrated(sweep: Sweep, more: tuple[Shot, ...] = ()) -> Result:
+    """What is made of a sweep, and of `more` shots at a higher gain if they are asked for."""
+    return calibrate("camera", Origin(), sweep, brighter=lambda: more)

@@ -1,4 +1,4 @@
-"""Sweeps of a textured scene through the fake camera's sensor, clean and spoilt."""
+"""Sweeps of a textured scene through the fake camera's sensor, clean and spoilt, and the true response of fakes."""
 
 from __future__ import annotations
 
@@ -12,9 +12,11 @@ from numpy.typing import NDArray
 from calibration.sweep import Shot, Sweep
 from fake_camera.imaging import ImageSettings
 from fake_camera.world.lighting import LightScript
+from fake_camera.world.response import CURVES
 from fake_camera.world.sensor import Sensor, SensorModel
 from imaging.exposure import ExposureSetting
 from imaging.pixels import PIXEL_FORMATS
+from imaging.response import ResponseFunction
 
 WIDTH, HEIGHT = 240, 176
 TIMES_US = tuple(float(time) for time in np.geomspace(20, 200_000, 20))
@@ -103,3 +105,17 @@ class Bench:
 def duration_s(times_us: Sequence[float] = UP_DOWN_UP, frames: int = 2) -> float:
     """How long a sweep takes."""
     return sum(max(0.0173, time_us * 1e-6 + 0.002) for time_us in times_us) * frames
+
+
+@cache
+def true_response(name: str, black_level_percent: float = 0.0, cut_bits: bool = False) -> ResponseFunction:
+    """The response function that the fake's curve stands for; `cut_bits`: of deeper pixels shifted to 8 bits."""
+    light = np.concatenate([[0.0], np.geomspace(1e-9, 1.0, 200_000)])
+    greys = CURVES[name](light) * (256.0 if cut_bits else 255.0)
+    black_light = black_level_percent / 100.0
+    black_grey = float(np.interp(black_light, light, greys))
+    black_level = int(black_grey) if cut_bits else round(black_grey)
+    middle = 0.5 if cut_bits else 0.0
+    # As in `ResponseFunction.linear`, black stands for half a grey level of light.
+    inverse = np.interp(np.maximum(np.arange(256.0) + middle, black_grey + 0.5), greys, light) - black_light
+    return ResponseFunction(np.log2(inverse / inverse[-1]), black_level, 255)

@@ -10,33 +10,23 @@ import cv2
 import numpy as np
 import pytest
 from rich.console import Console
-from typer.testing import CliRunner
 
-from calibration.commands.app import calibrate_app
 from calibration.commands.rig import CameraMode
 from calibration.document import CameraIdentity
 from calibration.response.file import Origin, ResponseFile
 from calibration.response.result import Result
 from calibration.response.result import calibrate as solved
 from calibration.sweep import SweepPlan
-from imaging.errors import AutoexposeError, CameraError
+from imaging.errors import CameraError
 from imaging.exposure import ExposureSetting
 from imaging.pixels import PixelFormat
 from imaging.response import ResponseFunction, prediction_tables
+from tests.calibration.command_line import calibrate, done, refused
 from tests.calibration.made_up_camera import MadeUpCamera, sweep
-from tests.calibration.true_response import true_response
+from tests.calibration.sweeps import true_response
 from tests.fakes import FakeCamera, fake_camera
 
 DELTAS = (-2.0, -1.0, -0.5, 0.5, 1.0, 2.0)
-
-
-def calibrate(*arguments: str) -> tuple[int, str]:
-    """Exit code and output, as `autoexpose` gives them."""
-    result = CliRunner().invoke(calibrate_app, arguments)
-    if isinstance(result.exception, AutoexposeError):
-        return 1, f"autoexpose: {result.exception}"
-    assert result.exception is None or isinstance(result.exception, SystemExit), result.exception
-    return result.exit_code, result.output
 
 
 def write_images(folder: Path, camera: MadeUpCamera, times_us: list[float]) -> Path:
@@ -50,8 +40,7 @@ def write_images(folder: Path, camera: MadeUpCamera, times_us: list[float]) -> P
 def test_images_become_a_response_file_and_a_report(tmp_path: Path) -> None:
     images = write_images(tmp_path / "shots", MadeUpCamera(), [100.0 * 2**n for n in range(11)])
     file = tmp_path / "camera.response.yaml"
-    code, output = calibrate("response", "--images", str(images), "-o", str(file))
-    assert code == 0, output
+    output = done("response", "--images", str(images), "-o", str(file))
     assert "verdict: " in output
     assert f"written: {file}, {file.with_suffix('.html')}" in output
     loaded = ResponseFile.load(file)
@@ -64,8 +53,7 @@ def test_images_become_a_response_file_and_a_report(tmp_path: Path) -> None:
 def test_a_refused_sweep_leaves_a_report_and_no_file(tmp_path: Path) -> None:
     images = write_images(tmp_path / "shots", MadeUpCamera(light=lambda shot: 0.0), [100.0, 400.0, 1600.0, 6400.0])
     file = tmp_path / "camera.response.yaml"
-    code, output = calibrate("response", "--images", str(images), "-o", str(file))
-    assert code == 1
+    output = refused("response", "--images", str(images), "-o", str(file))
     assert "refused: all images are black (grey 0)" in output
     assert "verdict: refused" in output
     assert not file.exists()
@@ -91,22 +79,19 @@ def test_only_a_former_report_is_replaced(tmp_path: Path, name: str) -> None:
     images = write_images(tmp_path / "shots", MadeUpCamera(), [100.0 * 2**n for n in range(11)])
     foreign, file = tmp_path / name, tmp_path / "mask.yaml"
     foreign.write_text("precious")
-    code, output = calibrate("response", "--images", str(images), "-o", str(file))
-    assert code == 1
+    output = refused("response", "--images", str(images), "-o", str(file))
     assert f"{foreign}: is not a former report" in output
     assert foreign.read_text() == "precious"
     foreign.unlink()
     for _ in range(2):
-        code, output = calibrate("response", "--images", str(images), "-o", str(file))
-        assert code == 0, output
+        done("response", "--images", str(images), "-o", str(file))
 
 
 def test_check_tells_what_a_file_is(tmp_path: Path) -> None:
     file = tmp_path / "r.yaml"
     identity = CameraIdentity("Maker", "Model 7", "0012")
     ResponseFile(ResponseFunction.linear(), Origin(identity, PixelFormat.MONO8), "linear", covered=(4, 250)).save(file)
-    code, output = calibrate("check", str(file))
-    assert code == 0
+    output = done("check", str(file))
     assert "Maker Model 7, serial 0012" in output
     assert "grey 4 to 250" in output
     assert "verdict: believe it" in output
@@ -117,15 +102,14 @@ def test_check_tells_what_a_file_is(tmp_path: Path) -> None:
 def test_export_writes_tums_table(tmp_path: Path) -> None:
     file, table = tmp_path / "r.yaml", tmp_path / "pcalib.txt"
     ResponseFile(ResponseFunction.linear()).save(file)
-    code, output = calibrate("export", str(file), "--format", "tum")
-    assert code == 0
+    output = done("export", str(file), "--format", "tum")
     assert len(output.split()) == 256
     assert calibrate("export", str(file), "--format", "tum", "-o", str(table))[0] == 0
     assert table.read_text(encoding="utf-8") == output
     for existing in (table, file):
         content = existing.read_bytes()
-        code, output = calibrate("export", str(file), "--format", "tum", "-o", str(existing))
-        assert (code, f"{existing}: cannot be written (File exists)" in output) == (1, True)
+        output = refused("export", str(file), "--format", "tum", "-o", str(existing))
+        assert f"{existing}: cannot be written (File exists)" in output
         assert existing.read_bytes() == content
 
 
@@ -144,6 +128,11 @@ def test_export_writes_tums_table(tmp_path: Path) -> None:
         ("response -c missing.yaml -o rig", "missing.yaml: cannot be read"),
         ("response -c number.yaml -o rig", "cameras.left.serial is 12: give it in quotes"),
         ("response -c nobody.yaml -o rig", "cameras.left.serial is missing"),
+        ("gain -o out.yaml", "one of --camera and --config"),
+        ("gain --camera A --camera A -o rig", "left and right are the same camera, A"),
+        ("gain --camera A -o missing/out.yaml", "out.yaml: cannot be written"),
+        ("gain --camera A -o nobody.yaml", "not a gain file to replace"),
+        ("gain --camera NO-SUCH -o out.yaml", "NO-SUCH"),
         ("check missing.yaml", "missing.yaml: cannot be read"),
         ("check other.yaml --camera A", "camera.serial is B, but this is camera A"),
         ("export other.yaml --format tum -o missing/pcalib.txt", "pcalib.txt: cannot be written"),
@@ -157,8 +146,7 @@ def test_what_cannot_be_is_one_sentence(
     Path("nobody.yaml").write_text("cameras: {}")
     identity = CameraIdentity("Maker", "Model 7", "B")
     ResponseFile(ResponseFunction.linear(), Origin(identity)).save(Path("other.yaml"))
-    code, output = calibrate(*arguments.split())
-    assert code == 1
+    output = refused(*arguments.split())
     assert words in output
     assert "\n" not in output.strip()
 
@@ -185,12 +173,8 @@ def bright_camera(tmp_path: Path, response: str, scene: str = "room", lux: int =
 def test_a_camera_is_swept_checked_and_predicted_as_it_really_is(tmp_path: Path) -> None:
     file = tmp_path / "left.response.yaml"
     with bright_camera(tmp_path, "gamma") as camera:
-        code, output = calibrate("response", "--camera", camera.serial, "-o", str(file))
-        assert code == 0, output
-        assert "verdict: believe it" in output
-        code, output = calibrate("check", str(file), "--camera", camera.serial)
-        assert code == 0, output
-        assert "verdict: believe it" in output
+        assert "verdict: believe it" in done("response", "--camera", camera.serial, "-o", str(file))
+        assert "verdict: believe it" in done("check", str(file), "--camera", camera.serial)
     loaded = ResponseFile.load(file)
     assert loaded.origin.camera == CameraIdentity("Autoexpose", "FakeGV287M", camera.serial)
     assert (loaded.origin.pixel_format, loaded.origin.gain_db) == ("Mono8", 0.0)
@@ -213,8 +197,7 @@ def test_a_wall_is_swept_at_two_gains(tmp_path: Path, monkeypatch: pytest.Monkey
     monkeypatch.setattr("calibration.sweep.STEP_STOPS", 0.8)  # a wall shows too little in full stops
     file = tmp_path / "left.response.yaml"
     with bright_camera(tmp_path, "gamma", "wall", 1000) as camera:
-        code, output = calibrate("response", "--camera", camera.serial, "-o", str(file))
-    assert code == 0, output
+        output = done("response", "--camera", camera.serial, "-o", str(file))
     assert "the scene has one brightness only: again at 1" in output
     assert ", and as many at 1" in output
     loaded = ResponseFile.load(file)
@@ -231,8 +214,7 @@ def test_both_cameras_of_a_rig_are_calibrated_and_compared(tmp_path: Path) -> No
             f"cameras: {{left: {{serial: {left.serial}}}, right: {{serial: {right.serial}}}}}\n"
             "image: {pixel_format: Mono12, binning: 2}"
         )
-        code, output = calibrate("response", "-c", str(config), "-o", str(folder))
-    assert code == 0, output
+        output = done("response", "-c", str(config), "-o", str(folder))
     assert "each needs its own file" in output
     for side, camera, model in (("left", left, "gamma"), ("right", right, "linear")):
         loaded = ResponseFile.load(folder / f"{side}.response.yaml")

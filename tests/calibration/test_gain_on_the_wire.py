@@ -11,7 +11,7 @@ from calibration.gain import GainFile
 from fake_camera.genapi.raw_gain import RawGain
 from imaging.gain_scale import GainScale
 from tests.autoexpose_daemon.stereo import running_daemon
-from tests.calibration.test_commands import calibrate
+from tests.calibration.command_line import done
 from tests.fakes import FakeCamera, fake_camera, unique
 from tests.xml_shapes import xml_shape
 
@@ -46,13 +46,11 @@ def test_a_raw_gain_is_measured_as_it_is(tmp_path: Path, description: Path, monk
     path, law = tmp_path / "left.gain.yaml", LAWS["left"]
     with ExitStack() as stack:
         camera(stack, "left", 600.0, description, unique("wire"))
-        code, output = calibrate("gain", "--camera", SERIALS["left"], "-o", str(path))
-    assert code == 0, output
+        done("gain", "--camera", SERIALS["left"], "-o", str(path))
     loaded = GainFile.load(path)
     loaded.check_belongs(SERIALS["left"])
     assert loaded.scale.node == "GainRaw"
     assert loaded.scale.gains_db == pytest.approx([law.gain_db(number) for number in loaded.scale.settings], abs=0.1)
-    assert loaded.error_db is not None
     assert max(abs(loaded.scale.gain_db(number) - law.gain_db(number)) for number in range(241)) <= loaded.error_db
 
 

@@ -11,35 +11,20 @@ from numpy.typing import NDArray
 
 from calibration.noise.photon_transfer import photon_transfer
 from calibration.report import facts
-from calibration.response.file import Origin, ResponseSolution
+from calibration.response.file import ResponseSolution
 from calibration.response.judgement import widen_errors
 from calibration.response.noise_witness import NoiseWitness, hear_noise
-from calibration.response.result import Result, calibrate
 from calibration.response.solve import solve_response, solve_tones
 from calibration.sweep import Sweep
 from imaging.response import ResponseFunction
-from tests.calibration.noisy_shots import Scene, noisy_sweep
+from tests.calibration.noisy_shots import Scene, calibrated, misstated, noisy_sweep
 from tests.calibration.simulated_sweeps import Processing, process_of
-
-
-def misstated(sweep: Sweep, power: float) -> Sweep:
-    """The same images, with exposure times that grow as a power of the real ones."""
-    return Sweep(
-        tuple(
-            replace(shot, setting=replace(shot.setting, exposure_time_us=shot.setting.exposure_time_us**power))
-            for shot in sweep.shots
-        )
-    )
-
-
-def calibrated(sweep: Sweep) -> Result:
-    return calibrate("camera", Origin(), sweep)
 
 
 @pytest.mark.parametrize("scene", ["flat", "textured"])
 def test_times_out_of_proportion_are_refused_as_calibrate_noise_does(scene: Scene) -> None:
     """Grey levels alone see a camera with a gamma."""
-    sweep = misstated(noisy_sweep(scene=scene), 0.8)
+    sweep = misstated(noisy_sweep(scene=scene), lambda us: us**0.8)
     result = calibrated(sweep)
     assert "noise_disagrees" in [finding.reason for finding in result.findings]
     assert result.verdict == "refused"
@@ -51,7 +36,6 @@ def test_times_out_of_proportion_are_refused_as_calibrate_noise_does(scene: Scen
 def test_a_linear_camera_with_right_times_is_believed_by_both(scene: Scene) -> None:
     sweep = noisy_sweep(scene=scene, stops=(-7.0, 2.5))
     result = calibrated(sweep)
-    assert result.witness is not None
     assert result.witness.finding is None
     assert result.file is not None
     assert photon_transfer(sweep).model is not None
@@ -59,24 +43,16 @@ def test_a_linear_camera_with_right_times_is_believed_by_both(scene: Scene) -> N
 
 def test_noise_tells_a_curve_from_wrong_times_in_a_uniform_scene() -> None:
     witness = calibrated(noisy_sweep(scene="flat", response="gamma", stops=(-8.0, 2.0))).witness
-    assert witness is not None
     assert witness.finding is None
     assert witness.power == pytest.approx(1.0, abs=0.03)
 
 
 def test_the_power_is_that_of_the_times() -> None:
     power = 0.85
-    sweep = misstated(noisy_sweep(scene="textured", response="gamma"), power)
-    witness = hear_noise(sweep, calibrated_response(sweep))
-    assert witness is not None
+    sweep = misstated(noisy_sweep(scene="textured", response="gamma"), lambda us: us**power)
+    witness = hear_noise(sweep, calibrated(sweep).solution.response)
     assert witness.doubted
     assert witness.power == pytest.approx(1.0 / power, rel=0.03)
-
-
-def calibrated_response(sweep: Sweep) -> ResponseFunction:
-    solution = calibrated(sweep).solution
-    assert solution is not None
-    return solution.response
 
 
 def test_images_without_noise_say_nothing() -> None:
@@ -99,7 +75,6 @@ def small_sweep(response: str) -> Sweep:
 def test_noise_that_each_pixel_has_of_its_own_can_be_that_of_photons() -> None:
     sweep = small_sweep("gamma")
     heard = hear_noise(sweep, solve_response(sweep).response)
-    assert heard is not None
     assert heard.photons
 
 
@@ -122,7 +97,6 @@ def test_noise_that_neighbours_share_is_no_evidence(processing: Processing, resp
     assert "noise_disagrees" not in [finding.reason for finding in result.findings]
     assert result.verdict != "refused"
     assert "trust" in dict(facts(result))["noise of the images"]
-    assert result.file is not None
     assert result.file.times_checked is False
 
 
@@ -140,7 +114,6 @@ def test_doubts_only_widen_the_error() -> None:
     for witness in (None, NoiseWitness(1.0, False, 1.0, 0.01), NoiseWitness(0.9, True, 2.0, 0.0)):
         wider = widen_errors(solution, witness)
         assert (wider.uncertainty_stops >= solution.uncertainty_stops).all()
-        assert wider.accurate is not None
         assert solution.covered[0] <= wider.accurate[0] < wider.accurate[1] <= solution.covered[1]
     assert not solve_tones(calibrated(noisy_sweep(scene="textured")).by_exposure).uniform
 
@@ -156,7 +129,6 @@ AGREES = NoiseWitness(1.0, False, 1.0, 0.0)
 
 def test_the_error_is_stated_where_it_is_small() -> None:
     worse_when_dark = widen_errors(response_known_to(lambda grey: 0.02 / np.maximum(grey, 1.0)), AGREES)
-    assert worse_when_dark.accurate is not None
     low, high = worse_when_dark.accurate
     assert 10 < low < 30
     assert high == 250

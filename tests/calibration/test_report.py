@@ -52,7 +52,6 @@ def solved() -> Result:
 @pytest.fixture(scope="module")
 def known(solved: Result) -> Result:
     """The same, of a camera whose noise and latency were measured before."""
-    assert solved.file is not None
     return solved.keeping(replace(solved.file, noise=NOISE, latency=LATENCY))
 
 
@@ -80,7 +79,6 @@ def test_the_page_opens_in_a_browser_and_needs_nothing_else(solved: Result, page
     assert content.count("<img") == 6
     assert all(source.startswith("data:") for source in re.findall(r'(?:src|href)="([^"]*)"', content))
     text = re.sub(r"<style.*?</style>|<[^>]+>", " ", content, flags=re.S)
-    assert solved.solution is not None
     for words in ("Believe it", "serial 0012", f"{solved.solution.residual_grey:.2f} grey levels rms", "no chunk data"):
         assert words in text
 
@@ -96,7 +94,6 @@ def test_the_browser_would_tell_a_broken_page(tmp_path: Path) -> None:
 
 def test_the_plots_lie_beside_it(page: Path) -> None:
     plots = cv2.imread(str(page.with_suffix(".png")))
-    assert plots is not None
     assert plots.shape[1] > 1000
     assert plots.std() > 10
 
@@ -117,8 +114,6 @@ def test_a_sweep_of_one_image_has_a_report(tmp_path: Path) -> None:
 
 
 def test_noise_and_latency_measured_before_stay(solved: Result, known: Result, page: Path) -> None:
-    assert solved.file is not None
-    assert known.file is not None
     assert (known.file.noise, known.file.latency) == (NOISE, LATENCY)
     text = page.read_text(encoding="utf-8")
     assert "<th>gain db</th><th>system gain</th><th>full well e</th><th>findings</th>" in text
@@ -132,8 +127,6 @@ def test_noise_and_latency_measured_before_stay(solved: Result, known: Result, p
 
 def test_two_cameras_are_compared(solved: Result, tmp_path: Path) -> None:
     right = result_of(MadeUpCamera(linear))
-    assert solved.solution is not None
-    assert right.solution is not None
     comparison = compare(solved.solution, right.solution)
     text = write_report(tmp_path / "left.response.yaml", solved, (comparison, solved, right)).read_text(
         encoding="utf-8"

@@ -1,4 +1,4 @@
-"""Response functions recovered from sweeps: against the fake's own curves, on real images, and laws that must hold."""
+"""Response functions recovered from sweeps: against the fake's own curves, and laws that must hold."""
 
 from __future__ import annotations
 
@@ -11,15 +11,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from calibration.response.curves import Ends, InverseCurve, families, fit_family, usable
 from calibration.response.file import ResponseSolution
 from calibration.response.judgement import judge_solution, judge_sweep
 from calibration.response.solve import solve_response
+from calibration.response.tones import Tones, tones_by_exposure
 from calibration.sweep import Shot, Sweep
 from imaging.errors import ConfigurationError
 from imaging.exposure import ExposureSetting
 from imaging.response import ResponseFunction, prediction_tables
-from tests.calibration.sweeps import TIMES_US, Bench
-from tests.calibration.true_response import true_response
+from tests.calibration.noisy_shots import misstated
+from tests.calibration.sweeps import TIMES_US, Bench, true_response
 
 CHANGES_STOPS = [float(change) for change in np.linspace(-2, 2, 17)]
 
@@ -165,11 +167,44 @@ def test_the_order_of_shots_does_not_matter() -> None:
 
 def test_exposures_in_other_units_give_the_same_curve() -> None:
     sweep = Bench("gamma").sweep(TIMES_US[::2], frames=1)
-    in_ns = Sweep(
-        tuple(
-            replace(shot, setting=replace(shot.setting, exposure_time_us=1e3 * shot.setting.exposure_time_us))
-            for shot in sweep.shots
-        )
-    )
+    in_ns = misstated(sweep, lambda us: 1e3 * us)
     here, there = solve_response(sweep).response, solve_response(in_ns).response
     assert np.array_equal(here.log2_exposure, there.log2_exposure)
+
+
+GAMMA = families()[1]
+
+
+def gamma_curve(gamma: float) -> InverseCurve:
+    return GAMMA.curve(0.0, np.array([gamma]), 255.0)
+
+
+def sweep_of(response: str) -> Tones:
+    return tones_by_exposure(Bench(response).sweep(TIMES_US))
+
+
+@pytest.mark.parametrize("gamma", [0.45, 1.0])
+def test_the_slope_is_that_of_the_curve(gamma: float) -> None:
+    greys = np.array([3.3, 17.3, 60.6, 200.2])  # none at a node, where the curve has a bend
+    curve = gamma_curve(gamma)
+    bent = InverseCurve(curve.greys, curve.stops + 0.02 * np.sin(np.arange(len(curve.greys))), 0.0)
+    step = 1e-3
+    by_hand = (bent.at(greys + step) - bent.at(greys - step)) / (2 * step)
+    assert bent.slope(greys) == pytest.approx(by_hand, rel=1e-3)
+
+
+def test_a_group_seen_at_two_exposures_speaks_of_the_curve_and_one_seen_once_does_not() -> None:
+    greys = np.array([[0.0, 0.0], [30.0, 0.0], [120.0, 60.0], [255.0, 255.0]])
+    tones = Tones(np.arange(4.0), greys, np.full(greys.shape, 0.1), 0.0)
+    assert usable(tones, Ends.of(tones)).sum(axis=0).tolist() == [2, 0]
+
+
+def test_a_fit_is_not_ruled_by_what_moved() -> None:
+    """A third of the groups had three times the light at a third of the exposures."""
+    tones = sweep_of("gamma")
+    greys = tones.greys.copy()
+    greys[::3, ::3] = np.minimum(greys[::3, ::3] * 3.0 + 5.0, 255.0)
+    moved = replace(tones, greys=greys)
+    ends = Ends.of(tones)
+    fit = fit_family(GAMMA, moved, ends, usable(moved, ends))
+    assert fit.parameters[0] == pytest.approx(1 / 2.2, rel=0.01)

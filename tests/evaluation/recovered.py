@@ -10,8 +10,7 @@ from evaluation.stage.camera import Entrant
 from evaluation.stage.oracle import Oracle
 from imaging.exposure import ExposureLimits, ExposureSetting
 from imaging.response import ResponseFunction
-from tests.calibration.sweeps import Bench
-from tests.calibration.true_response import true_response
+from tests.calibration.sweeps import Bench, true_response
 
 
 def _entrant(name: str, response: ResponseFunction) -> Entrant:

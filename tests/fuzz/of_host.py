@@ -72,8 +72,7 @@ from tests.autoexpose_daemon.imu import imu_message
 from tests.autoexpose_daemon.publish.test_pairs import messages
 from tests.autoexpose_daemon.recording.runs import LIMITS, VirtualRun, record
 from tests.autoexpose_daemon.statuses import EXPOSING
-from tests.calibration.geometry.pairs import LENSES, camchain, of_ros, ros
-from tests.calibration.geometry.written import WRITERS, made_rig
+from tests.calibration.geometry.written import LENSES, WRITERS, camchain, made_rig, of_ros, ros
 from tests.fuzz.of_fake_camera import gvcp_answer
 from tests.fuzz.target import framed, in_file, unframed
 

@@ -9,7 +9,7 @@ import yaml
 
 from autoexpose_daemon.config.load import load_config
 from imaging.errors import ConfigurationError
-from tests.calibration.geometry.pairs import camchain, ros
+from tests.calibration.geometry.written import camchain, ros
 
 
 @pytest.fixture

@@ -33,7 +33,7 @@ from autoexpose_daemon.status.telemetry import Telemetry
 from tests.autoexpose_daemon.grounds import GROUNDS
 from tests.autoexpose_daemon.publish.steps import PATIENCE_S, endpoint, nothing, wait_until
 from tests.autoexpose_daemon.scripted import SHAPE, config, scripted_daemon
-from tests.calibration.geometry.pairs import small_ros
+from tests.calibration.geometry.written import small_ros
 from tests.drivers.rig.test_rig import ScriptedCamera
 
 pytestmark = pytest.mark.wire

@@ -16,7 +16,7 @@ from imaging.exposure import ExposureSetting
 from imaging.frames import SIDES, Frame, SettingSource, Side, StereoPair
 from imaging.pixels import PixelFormat
 from imaging.response import ResponseFunction
-from tests.calibration.true_response import true_response
+from tests.calibration.sweeps import true_response
 
 LEFT = Origin(CameraIdentity("Maker", "Model", "L"), PixelFormat.MONO8)
 

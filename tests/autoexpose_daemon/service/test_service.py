@@ -36,7 +36,7 @@ from imaging.response import ResponseFunction
 from tests.autoexpose_daemon.scripted import LONG_S, SHAPE, ScriptedRig, Session, TriggeredCamera, config
 from tests.autoexpose_daemon.service.service_process import PATIENCE_S, Notifications, running_service, service_manager
 from tests.autoexpose_daemon.stereo import stereo_cameras
-from tests.calibration.geometry.pairs import ros, small_ros
+from tests.calibration.geometry.written import ros, small_ros
 
 IMPOSSIBLE: list[tuple[dict[str, Any], str]] = [
     (

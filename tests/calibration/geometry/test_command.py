@@ -18,8 +18,8 @@ from calibration.geometry.board import Board, BoardFinder
 from calibration.geometry.file import check_pair, load_geometry
 from fake_camera.world.scene.board import BoardPath
 from imaging.frames import SIDES
+from tests.calibration.command_line import done, refused
 from tests.calibration.geometry.shown import BASELINE_M, FOCAL_PX, shown
-from tests.calibration.test_commands import calibrate
 from tests.fakes import fake_camera, unique
 
 STEADY = {"light": [{"at_s": 0, "lux": 150}]}
@@ -41,15 +41,13 @@ def pictures(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def from_folders(
     folder: Path, output: Path, *options: str, left: str = "left", right: str = "right"
-) -> tuple[int, str]:
-    return calibrate(
-        "geometry", "--left", str(folder / left), "--right", str(folder / right), "-o", str(output), *options
-    )
+) -> tuple[str, ...]:
+    """The arguments to calibrate from pictures in two folders."""
+    return ("geometry", "--left", str(folder / left), "--right", str(folder / right), "-o", str(output), *options)
 
 
 def test_pictures_become_files_for_ros_and_kalibr_and_a_report(pictures: Path, tmp_path: Path) -> None:
-    code, output = from_folders(pictures, tmp_path / "out")
-    assert code == 0, output
+    output = done(*from_folders(pictures, tmp_path / "out"))
     assert "verdict: believe it" in output
     assert re.search(r"baseline: (79\.9|80\.0)\d mm, if squares are 30 mm", output)
     pair = {side: load_geometry(tmp_path / "out" / f"{side}.yaml", side) for side in SIDES}
@@ -69,19 +67,19 @@ def test_a_full_disk_leaves_former_files_whole(pictures: Path, tmp_path: Path, m
     def full_disk(_descriptor: int) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    assert from_folders(pictures, tmp_path)[0] == 0
+    done(*from_folders(pictures, tmp_path))
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
     monkeypatch.setattr(os, "fsync", full_disk)
-    code, output = from_folders(pictures, tmp_path, "--square-mm", "60", "--marker-mm", "42")
-    assert code == 1
-    assert "left.yaml: cannot be written (No space left on device)" in output
+    assert "left.yaml: cannot be written (No space left on device)" in refused(
+        *from_folders(pictures, tmp_path, "--square-mm", "60", "--marker-mm", "42")
+    )
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 
 def test_a_refused_set_leaves_a_report_and_no_files(pictures: Path, tmp_path: Path) -> None:
-    code, output = from_folders(pictures, tmp_path / "out", "--squares", "11x8")
-    assert code == 1
-    assert "markers in its last picture, but they are another board's" in output
+    assert "markers in its last picture, but they are another board's" in refused(
+        *from_folders(pictures, tmp_path / "out", "--squares", "11x8")
+    )
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["geometry.html"]
     assert "Refused" in (tmp_path / "out" / "geometry.html").read_text()
 
@@ -103,29 +101,24 @@ def test_impossible_input_is_one_sentence(pictures: Path, tmp_path: Path) -> Non
         (("board", str(tmp_path / "board.png"), "--dictionary", "DICT_9"), "there is no dictionary 'DICT_9'"),
         (("board", str(tmp_path / "board.png"), "--marker-mm", "30"), "markers of 0.3 to 0.9 of that"),
     ):
-        code, output = calibrate(*arguments)
-        assert (code, output.count("\n")) == (1, 0)
-        assert words in output
+        output = refused(*arguments)
+        assert (words in output, output.count("\n")) == (True, 0)
     for left, right, words in (
         (other, pictures / "right", "hold 1 and 20 pictures, and only one has 01: give the two pictures"),
         (tmp_path / "none", pictures / "right", "none: is not a folder"),
     ):
-        code, output = from_folders(tmp_path, tmp_path / "out", left=str(left), right=str(right))
-        assert code == 1
-        assert words in output
+        assert words in refused(*from_folders(tmp_path, tmp_path / "out", left=str(left), right=str(right)))
     (tmp_path / "half").mkdir()
     for name in ("00", "01"):
         cv2.imwrite(str(tmp_path / "half" / f"{name}.png"), np.zeros((270, 360), np.uint8))
         cv2.imwrite(str(other / f"{name}.png"), np.zeros((540, 720), np.uint8))
-    code, output = from_folders(tmp_path, tmp_path / "out", left="other", right="half")
+    output = refused(*from_folders(tmp_path, tmp_path / "out", left="other", right="half"))
     assert "half/00.png: is 360x270 pixels" in output
 
 
 def test_another_file_is_not_replaced(pictures: Path, tmp_path: Path) -> None:
     (tmp_path / "left.yaml").write_text("cameras: {}")
-    code, output = from_folders(pictures, tmp_path)
-    assert code == 1
-    assert "it is not a calibration file to replace: choose another folder" in output
+    assert "it is not a calibration file to replace" in refused(*from_folders(pictures, tmp_path))
     assert (tmp_path / "left.yaml").read_text() == "cameras: {}"
 
 
@@ -133,25 +126,21 @@ def test_a_folder_that_cannot_be_written_is_refused_before_anything_is_measured(
     pictures: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(os, "access", lambda _path, mode: mode != os.W_OK)  # root may write anywhere
-    code, output = from_folders(pictures, tmp_path)
-    assert code == 1
+    output = refused(*from_folders(pictures, tmp_path))
     assert output.endswith("cannot be written: name a folder that you may write to")
     assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("name", ["board.pdf", "board.png"])
 def test_a_board_is_drawn_to_scale(tmp_path: Path, name: str) -> None:
-    code, output = calibrate("board", str(tmp_path / name), "--squares", "7x5", "--square-mm", "40")
-    assert code == 0
+    output = done("board", str(tmp_path / name), "--squares", "7x5", "--square-mm", "40")
     assert "written: " in output
     assert "300 x 220 mm: print it at 100 %" in output
     if name.endswith("pdf"):
         assert b"/MediaBox [ 0 0 850.39" in (tmp_path / name).read_bytes(), "300 mm in points"
         return
     drawn = cv2.imread(str(tmp_path / name), cv2.IMREAD_GRAYSCALE)
-    assert drawn is not None
     found = BoardFinder(Board(7, 5, 0.040, 0.028)).find(drawn.astype(np.uint8))
-    assert found is not None
     assert len(found.numbers) == 6 * 4
     assert np.ptp(found.pixels, axis=0) == pytest.approx((5 * 400, 3 * 400), abs=1.0)
 
@@ -164,10 +153,7 @@ def test_two_cameras_are_watched_until_views_suffice(tmp_path: Path, monkeypatch
     wire, options = unique("wire"), ["--scene", "board", "--light", str(light)]
     with contextlib.ExitStack() as stack:
         left, right = (stack.enter_context(fake_camera(side=side, line0=wire, options=options)) for side in SIDES)
-        code, output = calibrate(
-            "geometry", "--camera", left.serial, "--camera", right.serial, "-o", str(tmp_path / "out")
-        )
-    assert code == 1
+        output = refused("geometry", "--camera", left.serial, "--camera", right.serial, "-o", str(tmp_path / "out"))
     assert "of 720x540 pixels" in output
     assert "both cameras see the board in 1 views: show it in at least 15" in output
     assert (tmp_path / "out" / "geometry.html").exists()

@@ -21,7 +21,7 @@ from calibration.geometry.slam import read_camchain
 from imaging.errors import ConfigurationError
 from imaging.frames import SIDES, Side
 from imaging.geometry import CameraGeometry
-from tests.calibration.geometry.pairs import LENSES, camchain, of_chain, of_ros, ros
+from tests.calibration.geometry.written import LENSES, camchain, of_chain, of_ros, ros
 
 NUMBERS = st.floats(-0.3, 0.3)
 

@@ -22,8 +22,7 @@ from calibration.geometry.slam import camchain_yaml
 from imaging.errors import ConfigurationError
 from imaging.frames import SIDES
 from imaging.geometry import CameraGeometry
-from tests.calibration.geometry.pairs import camchain, of_chain, ros
-from tests.calibration.geometry.written import WRITERS, MadeRig, kalibr, made_rig, storage
+from tests.calibration.geometry.written import WRITERS, MadeRig, camchain, kalibr, made_rig, of_chain, ros, storage
 
 SMALL = st.floats(-0.05, 0.05)
 

@@ -10,7 +10,7 @@ import pytest
 
 from calibration.vignetting.file import VignettingFile
 from fake_camera.world.sensor import SensorModel, falloff
-from tests.calibration.test_commands import calibrate
+from tests.calibration.command_line import done, refused
 from tests.calibration.vignetting.flat_field import truth, worst
 from tests.fakes import fake_camera, unique
 
@@ -35,24 +35,21 @@ def test_the_lens_of_a_colour_camera_is_measured_over_the_wire(tmp_path: Path, m
     serial, path = unique("VIG")[:15], tmp_path / "left.vignetting.yaml"
     options = ["--scene", "wall", "--corner-light", "0.5", "--light", str(light), "--pixel-format", "BayerRG8"]
     with fake_camera(serial, options=options):
-        code, output = calibrate("vignette", "--camera", serial, "-o", str(path))
-    assert code == 0, output
+        output = done("vignette", "--camera", serial, "-o", str(path))
     assert "response: half the exposure time gives 0.500 of the light" in output
     file = VignettingFile.load(path)
     file.check_belongs(serial, (720, 540))
-    assert file.error is not None
     assert worst(file.vignetting, falloff(SensorModel(corner_light=0.5))) <= file.error <= 0.01
     assert "Believe it" in path.with_suffix(".html").read_text()
 
 
 def test_pictures_become_a_file_and_a_report(pictures: Path, tmp_path: Path) -> None:
     path = tmp_path / "v.yaml"
-    code, output = calibrate("vignette", "--images", str(pictures), "-o", str(path))
-    assert code == 0, output
-    assert "response: not checked, as it takes two exposure times" in output
+    assert "response: not checked, as it takes two exposure times" in done(
+        "vignette", "--images", str(pictures), "-o", str(path)
+    )
     file = VignettingFile.load(path)
     assert file.camera is None
-    assert file.error is not None
     assert worst(file.vignetting, truth(0.6)) <= file.error
     report = path.with_suffix(".html").read_text()
     assert report.count("data:image/png") == 4
@@ -61,9 +58,9 @@ def test_pictures_become_a_file_and_a_report(pictures: Path, tmp_path: Path) -> 
 
 def test_a_refused_set_leaves_a_report_and_no_file(pictures: Path, tmp_path: Path) -> None:
     cv2.imwrite(str(pictures / "5.png"), np.full((270, 360), 255, np.uint8))
-    code, output = calibrate("vignette", "--images", str(pictures), "-o", str(tmp_path / "v.yaml"))
-    assert code == 1
-    assert "refused: 100.0% of the picture is saturated" in output
+    assert "refused: 100.0% of the picture is saturated" in refused(
+        "vignette", "--images", str(pictures), "-o", str(tmp_path / "v.yaml")
+    )
     assert sorted(path.name for path in tmp_path.iterdir()) == ["pictures", "v.html"]
 
 
@@ -84,7 +81,6 @@ def test_impossible_input_is_one_sentence(pictures: Path, tmp_path: Path) -> Non
         (("--camera", "A", "--camera", "B", "--response", "r.yaml", "-o", here), "--response is for one camera"),
         (("-c", str(rig), "-o", here), "missing.yaml"),
     ):
-        code, output = calibrate("vignette", *arguments)
-        assert code == 1, output
+        output = refused("vignette", *arguments)
         assert words in " ".join(output.split())
         assert "Traceback" not in output
