@@ -21,12 +21,10 @@ from autoexpose_daemon.messages.keys import (
     LOOPBACK,
     RIG_NAME,
     check_rig_name,
-    grounds_key,
     last_but,
-    registration_key,
     response_key,
+    rig_key,
     side_of,
-    status_key,
 )
 from autoexpose_daemon.publish.session import Endpoints, SessionHolder
 from autoexpose_daemon.status.document import LARGEST_STATUS_BYTES, Status, grounds_from_json
@@ -91,7 +89,7 @@ class StatusClient:
 
     def ask_grounds(self) -> Grounds | None:
         """Ask the daemon what its latest decision rests on; None if its policy has no belief, or it does not answer."""
-        answer = self._holder.ask(grounds_key(self._rig), _PATIENCE_S)
+        answer = self._holder.ask(rig_key(self._rig, "grounds"), _PATIENCE_S)
         return None if answer is None else grounds_from_json(answer)
 
     def wait(self, timeout_s: float) -> Status | None:
@@ -115,11 +113,12 @@ class StatusClient:
         self.trouble = trouble
 
     def _serve(self, session: zenoh.Session) -> None:
-        status, responses = status_key(self._rig), response_key(self._rig, "*")
-        self._holder.subscribe(session, status, self._take_status, _RING_MESSAGES, LARGEST_STATUS_BYTES)
-        self._holder.subscribe(session, responses, self._take_response, _RING_MESSAGES, LARGEST_RESPONSE_BYTES)
-        registration = registration_key(self._rig)
-        self._holder.subscribe(session, registration, self._take_registration, 1, LARGEST_REGISTRATION_BYTES)
+        subscribe = self._holder.subscribe
+        status, responses = rig_key(self._rig, "status"), response_key(self._rig, "*")
+        subscribe(session, status, self._take_status, _RING_MESSAGES, LARGEST_STATUS_BYTES)
+        subscribe(session, responses, self._take_response, _RING_MESSAGES, LARGEST_RESPONSE_BYTES)
+        registration = rig_key(self._rig, "registration")
+        subscribe(session, registration, self._take_registration, 1, LARGEST_REGISTRATION_BYTES)
         self._holder.closed.wait()
 
     def _take_response(self, key: str, data: bytes) -> None:
@@ -331,7 +330,7 @@ class FleetClient:
 
     def _holder(self, place: str, endpoints: Endpoints) -> SessionHolder:
         def serve(session: zenoh.Session) -> None:
-            holder.subscribe(session, status_key("*"), self._take, _FLEET_MESSAGES, LARGEST_STATUS_BYTES)
+            holder.subscribe(session, rig_key("*", "status"), self._take, _FLEET_MESSAGES, LARGEST_STATUS_BYTES)
             holder.closed.wait()
 
         def on_trouble(trouble: str) -> None:

@@ -39,6 +39,11 @@ def show_features(serial: str, changed: bool, save: Path | None) -> None:
     """Print what can be set on a camera, or what differs from its default user set, as a configuration; or save it.
 
     Features that the daemon drives itself are left out.
+
+    Raises
+    ------
+    AutoexposeError
+        If the camera is lost meanwhile, with features that could not be put back, and if `save` cannot be written.
     """
     with open_nodes(serial) as nodes:
         inventory = read_inventory(nodes)

@@ -113,7 +113,7 @@ class MessageWriter:
             "sequence": sequence,
             "cameras": self._cameras,
             "alone": len(pair.frames) < self._cameras,
-            **(_NOTHING_DECIDED if decision is None else _of_decision(decision)),
+            **_of_decision(decision),
         }
         for side, frame in pair.frames.items():
             header = _Header(stamp, f"{self._rig}_{side}_optical_frame")
@@ -155,42 +155,27 @@ def _camera_info(header: Any, frame: Frame, geometry: CameraGeometry | None) -> 
 
 
 def _of_frame(frame: Frame) -> dict[str, float | str]:
-    return {
-        "frame_id": frame.frame_id,
-        "device_time_ns": frame.device_time_ns,
-        "host_time_ns": frame.host_time_ns,
-        "arrival_time_ns": frame.arrival_time_ns,
-        "bit_depth": frame.bit_depth,
+    names = ("frame_id", "device_time_ns", "host_time_ns", "arrival_time_ns", "bit_depth", "setting_source")
+    return {name: getattr(frame, name) for name in names} | {
         "exposure_time_us": frame.setting.exposure_time_us,
         "gain_db": frame.setting.gain_db,
         "exposure_level": frame.setting.level,
-        "setting_source": frame.setting_source,
     }
 
 
-_NOTHING_DECIDED: dict[str, float | str] = {
-    "next_exposure_time_us": math.nan,
-    "next_gain_db": math.nan,
-    "next_exposure_level": math.nan,
-    "reason": "",
-    "metric": math.nan,
-    "saturated_share": math.nan,
-    "black_share": math.nan,
-    "motion_px": math.nan,
-}
+def _of_decision(decision: Decision | None) -> dict[str, float | str]:
+    if decision is None:
+        return dict.fromkeys(_OF_DECISION, math.nan) | {"reason": ""}
+    setting, metric = decision.setting, math.nan if decision.metric is None else decision.metric
+    shares = decision.saturated_share, decision.black_share
+    values = setting.exposure_time_us, setting.gain_db, decision.level, metric, *shares, decision.motion_px
+    return dict(zip(_OF_DECISION, values, strict=True)) | {"reason": decision.reason}
 
 
-def _of_decision(decision: Decision) -> dict[str, float | str]:
-    return {
-        "next_exposure_time_us": decision.setting.exposure_time_us,
-        "next_gain_db": decision.setting.gain_db,
-        "next_exposure_level": decision.level,
-        "reason": decision.reason,
-        "metric": math.nan if decision.metric is None else decision.metric,
-        "saturated_share": decision.saturated_share,
-        "black_share": decision.black_share,
-        "motion_px": decision.motion_px,
-    }
+_OF_DECISION = (
+    "next_exposure_time_us", "next_gain_db", "next_exposure_level", "metric", "saturated_share", "black_share",
+    "motion_px",
+)  # fmt: skip
 
 
 _KNOWN = {(row.bit_depth, row.layout, row.dtype) for row in PixelFormat}

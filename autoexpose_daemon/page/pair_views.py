@@ -12,7 +12,7 @@ import time
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import asdict, astuple, dataclass
 from typing import Any
 
 import numpy as np
@@ -69,21 +69,15 @@ class ExposureHistory:
 
     def add(self, now_s: float, applied: ExposureSetting, decision: Decision | None) -> None:
         """Add the setting of a pair and the decision on it; `now_s` is from CLOCK_MONOTONIC."""
-        asked = None if decision is None else decision.setting
-        values = (
-            applied.exposure_time_us,
-            applied.gain_db,
-            applied.level,
-            None if decision is None else decision.metric,
-            None if asked is None else asked.exposure_time_us,
-            None if asked is None else asked.gain_db,
-            None if asked is None else asked.level,
-        )
+        taken = (*astuple(applied), applied.level)
+        asked = (None,) * 4
+        if decision is not None:
+            asked = (decision.metric, *astuple(decision.setting), decision.setting.level)
         start_s = math.floor(now_s / BUCKET_S) * BUCKET_S
         with self._lock:
             if not self._rows or self._rows[-1].start_s < start_s:
                 self._rows.append(_Bucket(start_s))
-            self._rows[-1].add(values)
+            self._rows[-1].add((*taken, *asked))
 
     def since(self, time_s: float) -> list[tuple[Any, ...]]:
         """Rows from `time_s` on: time (s), then the range of each of `SERIES`. The newest may still change."""
@@ -107,42 +101,23 @@ def pair_message(
 
 
 def _described(side: Side, frame: Frame, picture: FramePicture) -> dict[str, Any]:
-    return {
-        "side": side,
-        "jpeg_bytes": len(picture.jpeg),
-        "frame_width": picture.width,
-        "exposure_time_us": frame.setting.exposure_time_us,
-        "gain_db": frame.setting.gain_db,
-        "metric": picture.metric,
-        "saturated_share": picture.saturated_share,
-        "black_share": picture.black_share,
-    }
+    about = {"side": side, "jpeg_bytes": len(picture.jpeg), "frame_width": picture.width, **asdict(frame.setting)}
+    return about | _fields(picture, "metric", "saturated_share", "black_share")
 
 
 def _decided(decision: Decision) -> dict[str, Any]:
-    return {
-        "reason": decision.reason,
-        "exposure_time_us": decision.setting.exposure_time_us,
-        "gain_db": decision.setting.gain_db,
-        "level": decision.level,
-        "metric": decision.metric,
-        "saturated_share": decision.saturated_share,
-        "black_share": decision.black_share,
-        "motion_px": decision.motion_px,
-    }
+    names = ("reason", "level", "metric", "saturated_share", "black_share", "motion_px")
+    return asdict(decision.setting) | _fields(decision, *names)
 
 
 def _registered(view: RegisteredView) -> dict[str, Any]:
-    return {
-        "distance_m": view.distance_m,
-        "length_m": view.length_m,
-        "local_map": view.local_map,
-        "shift_px": view.shift_px,
-        "matches": [view.x_px.tolist(), view.y_px.tolist(), view.shifts_px.tolist(), view.agreed.tolist()],
-        "forward_m_s": view.forward_m_s,
-        "turn_rad_s": view.turn_rad_s,
-        "stopped": view.stopped,
-    }
+    names = ("distance_m", "length_m", "local_map", "shift_px", "forward_m_s", "turn_rad_s", "stopped")
+    matches = [values.tolist() for values in (view.x_px, view.y_px, view.shifts_px, view.agreed)]
+    return {**_fields(view, *names), "matches": matches}
+
+
+def _fields(source: object, *names: str) -> dict[str, Any]:
+    return {name: getattr(source, name) for name in names}
 
 
 MOST_VIEWERS = 32

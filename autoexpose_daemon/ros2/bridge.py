@@ -15,7 +15,7 @@ from cyclonedds.util import duration
 
 from autoexpose_daemon.client.control_client import ControlClient, rows_of
 from autoexpose_daemon.client.status_client import SILENT_S
-from autoexpose_daemon.messages.keys import SIDES, all_of_rig, check_rig_name, last_but, status_key
+from autoexpose_daemon.messages.keys import SIDES, all_of_rig, check_rig_name, last_but, rig_key
 from autoexpose_daemon.messages.types import (
     BOOL,
     CAMERA_INFO,
@@ -180,7 +180,7 @@ class Bridge:
 
     def _serve(self, session: zenoh.Session) -> None:
         self._holder.subscribe(session, all_of_rig(self._rig), self._hand_on, _WAITING_MESSAGES)
-        status = status_key(self._rig)
+        status = rig_key(self._rig, "status")
         self._holder.subscribe(session, status, self._take_status, _WAITING_STATUS, LARGEST_STATUS_BYTES)
         self._holder.closed.wait()
 
