@@ -285,14 +285,7 @@ class FleetClient:
     """Follows the statuses of all rigs, while its context is entered.
 
     It waits for daemons and routers that are not running, and finds them again. Each endpoint has a session of its
-    own: given several endpoints, a zenoh client talks to only one of them.
-
-    Attributes
-    ----------
-    fleet
-        The rigs.
-    heard
-        Set once there is a rig.
+    own: given several endpoints, a zenoh client talks to only one of them. `heard` is set once there is a rig.
     """
 
     def __init__(

@@ -196,10 +196,7 @@ class ReceivedImage:
 def read_image(data: bytes) -> tuple[int, ReceivedImage]:
     """Stamp (CLOCK_REALTIME, ns) and content of an Image.
 
-    Raises
-    ------
-    DamagedMessageError
-        When its encoding is not one of `ENCODINGS`, or it is not complete.
+    Raises DamagedMessageError when its encoding is not one of `ENCODINGS`, or it is not complete.
     """
     message = deserialise(data, IMAGE)
     if message.encoding not in ENCODINGS or message.data.size != message.height * message.step:
@@ -224,10 +221,7 @@ def read_exposure_info(data: bytes) -> Any:
 def read_camera_info(data: bytes) -> CameraGeometry | None:
     """The geometry in a CameraInfo; None of a camera that is not calibrated.
 
-    Raises
-    ------
-    DamagedMessageError
-        When it is not a CameraInfo, or of a distortion that is not known.
+    Raises DamagedMessageError when it is not a CameraInfo, or of a distortion that is not known.
     """
     message = deserialise(data, CAMERA_INFO)
     if not message.k[0]:
@@ -243,10 +237,7 @@ def read_camera_info(data: bytes) -> CameraGeometry | None:
 def read_angular_rate(data: bytes) -> float:
     """How fast the sensor of an Imu turns, about any axis, rad/s.
 
-    Raises
-    ------
-    DamagedMessageError
-        When it is not an Imu, or measures no angular velocity, or no credible one.
+    Raises DamagedMessageError when it is not an Imu, or measures no angular velocity, or no credible one.
     """
     message = deserialise(data, IMU)
     if message.angular_velocity_covariance[0] == -1:  # by the message's convention
@@ -268,10 +259,7 @@ def frame_of(info: Any, image: ReceivedImage, *, full_scale: bool = True) -> Fra
 
     Without `full_scale`, deep samples are not shifted, as in old recordings.
 
-    Raises
-    ------
-    DamagedMessageError
-        When the two do not belong together, or no image can have been taken that way.
+    Raises DamagedMessageError when the two do not belong together, or no image can have been taken that way.
     """
     pixels = image.pixels
     if (info.bit_depth, image.layout, pixels.dtype) not in _KNOWN:

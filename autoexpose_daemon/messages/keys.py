@@ -118,14 +118,8 @@ def last_but(key: str, parts: int) -> str:
 class OfferedQos:
     """What a publisher offers to its subscribers.
 
-    Attributes
-    ----------
-    reliable
-        Lost messages are sent again; otherwise best effort.
-    depth
-        How many of the last messages are kept to be sent.
-    latched
-        Those are also sent to subscribers that join later ("transient local"); otherwise volatile.
+    If `reliable`, lost messages are sent again; otherwise best effort. The last `depth` messages are kept to be sent;
+    if `latched` also to subscribers that join later ("transient local"); otherwise volatile.
     """
 
     reliable: bool

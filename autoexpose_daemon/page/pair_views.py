@@ -134,18 +134,9 @@ _LINEAR = ResponseFunction.linear()
 
 @dataclass(frozen=True, slots=True)
 class Curve:
-    """The metric of the newest left image as predicted at other exposures.
+    """The M_g of the newest left image as predicted at other exposures; all levels are in stops.
 
-    Attributes
-    ----------
-    delta_levels
-        Changes of exposure level, stops.
-    metrics
-        The M_g predicted there.
-    level
-        The image's own exposure level, stops.
-    decided_level
-        The level that the daemon decided on for this image, stops; None if it skipped the pair.
+    `level` is the image's own, `decided_level` what the daemon decided on for it; None if it skipped the pair.
     """
 
     delta_levels: tuple[float, ...]
@@ -159,17 +150,9 @@ class PairViews:
 
     Created and watched on an event loop, whose coroutines it wakes.
 
-    Attributes
-    ----------
-    rig
-        Its name.
-    grounds
-        What the newest decision rests on; None, too, if the policy has no belief.
-    curve
-        Drawn for other policies. None, like `grounds`, before the first, once nobody watches, and once pairs no longer
-        come.
-    pair_s
-        When the newest pair arrived, from CLOCK_MONOTONIC; 0 before the first.
+    `grounds` is what the newest decision rests on; the `curve` is drawn for policies that have no belief. Both are None
+    before the first, once nobody watches, and once pairs no longer come. `pair_s` is when the newest pair arrived, from
+    CLOCK_MONOTONIC; 0 before the first.
     """
 
     def __init__(self, rig: str, connect: Sequence[str], status: StatusClient, history: ExposureHistory) -> None:

@@ -122,10 +122,7 @@ class Bridge:
     The rig's name is the node's namespace. With `reliable` frames are also offered to subscribers that insist on
     reliable delivery; with `control` requests are accepted.
 
-    Raises
-    ------
-    AutoexposeError
-        If `rig` is not a valid name, or the domain cannot be joined.
+    Raises AutoexposeError if `rig` is not a valid name, or the domain cannot be joined.
     """
 
     def __init__(self, rig: str, connect: Sequence[str], domain: Domain, *, reliable: bool, control: bool) -> None:
