@@ -67,13 +67,13 @@ class StatusClient:
         self.status: Status | None = None
         self.responses: dict[Side, ResponseFunction] = {}
         self.trouble = "not connected yet"
-        self._rig = rig
+        self.rig = rig
         self._heard_s = time.monotonic()
         self._registered: tuple[RegisteredView, float] | None = None
         self._count = 0
         self._news = threading.Condition()
-        endpoints = Endpoints.of_client(connect, zenoh_file)
-        self._holder = SessionHolder("client", endpoints, self._serve, self._on_trouble)
+        self.endpoints = Endpoints.of_client(connect, zenoh_file)
+        self._holder = SessionHolder("client", self.endpoints, self._serve, self._on_trouble)
 
     @property
     def silent_s(self) -> float:
@@ -89,7 +89,7 @@ class StatusClient:
 
     def ask_grounds(self) -> Grounds | None:
         """Ask the daemon what its latest decision rests on; None if its policy has no belief, or it does not answer."""
-        answer = self._holder.ask(rig_key(self._rig, "grounds"), _PATIENCE_S)
+        answer = self._holder.ask(rig_key(self.rig, "grounds"), _PATIENCE_S)
         return None if answer is None else grounds_from_json(answer)
 
     def wait(self, timeout_s: float) -> Status | None:
@@ -114,10 +114,10 @@ class StatusClient:
 
     def _serve(self, session: zenoh.Session) -> None:
         subscribe = self._holder.subscribe
-        status, responses = rig_key(self._rig, "status"), response_key(self._rig, "*")
+        status, responses = rig_key(self.rig, "status"), response_key(self.rig, "*")
         subscribe(session, status, self._take_status, _RING_MESSAGES, LARGEST_STATUS_BYTES)
         subscribe(session, responses, self._take_response, _RING_MESSAGES, LARGEST_RESPONSE_BYTES)
-        registration = rig_key(self._rig, "registration")
+        registration = rig_key(self.rig, "registration")
         subscribe(session, registration, self._take_registration, 1, LARGEST_REGISTRATION_BYTES)
         self._holder.closed.wait()
 

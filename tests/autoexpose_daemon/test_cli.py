@@ -329,11 +329,13 @@ def test_without_the_lab_a_shell_completes_nothing_of_its_commands(
     assert within() == (0, "\n", "")
 
 
-def test_an_extra_that_is_missing_is_named(within: Within, monkeypatch: pytest.MonkeyPatch) -> None:
-    for module in [name for name in sys.modules if name.startswith("autoexpose_daemon.client")]:
+@pytest.mark.parametrize(("words", "extras"), [("ctl show", "publish"), ("top", "publish"), ("page", "page,publish")])
+def test_an_extra_that_is_missing_is_named(
+    within: Within, monkeypatch: pytest.MonkeyPatch, words: str, extras: str
+) -> None:
+    for module in [name for name in sys.modules if re.match(r"autoexpose_daemon\.(client|page|publish)", name)]:
         monkeypatch.delitem(sys.modules, module)
     monkeypatch.setitem(sys.modules, "zenoh", None)
-    code, _, told = within("ctl", "show")
-    assert code == 1
-    assert "`autoexpose ctl` needs zenoh" in told
-    assert "'autoexpose-daemon[publish]'" in told
+    code, _, told = within(*words.split())
+    assert (code, told.count("\n")) == (1, 1)
+    assert "zenoh" in told and f"'autoexpose-daemon[{extras}]'" in told

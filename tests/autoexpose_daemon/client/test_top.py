@@ -116,7 +116,7 @@ def test_a_daemon_of_another_rig_is_not_the_one_asked_for() -> None:
     at = endpoint()
     with daemon(EXPOSING, at), StatusClient("scout", [at]) as client:
         wait_until(lambda: not client.trouble, "a connection")
-        assert f"no status from a rig named scout at {at}" in no_status(client, "scout", [at])
+        assert f"no status from a rig named scout at {at}" in no_status(client)
 
 
 def test_without_a_terminal_it_names_the_way() -> None:
