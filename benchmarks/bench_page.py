@@ -19,7 +19,7 @@ from websockets.sync.client import connect
 from autoexpose_daemon.config.document import Config, PublishConfig
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.step import ControlStep, StepInputs
-from autoexpose_daemon.messages.keys import status_key
+from autoexpose_daemon.messages.keys import rig_key
 from autoexpose_daemon.publish.publisher import Publisher
 from autoexpose_daemon.status.describe import describe
 from autoexpose_daemon.status.telemetry import Telemetry
@@ -64,7 +64,9 @@ def publishing() -> Iterator[None]:
 
     telemetry = Telemetry()
     config = PublishConfig(listen=(ENDPOINT,))
-    with Publisher(config, 2, lambda _last: {status_key("rig"): describe(telemetry, CONFIG).to_json()}) as publisher:
+    with Publisher(
+        config, 2, lambda _last: {rig_key("rig", "status"): describe(telemetry, CONFIG).to_json()}
+    ) as publisher:
         thread = threading.Thread(target=run)
         thread.start()
         yield

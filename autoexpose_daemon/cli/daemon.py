@@ -15,7 +15,7 @@ import typer
 from rich.console import Console
 
 from autoexpose_daemon.control.policies.ids import POLICY_IDS, check_policy_id
-from autoexpose_daemon.messages.keys import LOOPBACK, check_endpoints
+from autoexpose_daemon.messages.keys import LOOPBACK, check_endpoints, check_zenoh_file
 from autoexpose_daemon.recording import check_recording_extra
 from autoexpose_daemon.service.notify import Notifier
 from documents.text import readable
@@ -120,11 +120,8 @@ def replay(
 
 
 def _belief_strip(path: Path, triggers: list[int]) -> BeliefStrip:
-    try:
-        from autoexpose_daemon.recording.belief_plot import BeliefStrip  # noqa: PLC0415  takes a second, and an extra
-    except ImportError as error:
-        needs = f"--show-belief needs {error.name}"
-        raise ConfigurationError(f"{needs}: pip install 'autoexpose-daemon[sim]'") from error
+    with _needing("sim"):
+        from autoexpose_daemon.recording.belief_plot import BeliefStrip  # noqa: PLC0415  takes a second
     return BeliefStrip(path, triggers)
 
 
@@ -183,6 +180,15 @@ def run_daemon(
     run_until_stopped(service, stop, Console(), "autoexpose", new_config)
 
 
+@contextmanager
+def _needing(extras: str) -> Iterator[None]:
+    """Say which extras of the package have what cannot be imported."""
+    try:
+        yield
+    except ImportError as error:
+        raise AutoexposeError(f"{error.name} is missing: pip install 'autoexpose-daemon[{extras}]'") from error
+
+
 Rig = Annotated[str, typer.Option(help="Name of the rig, `publish.rig` of its configuration.")]
 Connect = Annotated[list[str] | None, typer.Option(help=f"Endpoint of a daemon or router; {LOOPBACK} unless given.")]
 
@@ -197,10 +203,8 @@ def page(
     ] = None,
 ) -> None:
     """Serve a live page of a running daemon to browsers, and its metrics to Prometheus, until SIGTERM or Ctrl-C."""
-    try:
-        from autoexpose_daemon.page.serve import serve  # noqa: PLC0415  an extra
-    except ImportError as error:
-        raise AutoexposeError(f"{error.name} is missing: pip install 'autoexpose-daemon[page,publish]'") from error
+    with _needing("page,publish"):
+        from autoexpose_daemon.page.serve import serve  # noqa: PLC0415
     check_endpoints(connect or [])
     serve(rig, connect or [LOOPBACK], host, port, token_file)
 
@@ -215,11 +219,8 @@ def top(
     once: Annotated[bool, typer.Option("--once", help="Print the current status and exit.")] = False,
 ) -> None:
     """Watch a running daemon, or all of them: state, exposure, losses, consumers, faults; Ctrl-C exits."""
-    try:
-        from autoexpose_daemon.client.top import follow, follow_all, show_all_once, show_once  # noqa: PLC0415  an extra
-        from autoexpose_daemon.messages.keys import check_zenoh_file  # noqa: PLC0415
-    except ImportError as error:
-        raise AutoexposeError(f"{error.name} is missing: pip install 'autoexpose-daemon[publish]'") from error
+    with _needing("publish"):
+        from autoexpose_daemon.client.top import follow, follow_all, show_all_once, show_once  # noqa: PLC0415
     if every and rig != "rig":
         raise ConfigurationError(f"--all shows every rig: leave out --all or --rig {readable(rig)}")
     check_endpoints(connect or [])
@@ -248,11 +249,9 @@ def ros2(
     ] = False,
 ) -> None:
     """Offer a running daemon's frames to ROS 2 with its default middleware (DDS), until SIGTERM or Ctrl-C."""
-    try:
-        from autoexpose_daemon.ros2.bridge import serve  # noqa: PLC0415  an extra
+    with _needing("publish,ros2"):
+        from autoexpose_daemon.ros2.bridge import serve  # noqa: PLC0415
         from autoexpose_daemon.ros2.domain import Domain  # noqa: PLC0415
-    except ImportError as error:
-        raise AutoexposeError(f"{error.name} is missing: pip install 'autoexpose-daemon[publish,ros2]'") from error
     from autoexpose_daemon.service.logs import complain, set_up_logging  # noqa: PLC0415
 
     check_endpoints(connect or [])

@@ -100,10 +100,7 @@ class LazyGroup(TyperGroup):
 def load_command(name: str) -> Any:
     """Load the command of this name.
 
-    Raises
-    ------
-    AutoexposeError
-        If it belongs to a package that is not installed, or needs one.
+    Raises AutoexposeError if it belongs to a package that is not installed, or needs one.
     """
     listing = LISTINGS[name]
     try:

@@ -15,7 +15,7 @@ import zenoh
 from autoexpose_daemon.config.request import new_request
 from autoexpose_daemon.config.section import LONGEST_NAME
 from autoexpose_daemon.control.policies.ids import POLICY_IDS
-from autoexpose_daemon.messages.keys import LOOPBACK, check_endpoints, check_rig_name, check_zenoh_file, control_key
+from autoexpose_daemon.messages.keys import LOOPBACK, check_endpoints, check_rig_name, check_zenoh_file, rig_key
 from autoexpose_daemon.publish.session import Endpoints, SessionError, open_session
 from autoexpose_daemon.status.inputs import Answer, AnsweredShot
 from autoexpose_daemon.status.panel import plain
@@ -120,7 +120,7 @@ class ControlClient:
         request = new_request({"by": self._name, **changes})
         if self._session is None:
             raise AutoexposeError("this client is not open: use it in a `with` block")
-        for reply in self._session.get(control_key(self._rig), payload=request.to_json(), timeout=_PATIENCE_S):
+        for reply in self._session.get(rig_key(self._rig, "control"), payload=request.to_json(), timeout=_PATIENCE_S):
             if reply.err is not None:
                 reason = reply.err.payload.to_bytes()[:_LONGEST_REASON].decode(errors="replace")
                 if reason == "Timeout":  # zenoh's own

@@ -98,10 +98,7 @@ class ReceivedPair:
         Scales, marks and `dither` are those of `imaging.normalised.normalised`. With `flat` vignetting is
         divided out: the light is as it is at the brightest place of the lens.
 
-        Raises
-        ------
-        ConfigurationError
-            If the responses are not known, or with `flat` the vignetting.
+        Raises ConfigurationError if the responses are not known, or with `flat` the vignetting.
         """
         reference = self.level if reference is None else reference
         images: dict[Side, Pixels] = {}
@@ -146,10 +143,7 @@ def alike(*pairs: ReceivedPair, bits: Bits = 8, dither: bool = False, flat: bool
     If the left images differ less as they were taken, the exposure has followed the light: then each pair keeps its own
     exposure, and `reference` differs. `flat` is that of `ReceivedPair.normalised`.
 
-    Raises
-    ------
-    ConfigurationError
-        If the responses are not known, or with `flat` the vignetting.
+    Raises ConfigurationError if the responses are not known, or with `flat` the vignetting.
     """
     brightest = max(pair.level for pair in pairs)
     brought = [pair.normalised(brightest, bits, dither=dither, flat=flat) for pair in pairs]

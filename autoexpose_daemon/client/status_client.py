@@ -21,12 +21,10 @@ from autoexpose_daemon.messages.keys import (
     LOOPBACK,
     RIG_NAME,
     check_rig_name,
-    grounds_key,
     last_but,
-    registration_key,
     response_key,
+    rig_key,
     side_of,
-    status_key,
 )
 from autoexpose_daemon.publish.session import Endpoints, SessionHolder
 from autoexpose_daemon.status.document import LARGEST_STATUS_BYTES, Status, grounds_from_json
@@ -69,13 +67,13 @@ class StatusClient:
         self.status: Status | None = None
         self.responses: dict[Side, ResponseFunction] = {}
         self.trouble = "not connected yet"
-        self._rig = rig
+        self.rig = rig
         self._heard_s = time.monotonic()
         self._registered: tuple[RegisteredView, float] | None = None
         self._count = 0
         self._news = threading.Condition()
-        endpoints = Endpoints.of_client(connect, zenoh_file)
-        self._holder = SessionHolder("client", endpoints, self._serve, self._on_trouble)
+        self.endpoints = Endpoints.of_client(connect, zenoh_file)
+        self._holder = SessionHolder("client", self.endpoints, self._serve, self._on_trouble)
 
     @property
     def silent_s(self) -> float:
@@ -91,7 +89,7 @@ class StatusClient:
 
     def ask_grounds(self) -> Grounds | None:
         """Ask the daemon what its latest decision rests on; None if its policy has no belief, or it does not answer."""
-        answer = self._holder.ask(grounds_key(self._rig), _PATIENCE_S)
+        answer = self._holder.ask(rig_key(self.rig, "grounds"), _PATIENCE_S)
         return None if answer is None else grounds_from_json(answer)
 
     def wait(self, timeout_s: float) -> Status | None:
@@ -115,11 +113,12 @@ class StatusClient:
         self.trouble = trouble
 
     def _serve(self, session: zenoh.Session) -> None:
-        status, responses = status_key(self._rig), response_key(self._rig, "*")
-        self._holder.subscribe(session, status, self._take_status, _RING_MESSAGES, LARGEST_STATUS_BYTES)
-        self._holder.subscribe(session, responses, self._take_response, _RING_MESSAGES, LARGEST_RESPONSE_BYTES)
-        registration = registration_key(self._rig)
-        self._holder.subscribe(session, registration, self._take_registration, 1, LARGEST_REGISTRATION_BYTES)
+        subscribe = self._holder.subscribe
+        status, responses = rig_key(self.rig, "status"), response_key(self.rig, "*")
+        subscribe(session, status, self._take_status, _RING_MESSAGES, LARGEST_STATUS_BYTES)
+        subscribe(session, responses, self._take_response, _RING_MESSAGES, LARGEST_RESPONSE_BYTES)
+        registration = rig_key(self.rig, "registration")
+        subscribe(session, registration, self._take_registration, 1, LARGEST_REGISTRATION_BYTES)
         self._holder.closed.wait()
 
     def _take_response(self, key: str, data: bytes) -> None:
@@ -286,14 +285,7 @@ class FleetClient:
     """Follows the statuses of all rigs, while its context is entered.
 
     It waits for daemons and routers that are not running, and finds them again. Each endpoint has a session of its
-    own: given several endpoints, a zenoh client talks to only one of them.
-
-    Attributes
-    ----------
-    fleet
-        The rigs.
-    heard
-        Set once there is a rig.
+    own: given several endpoints, a zenoh client talks to only one of them. `heard` is set once there is a rig.
     """
 
     def __init__(
@@ -331,7 +323,7 @@ class FleetClient:
 
     def _holder(self, place: str, endpoints: Endpoints) -> SessionHolder:
         def serve(session: zenoh.Session) -> None:
-            holder.subscribe(session, status_key("*"), self._take, _FLEET_MESSAGES, LARGEST_STATUS_BYTES)
+            holder.subscribe(session, rig_key("*", "status"), self._take, _FLEET_MESSAGES, LARGEST_STATUS_BYTES)
             holder.closed.wait()
 
         def on_trouble(trouble: str) -> None:

@@ -28,14 +28,13 @@ from autoexpose_daemon.messages.inputs import RegisteredView, light_ahead, regis
 from autoexpose_daemon.messages.keys import (
     CONSUMER_NAME,
     LOOPBACK,
+    RigTopic,
     all_of_rig,
     check_rig_name,
     consumer_key,
     last_but,
-    light_ahead_key,
-    registration_key,
+    rig_key,
     side_of,
-    tracking_key,
 )
 from autoexpose_daemon.publish.session import Endpoints, SessionHolder
 from documents.text import readable
@@ -71,6 +70,9 @@ class Inbox:
         self._assembler = PairAssembler(self.tally)
         self._queue = PairQueue(self.tally, _QUEUE_PAIRS)
         self._responses = _Responses()
+        self._takes: dict[str, _Take] = {
+            "image": self._assembler.image, "exposure": self._assembler.exposure, "response": self._responses.take,
+        }  # fmt: skip
         self._throttle = LogThrottle(_SAID_S)
 
     def take(self, timeout_s: float | None) -> ReceivedPair | None:
@@ -89,12 +91,7 @@ class Inbox:
 
     def receive(self, key: str, data: bytes) -> None:
         """A message has arrived."""
-        takes: dict[str, _Take] = {
-            "image": self._assembler.image,
-            "exposure": self._assembler.exposure,
-            "response": self._responses.take,
-        }
-        take = takes.get(last_but(key, 0))
+        take = self._takes.get(last_but(key, 0))
         side = None if take is None else side_of(key)
         if take is None or side is None:
             return
@@ -218,11 +215,11 @@ class StereoClient:
 
     def send_light_ahead(self, series: LightSeries) -> None:
         """Send the daemon the light that an earlier drive saw around here, if it is connected."""
-        self._send(light_ahead_key(self._rig), light_ahead(series, time.time_ns()))
+        self._send("light_ahead", light_ahead(series, time.time_ns()))
 
     def send_registration(self, view: RegisteredView) -> None:
         """Show others how a frame lies against a taught path, if the daemon is connected."""
-        self._send(registration_key(self._rig), registration(view))
+        self._send("registration", registration(view))
 
     def send_tracking(
         self, stamp_ns: int, features: NDArray[np.uint16], inliers: NDArray[np.uint16], side: Side = "left"
@@ -245,7 +242,7 @@ class StereoClient:
             For counts of another shape, below 0, or with a fraction, more than 10000 features in a cell, more inliers
             than features, and another side or stamp than a frame has.
         """
-        self._send(tracking_key(self._rig), tracked_cells(TrackedCells(self._name, stamp_ns, side, features, inliers)))
+        self._send("tracking", tracked_cells(TrackedCells(self._name, stamp_ns, side, features, inliers)))
 
     def close(self) -> None:
         """Disconnect from the daemon; iterations end."""
@@ -259,9 +256,9 @@ class StereoClient:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _send(self, key: str, data: bytes) -> None:
+    def _send(self, topic: RigTopic, data: bytes) -> None:
         with contextlib.suppress(zenoh.ZError):  # the next one says it again
-            self._inbox.session.send(key, data)
+            self._inbox.session.send(rig_key(self._rig, topic), data)
 
     def _open(self) -> None:
         """Start connecting, once."""

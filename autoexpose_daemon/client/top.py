@@ -35,7 +35,7 @@ def show_once(rig: str, connect: Sequence[str], console: Console, zenoh_file: Pa
     with StatusClient(rig, connect, zenoh_file) as client:
         status = client.wait(_PATIENCE_S)
         if status is None:
-            raise AutoexposeError(no_status(client, rig, places(connect, zenoh_file)))
+            raise AutoexposeError(no_status(client))
         console.print(panel_of(status, Sparklines(), client.silent_s, _TALL))
 
 
@@ -50,7 +50,7 @@ def follow(
         while not stop.wait(_TURN_S):
             status = client.status
             if status is None:
-                live.update(plain(no_status(client, rig, places(connect, zenoh_file))), refresh=True)
+                live.update(plain(no_status(client)), refresh=True)
             else:
                 sparklines.add(status)
                 live.update(panel_of(status, sparklines, client.silent_s, console.height), refresh=True)
@@ -114,14 +114,9 @@ def _faults(faults: Sequence[Fault]) -> Table:
     return table
 
 
-def places(connect: Sequence[str], zenoh_file: Path | None) -> Sequence[str]:
-    """Where to look for daemons: the endpoints, or the file that has them."""
-    return connect if zenoh_file is None else [str(zenoh_file)]
-
-
-def no_status(client: StatusClient, rig: str, connect: Sequence[str]) -> str:
+def no_status(client: StatusClient) -> str:
     """Why there is no status, in words."""
-    where, since = ", ".join(connect), f"for {client.silent_s:.0f} s"
+    rig, where, since = client.rig, client.endpoints, f"for {client.silent_s:.0f} s"
     if client.trouble:
         section = "{}" if rig == "rig" else f"{{rig: {rig}}}"
         return f"no answer from {where} {since}: is the daemon running, with `publish: {section}` in its configuration?"

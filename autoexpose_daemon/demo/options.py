@@ -26,10 +26,7 @@ SIZES = ("720x540", "1440x1080", "2048x1536", "2448x2048")
 class DemoOptions:
     """The options; `rate_hz` None: the rate that this machine can sustain.
 
-    Raises
-    ------
-    ConfigurationError
-        For a number out of bounds, and for a file that cannot be read or written.
+    Raises ConfigurationError for a number out of bounds, and for a file that cannot be read or written.
     """
 
     seconds: float

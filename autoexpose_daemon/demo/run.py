@@ -32,10 +32,8 @@ if TYPE_CHECKING:
 def run_demo(options: DemoOptions, stop: threading.Event, console: Console) -> None:
     """Run the daemon on two fake cameras and report.
 
-    Raises
-    ------
-    AutoexposeError
-        When the fakes do not start, or when the daemon's account of triggers disagrees with the wire's.
+    Raises AutoexposeError when the fakes do not start, or when the daemon's account of triggers disagrees with the
+    wire's.
     """
     navigation = _navigation() if options.navigate else None  # brings what the others ask for
     check_simulator()

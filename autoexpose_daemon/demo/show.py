@@ -145,10 +145,7 @@ def show(options: DemoOptions, cameras: FakeCameras, stop: threading.Event, cons
 def report(run: DemoRun, console: Console) -> None:
     """Print, write and draw the results of a run.
 
-    Raises
-    ------
-    AutoexposeError
-        When the daemon's account of triggers disagrees with the wire's.
+    Raises AutoexposeError when the daemon's account of triggers disagrees with the wire's.
     """
     options = run.options
     # A bracket settles nowhere.

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 import typer
@@ -29,7 +29,7 @@ from drivers.genicam.nodes import NodeMap
 from drivers.setup import CameraSetup, FeatureSetting, TriggerSetup, as_list
 from imaging.errors import AutoexposeError, CameraLostError, ConfigurationError
 from imaging.exposure import ExposureLimits, ExposureSetting
-from imaging.frames import Frame, SettingSource, Side
+from imaging.frames import Frame, Side
 
 _STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _NO_CONFIGURATION = CameraSetup(TriggerSetup("external"))
@@ -39,6 +39,9 @@ def show_features(serial: str, changed: bool, save: Path | None) -> None:
     """Print what can be set on a camera, or what differs from its default user set, as a configuration; or save it.
 
     Features that the daemon drives itself are left out.
+
+    Raises AutoexposeError if the camera is lost meanwhile, with features that could not be put back, and if `save`
+    cannot be written.
     """
     with open_nodes(serial) as nodes:
         inventory = read_inventory(nodes)
@@ -145,23 +148,12 @@ _TIMES_US: Final = (2000.0, 1000.0)
 _IPV4: Final = re.compile(r"\b\d{1,3}(?:\.\d{1,3}){3}\b")
 
 
-class FrameArrival(NamedTuple):
-    """What is kept of a frame: its start by the camera's clock, and how long after its exposure it was in memory."""
-
-    start_ms: float
-    late_ms: float
-    setting_source: SettingSource
-
-
 def write_report(
     path: Path, facts: Facts, need: Need, say: Callable[[str], None], watched_s: float = WATCHED_S
 ) -> None:
     """Let each needed camera run freely for a while, and write the report: no images, addresses or serial numbers.
 
-    Raises
-    ------
-    ConfigurationError
-        When the file exists, or cannot be written.
+    Raises ConfigurationError when the file exists, or cannot be written.
     """
     found = [camera for camera in find_cameras() if need.wants(camera.serial)]
     host = json.dumps({"format": FORMAT, "software": _software(), "host": _host(facts)}, indent=1)
@@ -230,11 +222,9 @@ def _anonymous(text: str, found: FoundCamera) -> str:
 
 def _watched(camera: AravisCamera, watched_s: float) -> dict[str, Any]:
     """What the camera sends while its exposure time is written five times a second."""
-    frames: list[FrameArrival] = []
-    write_ms: list[float] = []
-    incomplete, shape = 0, ()
-    ids: list[int] = []
-    doubts: list[str] = []
+    newest: Frame | None = None
+    starts_ms, late_ms, write_ms = list[float](), list[float](), list[float]()  # late: from exposure to memory
+    incomplete, ids, doubts = 0, list[int](), list[str]()
     camera.start()
     end_s = written_s = time.monotonic() + watched_s
     written_s -= watched_s
@@ -248,25 +238,24 @@ def _watched(camera: AravisCamera, watched_s: float) -> dict[str, Any]:
             continue
         ids.append(frame.frame_id)
         if isinstance(frame, Frame):
-            shape = frame.pixels.shape
-            taken_us = frame.setting.exposure_time_us
-            late_ms = (frame.arrival_time_ns - frame.host_time_ns) * 1e-6 - 1e-3 * taken_us
+            newest, taken_us = frame, frame.setting.exposure_time_us
             doubts += [] if frame.clock_trouble is None else [frame.clock_trouble.sentence]
-            frames.append(FrameArrival(frame.device_time_ns * 1e-6, late_ms, frame.setting_source))
+            starts_ms.append(frame.device_time_ns * 1e-6)
+            late_ms.append((frame.arrival_time_ns - frame.host_time_ns) * 1e-6 - 1e-3 * taken_us)
         else:
             incomplete += 1
-    if not frames:
+    if newest is None:
         return {"frames": 0, "incomplete": incomplete}
     return {
-        "frames": len(frames),
+        "frames": len(starts_ms),
         "incomplete": incomplete,
         "doubts": doubts,
         "missing_ids": max(ids) - min(ids) + 1 - len(ids),
-        "frame_shape": list(shape),
-        "setting_source": frames[-1].setting_source,
+        "frame_shape": list(newest.pixels.shape),
+        "setting_source": newest.setting_source,
         "asked_hz": _RATE_HZ,
-        "between_starts_ms": _percentiles(np.diff([frame.start_ms for frame in frames])),
-        "exposure_end_to_arrival_ms": _percentiles(np.array([frame.late_ms for frame in frames])),
+        "between_starts_ms": _percentiles(np.diff(starts_ms)),
+        "exposure_end_to_arrival_ms": _percentiles(np.array(late_ms)),
         "write_ms": _percentiles(np.array(write_ms)),
     }
 

@@ -47,7 +47,7 @@ def judge_usb(usb: UsbFacts, need: Need, there: Sequence[str]) -> Iterator[Diagn
             yield _judge_node(camera, need, usb.udev_rule)
             yield from _judge_holders(camera, need)
     wanted = [camera for camera in usb.cameras if need.wants(camera.serial)]
-    yield from _judge_bandwidth(wanted, need)
+    yield from _judge_hubs(wanted, need)
     if usb.blind != "no bus":
         yield _judge_memory(usb.usbfs_memory_mb, bool(wanted))
         yield _judge_rule(usb.udev_rule, bool(wanted))
@@ -104,28 +104,40 @@ def _judge_holders(camera: UsbCamera, need: Need) -> Iterator[Diagnosis]:
         )
 
 
-def _judge_bandwidth(cameras: Sequence[UsbCamera], need: Need) -> Iterator[Diagnosis]:
+def _judge_hubs(cameras: Sequence[UsbCamera], need: Need) -> Iterator[Diagnosis]:
     """Devices on one root hub share its bandwidth."""
     for bus, group in groupby(sorted(cameras, key=lambda camera: camera.bus), key=lambda camera: camera.bus):
         sharing = list(group)
         serials = [camera.serial for camera in sharing]
-        names = " and ".join(map(need.name, serials))
+        place = f"bus {bus} of host controller {sharing[0].controller or 'unknown'}"
+        mbps = sharing[0].bus_speed_mbps
+        available = None if mbps is None else usb_bytes_per_s(mbps, 1)
+        fix = "lsusb -t   # shows the controllers; give each camera one of its own, or lower trigger.rate_hz"
         needed = need.bytes_per_s(serials)
-        sentence = (
-            f"{names} {'share' if len(sharing) > 1 else 'is on'} bus {bus} of host controller "
-            f"{sharing[0].controller or 'unknown'} and need{'' if len(sharing) > 1 else 's'} {needed / 1e6:.0f} MB/s"
-        )
-        speed_mbps = sharing[0].bus_speed_mbps
-        if speed_mbps is None:
-            yield Diagnosis("usb-bandwidth", "ok", f"{sentence} of an unknown bandwidth ({need.in_words(serials)})")
-            continue
-        available = usb_bytes_per_s(speed_mbps, 1)
-        sentence += f" of about {available / 1e6:.0f} MB/s ({need.in_words(serials)})"
-        if needed <= available:
-            yield Diagnosis("usb-bandwidth", "ok", sentence)
-        else:
-            fix = "lsusb -t   # shows the controllers; give each camera one of its own, or lower trigger.rate_hz"
-            yield Diagnosis("usb-bandwidth", "warning", f"{sentence}: frames will be lost", fix)
+        yield _judge_bandwidth("usb-bandwidth", place, serials, need, needed=needed, available=available, fix=fix)
+
+
+def _judge_bandwidth(
+    check: str,
+    place: str,
+    serials: Sequence[str | None],
+    need: Need,
+    *,
+    needed: float,
+    available: float | None,
+    fix: str,
+) -> Diagnosis:
+    """Whether a place has the bytes per second that these cameras need; `available` None: nobody knows."""
+    several, frames = len(serials) > 1, need.in_words(serials)
+    names = " and ".join(map(need.name, serials))
+    sentence = f"{names} {'share' if several else 'is on'} {place} and need{'' if several else 's'} "
+    sentence += f"{needed / 1e6:.0f} MB/s"
+    if available is None:
+        return Diagnosis(check, "ok", f"{sentence} of an unknown bandwidth ({frames})")
+    sentence += f" of about {available / 1e6:.0f} MB/s ({frames})"
+    if needed <= available:
+        return Diagnosis(check, "ok", sentence)
+    return Diagnosis(check, "warning", f"{sentence}: frames will be lost", fix)
 
 
 def _judge_memory(limit_mb: float | None, used: bool) -> Diagnosis:
@@ -138,20 +150,22 @@ def _judge_memory(limit_mb: float | None, used: bool) -> Diagnosis:
         if limit_mb >= USBFS_MEMORY_MB:
             return Diagnosis("usbfs-memory", "ok", sentence)
         sentence += f", less than the {USBFS_MEMORY_MB} that two cameras may take"
-    if not used:
-        return Diagnosis("usbfs-memory", "ok", f"{sentence}; no USB3 Vision camera needs it")
-    return Diagnosis("usbfs-memory", "warning", sentence, _RAISE_LIMIT)
+    return _if_used("usbfs-memory", sentence, used, "USB3", so="", fix=_RAISE_LIMIT)
 
 
 def _judge_rule(udev_rule: str | None, used: bool) -> Diagnosis:
     if udev_rule is not None:
         return Diagnosis("udev-rule", "ok", f"{udev_rule} has a udev rule for USB3 Vision cameras")
     sentence = "no udev rule opens USB3 Vision cameras to a group"
+    so = ": unless a vendor's own rule does, only root can open them"
+    return _if_used("udev-rule", sentence, used, "USB3", so=so, fix=_INSTALL_RULE)
+
+
+def _if_used(check: str, sentence: str, used: bool, kind: str, *, so: str, fix: str) -> Diagnosis:
+    """A warning with what follows, unless no camera of this kind is used."""
     if not used:
-        return Diagnosis("udev-rule", "ok", f"{sentence}; no USB3 Vision camera needs it")
-    return Diagnosis(
-        "udev-rule", "warning", f"{sentence}: unless a vendor's own rule does, only root can open them", _INSTALL_RULE
-    )
+        return Diagnosis(check, "ok", f"{sentence}; no {kind} Vision camera needs it")
+    return Diagnosis(check, "warning", sentence + so, fix)
 
 
 JUMBO_BYTES = 8000
@@ -183,20 +197,23 @@ def judge_gige(gige: GigeFacts, need: Need) -> Iterator[Diagnosis]:
             if (packet_bytes := gige.packet_bytes.get(camera.address, 0)) > camera.interface.mtu_bytes:
                 yield _fragmented(camera.interface, name, packet_bytes)
             wanted.append(camera)
-    for interface, group in groupby(sorted(wanted, key=_interface_name), key=lambda camera: camera.interface):
+    wanted.sort(key=lambda camera: camera.interface.name)
+    for interface, group in groupby(wanted, key=lambda camera: camera.interface):
         sharing = list(group)
         mbps = need.link_mbps or interface.speed_mbps
         yield _judge_packets(interface, sharing, need)
-        yield _judge_network(interface, mbps, sharing, need)
+        serials, fix = [camera.serial for camera in sharing], f"ethtool {interface.name}   # shows the link's speed; "
+        needed = need.bytes_per_s(serials, need.packet_size_bytes or min(interface.mtu_bytes, LARGEST_PACKET_BYTES))
+        available = None if mbps is None else bytes_per_s(mbps, 1)
+        fix += "give each camera an interface, or lower trigger.rate_hz"
+        yield _judge_bandwidth(
+            "gige-bandwidth", interface.name, serials, need, needed=needed, available=available, fix=fix
+        )
         if len(sharing) > 1 and mbps is not None:
             yield _judge_bursts(interface, mbps, sharing, need)
         if gige.no_filter is not None:
             yield _unfiltered(interface, sharing, gige.no_filter)
     yield _judge_socket_buffer(gige.largest_socket_buffer_bytes, bool(wanted))
-
-
-def _interface_name(camera: GigeCamera) -> str:
-    return camera.interface.name
 
 
 def _foreign(camera: GigeCamera, name: str) -> Diagnosis:
@@ -293,29 +310,6 @@ def _fragmented(interface: NetworkInterface, name: str, packet_bytes: int) -> Di
     )
 
 
-def _judge_network(
-    interface: NetworkInterface, mbps: float | None, cameras: Sequence[GigeCamera], need: Need
-) -> Diagnosis:
-    serials = [camera.serial for camera in cameras]
-    names, frames = " and ".join(map(need.name, serials)), need.in_words(serials)
-    needed = need.bytes_per_s(serials, need.packet_size_bytes or min(interface.mtu_bytes, LARGEST_PACKET_BYTES))
-    several = len(cameras) > 1
-    sentence = f"{names} {'share' if several else 'is on'} {interface.name} and need{'' if several else 's'} "
-    sentence += f"{needed / 1e6:.0f} MB/s"
-    if mbps is None:
-        return Diagnosis("gige-bandwidth", "ok", f"{sentence} of an unknown bandwidth ({frames})")
-    available = bytes_per_s(mbps, 1)
-    sentence += f" of about {available / 1e6:.0f} MB/s ({frames})"
-    if needed <= available:
-        return Diagnosis("gige-bandwidth", "ok", sentence)
-    return Diagnosis(
-        "gige-bandwidth",
-        "warning",
-        f"{sentence}: frames will be lost",
-        f"ethtool {interface.name}   # shows the link's speed; give each camera an interface, or lower trigger.rate_hz",
-    )
-
-
 def _judge_bursts(
     interface: NetworkInterface, speed_mbps: float, cameras: Sequence[GigeCamera], need: Need
 ) -> Diagnosis:
@@ -354,8 +348,5 @@ def _judge_socket_buffer(largest_bytes: int | None, used: bool) -> Diagnosis:
         if largest_bytes >= SOCKET_BUFFER_BYTES:
             return Diagnosis("socket-buffer", "ok", sentence)
         sentence += f", less than the {SOCKET_BUFFER_BYTES} that a camera's stream asks for"
-    if not used:
-        return Diagnosis("socket-buffer", "ok", f"{sentence}; no GigE Vision camera needs it")
-    return Diagnosis(
-        "socket-buffer", "warning", f"{sentence}: packets get lost when the machine is busy", _RAISE_SOCKET_BUFFER
-    )
+    so = ": packets get lost when the machine is busy"
+    return _if_used("socket-buffer", sentence, used, "GigE", so=so, fix=_RAISE_SOCKET_BUFFER)

@@ -113,7 +113,7 @@ class MessageWriter:
             "sequence": sequence,
             "cameras": self._cameras,
             "alone": len(pair.frames) < self._cameras,
-            **(_NOTHING_DECIDED if decision is None else _of_decision(decision)),
+            **_of_decision(decision),
         }
         for side, frame in pair.frames.items():
             header = _Header(stamp, f"{self._rig}_{side}_optical_frame")
@@ -155,42 +155,27 @@ def _camera_info(header: Any, frame: Frame, geometry: CameraGeometry | None) -> 
 
 
 def _of_frame(frame: Frame) -> dict[str, float | str]:
-    return {
-        "frame_id": frame.frame_id,
-        "device_time_ns": frame.device_time_ns,
-        "host_time_ns": frame.host_time_ns,
-        "arrival_time_ns": frame.arrival_time_ns,
-        "bit_depth": frame.bit_depth,
+    names = ("frame_id", "device_time_ns", "host_time_ns", "arrival_time_ns", "bit_depth", "setting_source")
+    return {name: getattr(frame, name) for name in names} | {
         "exposure_time_us": frame.setting.exposure_time_us,
         "gain_db": frame.setting.gain_db,
         "exposure_level": frame.setting.level,
-        "setting_source": frame.setting_source,
     }
 
 
-_NOTHING_DECIDED: dict[str, float | str] = {
-    "next_exposure_time_us": math.nan,
-    "next_gain_db": math.nan,
-    "next_exposure_level": math.nan,
-    "reason": "",
-    "metric": math.nan,
-    "saturated_share": math.nan,
-    "black_share": math.nan,
-    "motion_px": math.nan,
-}
+def _of_decision(decision: Decision | None) -> dict[str, float | str]:
+    if decision is None:
+        return dict.fromkeys(_OF_DECISION, math.nan) | {"reason": ""}
+    setting, metric = decision.setting, math.nan if decision.metric is None else decision.metric
+    shares = decision.saturated_share, decision.black_share
+    values = setting.exposure_time_us, setting.gain_db, decision.level, metric, *shares, decision.motion_px
+    return dict(zip(_OF_DECISION, values, strict=True)) | {"reason": decision.reason}
 
 
-def _of_decision(decision: Decision) -> dict[str, float | str]:
-    return {
-        "next_exposure_time_us": decision.setting.exposure_time_us,
-        "next_gain_db": decision.setting.gain_db,
-        "next_exposure_level": decision.level,
-        "reason": decision.reason,
-        "metric": math.nan if decision.metric is None else decision.metric,
-        "saturated_share": decision.saturated_share,
-        "black_share": decision.black_share,
-        "motion_px": decision.motion_px,
-    }
+_OF_DECISION = (
+    "next_exposure_time_us", "next_gain_db", "next_exposure_level", "metric", "saturated_share", "black_share",
+    "motion_px",
+)  # fmt: skip
 
 
 _KNOWN = {(row.bit_depth, row.layout, row.dtype) for row in PixelFormat}
@@ -211,10 +196,7 @@ class ReceivedImage:
 def read_image(data: bytes) -> tuple[int, ReceivedImage]:
     """Stamp (CLOCK_REALTIME, ns) and content of an Image.
 
-    Raises
-    ------
-    DamagedMessageError
-        When its encoding is not one of `ENCODINGS`, or it is not complete.
+    Raises DamagedMessageError when its encoding is not one of `ENCODINGS`, or it is not complete.
     """
     message = deserialise(data, IMAGE)
     if message.encoding not in ENCODINGS or message.data.size != message.height * message.step:
@@ -239,10 +221,7 @@ def read_exposure_info(data: bytes) -> Any:
 def read_camera_info(data: bytes) -> CameraGeometry | None:
     """The geometry in a CameraInfo; None of a camera that is not calibrated.
 
-    Raises
-    ------
-    DamagedMessageError
-        When it is not a CameraInfo, or of a distortion that is not known.
+    Raises DamagedMessageError when it is not a CameraInfo, or of a distortion that is not known.
     """
     message = deserialise(data, CAMERA_INFO)
     if not message.k[0]:
@@ -258,10 +237,7 @@ def read_camera_info(data: bytes) -> CameraGeometry | None:
 def read_angular_rate(data: bytes) -> float:
     """How fast the sensor of an Imu turns, about any axis, rad/s.
 
-    Raises
-    ------
-    DamagedMessageError
-        When it is not an Imu, or measures no angular velocity, or no credible one.
+    Raises DamagedMessageError when it is not an Imu, or measures no angular velocity, or no credible one.
     """
     message = deserialise(data, IMU)
     if message.angular_velocity_covariance[0] == -1:  # by the message's convention
@@ -283,10 +259,7 @@ def frame_of(info: Any, image: ReceivedImage, *, full_scale: bool = True) -> Fra
 
     Without `full_scale`, deep samples are not shifted, as in old recordings.
 
-    Raises
-    ------
-    DamagedMessageError
-        When the two do not belong together, or no image can have been taken that way.
+    Raises DamagedMessageError when the two do not belong together, or no image can have been taken that way.
     """
     pixels = image.pixels
     if (info.bit_depth, image.layout, pixels.dtype) not in _KNOWN:

@@ -39,13 +39,7 @@ def light_ahead(series: LightSeries, stamp_ns: int) -> bytes:
 
 
 def read_light_ahead(data: bytes) -> LightSeries:
-    """The series in a LightAhead.
-
-    Raises
-    ------
-    DamagedMessageError
-        When the message is something else, or not credible.
-    """
+    """The series in a LightAhead; raises DamagedMessageError when the message is something else, or not credible."""
     message = deserialise(data, LIGHT_AHEAD)
     levels, risen = np.asarray(message.levels, np.float64), np.asarray(message.risen, np.float64)
     if not 0 <= message.now < len(levels) <= MOST_LEVELS:
@@ -132,13 +126,7 @@ def registration(view: RegisteredView) -> bytes:
 
 
 def read_registration(data: bytes) -> RegisteredView:
-    """The view in a Registration.
-
-    Raises
-    ------
-    DamagedMessageError
-        When the message is something else, or not credible.
-    """
+    """The view in a Registration; raises DamagedMessageError when the message is something else, or not credible."""
     message = deserialise(data, REGISTRATION)
     agreed = np.asarray(message.agreed, np.bool_)
     of_matches = [np.asarray(values, np.float32) for values in (message.x_px, message.y_px, message.shifts_px)]
@@ -181,13 +169,7 @@ Velocity = tuple[float, float]
 
 
 def read_odometry(data: bytes) -> Pose:
-    """The pose in an Odometry.
-
-    Raises
-    ------
-    DamagedMessageError
-        When it is not an Odometry, or not a credible one.
-    """
+    """The pose in an Odometry; raises DamagedMessageError when it is not an Odometry, or not a credible one."""
     pose = deserialise(data, ODOMETRY).pose.pose
     place, turned = pose.position, pose.orientation
     numbers = (place.x, place.y, turned.x, turned.y, turned.z, turned.w)
@@ -200,10 +182,7 @@ def read_odometry(data: bytes) -> Pose:
 def read_velocity(data: bytes) -> Velocity:
     """The velocity in a Twist, or in a TwistStamped, which is longer.
 
-    Raises
-    ------
-    DamagedMessageError
-        When it is neither, or not credible.
+    Raises DamagedMessageError when it is neither, or not credible.
     """
     moving = deserialise(data, TWIST) if len(data) == _TWIST_BYTES else deserialise(data, TWIST_STAMPED).twist
     forward_m_s, turn_rad_s = moving.linear.x, moving.angular.z
@@ -254,13 +233,7 @@ def tracked_cells(report: TrackedCells) -> bytes:
 
 
 def read_tracked_cells(data: bytes) -> TrackedCells:
-    """The report in a TrackedCells.
-
-    Raises
-    ------
-    DamagedMessageError
-        When the message is something else, or not credible.
-    """
+    """The report in a TrackedCells; raises DamagedMessageError when the message is something else, or not credible."""
     message = deserialise(data, TRACKED_CELLS)
     if not CONSUMER_NAME.fullmatch(message.consumer):
         raise DamagedMessageError("a TrackedCells whose consumer is not 1 to 64 letters, digits, and any of _ . -")

@@ -81,34 +81,15 @@ def consumer_key(rig: str, name: str) -> str:
     return f"autoexpose/{rig}/consumers/{name}"
 
 
-def status_key(rig: str) -> str:
-    """Where the daemon's status goes."""
-    return f"autoexpose/{rig}/status"
+RigTopic = Literal["status", "registration", "light_ahead", "tracking", "control", "grounds"]
+"""What there is once for a rig: the daemon's status, and what its latest decision rests on (grounds), if asked; from
+`autoexpose repeat` how views lie against the taught path (registration), and for the daemon how the light changed on an
+earlier drive (light_ahead); from consumers where and how well they track; and control requests."""
 
 
-def registration_key(rig: str) -> str:
-    """Where `autoexpose repeat` reports how views lie against the taught path."""
-    return f"autoexpose/{rig}/registration"
-
-
-def light_ahead_key(rig: str) -> str:
-    """Where `autoexpose repeat` sends the daemon how the light changed on an earlier drive."""
-    return f"autoexpose/{rig}/light_ahead"
-
-
-def tracking_key(rig: str) -> str:
-    """Where consumers report where and how well they track, for the daemon."""
-    return f"autoexpose/{rig}/tracking"
-
-
-def control_key(rig: str) -> str:
-    """Where the daemon takes control requests."""
-    return f"autoexpose/{rig}/control"
-
-
-def grounds_key(rig: str) -> str:
-    """Where the daemon answers what its latest decision rests on."""
-    return f"autoexpose/{rig}/grounds"
+def rig_key(rig: str, topic: RigTopic) -> str:
+    """Where one of these goes, or is asked for."""
+    return f"autoexpose/{rig}/{topic}"
 
 
 def response_key(rig: str, side: Side | Literal["*"]) -> str:
@@ -137,14 +118,8 @@ def last_but(key: str, parts: int) -> str:
 class OfferedQos:
     """What a publisher offers to its subscribers.
 
-    Attributes
-    ----------
-    reliable
-        Lost messages are sent again; otherwise best effort.
-    depth
-        How many of the last messages are kept to be sent.
-    latched
-        Those are also sent to subscribers that join later ("transient local"); otherwise volatile.
+    If `reliable`, lost messages are sent again; otherwise best effort. The last `depth` messages are kept to be sent;
+    if `latched` also to subscribers that join later ("transient local"); otherwise volatile.
     """
 
     reliable: bool

@@ -22,10 +22,7 @@ from imaging.errors import ConfigurationError
 async def read_body(request: Request, longest: int) -> bytes:
     """The body of a request.
 
-    Raises
-    ------
-    HTTPException
-        If it has more than `longest` bytes, or the client hung up before its end.
+    Raises HTTPException if it has more than `longest` bytes, or the client hung up before its end.
     """
     body = b""
     try:
@@ -63,13 +60,7 @@ def is_loopback(host: str | None) -> bool:
 
 
 def read_token(file: Path) -> str:
-    """The token in a file.
-
-    Raises
-    ------
-    ConfigurationError
-        If it cannot be read, or is short enough to guess.
-    """
+    """The token in a file; raises ConfigurationError if it cannot be read, or is short enough to guess."""
     create = f"create one: openssl rand -hex 32 > {file}"
     try:
         token = read_regular(file, _MOST_TOKEN_BYTES).decode("utf-8").strip()
@@ -144,7 +135,7 @@ class Access:
         host = connection.headers.get("host", "")
         origin = connection.headers.get("origin")
         changes = connection.scope["type"] == "websocket" or connection.scope["method"] != "GET"
-        if changes and origin is not None and _after_scheme(origin) != host:
+        if changes and origin is not None and origin.partition("://")[2] != host:
             return PlainTextResponse(f"refused: requested by a page of {origin}, another site\n", 403)
         if self._key is None:
             if not is_loopback(_name_of(host)):
@@ -157,10 +148,6 @@ class Access:
         if "text/html" in connection.headers.get("accept", ""):
             return RedirectResponse("/login", 303)
         return PlainTextResponse("a token is needed\n", 401, {"WWW-Authenticate": "Bearer"})
-
-
-def _after_scheme(origin: str) -> str:
-    return origin.partition("://")[2]
 
 
 def _name_of(host: str) -> str | None:

@@ -8,7 +8,7 @@ import time
 from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Iterable, Sequence
 from contextlib import asynccontextmanager, suppress
 from pathlib import Path
-from typing import Any, Final, TypedDict
+from typing import Any, Final
 
 from pydantic_core import to_json
 from starlette.applications import Starlette
@@ -33,20 +33,9 @@ from imaging.errors import AutoexposeError
 CountRow = tuple[str, int, bool]
 """A label, a count, and whether the count should be 0."""
 
-DurationRow = tuple[str, float | None, float | None]
-"""A label, median and 99th percentile (ms)."""
 
-
-class Tables(TypedDict):
-    """Rows by the table that shows them."""
-
-    triggers: list[CountRow]
-    writes: list[CountRow]
-    latency: list[DurationRow]
-
-
-def tables(status: Status) -> Tables:
-    """The tables of a status."""
+def tables(status: Status) -> dict[str, list[Any]]:
+    """Rows of a status by the table that shows them: `CountRow`, or label, median and 99th percentile (ms)."""
     lost = [(f"lost {words}", count, is_fault) for words, count, is_fault in losses(status.lost)]
     triggers = status.counts.pairs + sum(status.lost.values())
     durations = ((duration.label, getattr(status, duration.field)) for duration in DURATIONS)

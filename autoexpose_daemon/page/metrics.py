@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
 from prometheus_client import CollectorRegistry
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric, SummaryMetricFamily
@@ -18,6 +18,9 @@ from drivers.triggers.outcomes import LossReason
 from imaging.exposure import ExposureSetting
 
 CONTENT_TYPE = CONTENT_TYPE_PLAIN_0_0_4
+
+_Values = float | Sequence[tuple[tuple[str, ...], float | None]] | None
+"""A number, or several, each with its labels but the rig; None has no sample."""
 
 _US_PER_S = 1e6
 _MS_PER_S = 1e3
@@ -38,7 +41,7 @@ class _Collector(Collector):
     def collect(self) -> Iterator[Metric]:
         status = self._status
         running = status is not None and not status.ending
-        yield self._gauge("up", "Whether the daemon reports its status.", [((), float(running))])
+        yield self._gauge("up", "Whether the daemon reports its status.", float(running))
         if status is None:
             return
         yield from self._condition(status)
@@ -62,17 +65,16 @@ class _Collector(Collector):
             ("uptime_seconds", "Time since the daemon started.", status.uptime_s),
             ("open_seconds", "Time since it opened its cameras; counters start there.", status.open_s),
         ):
-            yield self._gauge(name, help_text, [((), value)])
+            yield self._gauge(name, help_text, value)
         yield self._gauge("policy", "1 for the policy that decides.", [((status.policy,), 1.0)], "policy")
-        flicker = [] if status.flicker_hz is None else [((), status.flicker_hz)]
-        yield self._gauge("flicker_hertz", "Flicker of the light that was found.", flicker)
+        yield self._gauge("flicker_hertz", "Flicker of the light that was found.", status.flicker_hz)
         if status.decision is not None:
             for name, help_text, figure in (
                 ("image_metric", "The metric of the newest left frame, per pixel.", status.decision.metric),
                 ("saturated_ratio", "Share of its pixels that are saturated.", status.decision.saturated_share),
                 ("black_ratio", "Share of its pixels that are black.", status.decision.black_share),
             ):
-                yield self._gauge(name, help_text, [] if figure is None else [((), figure)])
+                yield self._gauge(name, help_text, figure)
 
     def _cameras(self, status: Status) -> Iterator[Metric]:
         requested = None if status.decision is None else status.decision.setting
@@ -91,13 +93,12 @@ class _Collector(Collector):
             ),
         ]
         for name, help_text, value_of in tables:
-            values = {side: value_of(camera) for side, camera in status.cameras.items()}
-            known = [((side,), value) for side, value in values.items() if value is not None]
-            yield self._gauge(name, help_text, known, "side")
+            values = [((side,), value_of(camera)) for side, camera in status.cameras.items()]
+            yield self._gauge(name, help_text, values, "side")
 
     def _counts(self, status: Status) -> Iterator[Metric]:
         for counter, count in counters(status.counts):
-            yield self._counter(counter.name, counter.meaning, [((), count)])
+            yield self._counter(counter.name, counter.meaning, count)
         lost = _of_all(LossReason, status.lost)
         yield self._counter("lost_triggers", "Triggers that made no stereo pair.", lost, "reason")
 
@@ -107,12 +108,12 @@ class _Collector(Collector):
             yield self._summary(name, duration.meaning, getattr(status, duration.field))
 
     def _publishing(self, publishing: PublishStatus) -> Iterator[Metric]:
-        yield self._counter("published_pairs", "Pairs sent to other processes.", [((), publishing.sent)])
+        yield self._counter("published_pairs", "Pairs sent to other processes.", publishing.sent)
         dropped = _of_all(DropReason, publishing.dropped)
         yield self._counter("unpublished_pairs", "Pairs that were not sent.", dropped, "reason")
         consumers = publishing.consumers.items()
         there = len(consumers) + publishing.unlisted_consumers
-        yield self._gauge("consumers", "Consumers that report, including those not listed.", [((), there)])
+        yield self._gauge("consumers", "Consumers that report, including those not listed.", there)
         pairs = [((name,), tally.pairs) for name, tally in consumers]
         yield self._counter("consumer_pairs", "Pairs that a consumer received, by its own count.", pairs, "consumer")
         missed = [((name,), tally.missed) for name, tally in consumers]
@@ -124,38 +125,34 @@ class _Collector(Collector):
         yield self._counter("consumer_lost_pairs", "Pairs sent that it did not receive.", lost, "consumer", "reason")
 
     def _recorder(self, recorder: RecorderStatus) -> Iterator[Metric]:
-        yield self._gauge("recorder_up", "Whether the recorder works.", [((), float(recorder.failure is None))])
-        yield self._counter("recorder_steps", "Control steps it was given.", [((), recorder.steps)])
-        yield self._counter("recorder_dropped_steps", "Steps dropped for lack of room.", [((), recorder.dropped)])
+        yield self._gauge("recorder_up", "Whether the recorder works.", float(recorder.failure is None))
+        yield self._counter("recorder_steps", "Control steps it was given.", recorder.steps)
+        yield self._counter("recorder_dropped_steps", "Steps dropped for lack of room.", recorder.dropped)
 
     def _requests(self, requests: RequestTally) -> Iterator[Metric]:
         locked = float(requests.locked is not None)
-        yield self._gauge("exposure_locked", "Whether the exposure is locked.", [((), locked)])
-        yield self._gauge("ev_stops", "EV compensation.", [((), requests.ev_stops)])
-        yield self._counter("control_requests", "Requests to control that were taken.", [((), requests.taken)])
-        yield self._counter("refused_control_requests", "Requests that were refused.", [((), requests.refused)])
+        yield self._gauge("exposure_locked", "Whether the exposure is locked.", locked)
+        yield self._gauge("ev_stops", "EV compensation.", requests.ev_stops)
+        yield self._counter("control_requests", "Requests to control that were taken.", requests.taken)
+        yield self._counter("refused_control_requests", "Requests that were refused.", requests.refused)
 
     def _tracking(self, tracking: TrackingTally) -> Iterator[Metric]:
         steered = float(tracking.age_s is not None)
-        yield self._gauge("steered", "Whether consumers steered the newest decision.", [((), steered)])
-        yield self._counter("tracking_reports", "Consumers' reports that were taken.", [((), tracking.reports)])
+        yield self._gauge("steered", "Whether consumers steered the newest decision.", steered)
+        yield self._counter("tracking_reports", "Consumers' reports that were taken.", tracking.reports)
         refused = _of_all(TrackingRefusal, tracking.refused)
         yield self._counter("refused_tracking_reports", "Consumers' reports that were ignored.", refused, "reason")
 
-    def _gauge(
-        self, name: str, help_text: str, values: Iterable[tuple[tuple[str, ...], float]], *labels: str
-    ) -> Metric:
-        metric = GaugeMetricFamily(f"autoexpose_{name}", help_text, labels=["rig", *labels])
-        for label_values, value in values:
-            metric.add_metric([self._rig, *label_values], value)
-        return metric
+    def _gauge(self, name: str, help_text: str, values: _Values, *labels: str) -> Metric:
+        return self._filled(GaugeMetricFamily(f"autoexpose_{name}", help_text, labels=["rig", *labels]), values)
 
-    def _counter(
-        self, name: str, help_text: str, counts: Iterable[tuple[tuple[str, ...], int]], *labels: str
-    ) -> Metric:
-        metric = CounterMetricFamily(f"autoexpose_{name}", help_text, labels=["rig", *labels])
-        for label_values, count in counts:
-            metric.add_metric([self._rig, *label_values], count)
+    def _counter(self, name: str, help_text: str, counts: _Values, *labels: str) -> Metric:
+        return self._filled(CounterMetricFamily(f"autoexpose_{name}", help_text, labels=["rig", *labels]), counts)
+
+    def _filled(self, metric: GaugeMetricFamily | CounterMetricFamily, values: _Values) -> Metric:
+        for label_values, value in values if isinstance(values, Sequence) else [((), values)]:
+            if value is not None:
+                metric.add_metric([self._rig, *label_values], value)
         return metric
 
     def _summary(self, name: str, help_text: str, durations: DurationStatus) -> Metric:

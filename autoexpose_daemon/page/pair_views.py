@@ -12,22 +12,133 @@ import time
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import asdict, astuple, dataclass
 from typing import Any
 
+import cv2
 import numpy as np
+from numpy.typing import NDArray
 from pydantic_core import to_json
 
 from autoexpose_daemon.client import ReceivedPair, StereoClient
 from autoexpose_daemon.client.status_client import StatusClient
 from autoexpose_daemon.control.decision import Decision, Grounds
+from autoexpose_daemon.control.metrics.gradient import ExtremeShares, GradientMetric, PackedTables
+from autoexpose_daemon.control.picture.image import ImagePreparation, Shrinking, fit
 from autoexpose_daemon.messages.inputs import RegisteredView
-from autoexpose_daemon.page.picture import DELTA_LEVELS, FramePicture, PictureMaker
 from imaging.errors import ConfigurationError
 from imaging.exposure import ExposureSetting
 from imaging.frames import Frame, Side
 from imaging.python310 import Self
-from imaging.response import ResponseFunction
+from imaging.response import ResponseFunction, prediction_tables
+
+DISPLAY_SIZE = (720, 720)
+"""Largest width and height of a picture sent to a browser."""
+
+DELTA_LEVELS = np.linspace(-2.0, 2.0, 17)
+"""Changes of level (stops) at which the metric is predicted: the range of algorithm 1."""
+
+_LONGEST_STRIP = 100
+"""Length to width of a frame: nothing of the width of a much longer one is left at the size that control uses."""
+
+_SATURATED_BGR, _BLACK_BGR = (45, 35, 240), (255, 110, 20)
+_MOST_BALANCE = 4.0
+_JPEG = (
+    cv2.IMWRITE_JPEG_QUALITY, 80,
+    cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444,  # else marks bleed into their neighbours
+)  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class FramePicture:
+    """A frame for a browser, and what control would measure on the whole of it.
+
+    Attributes
+    ----------
+    jpeg
+        Saturated pixels are red, black ones blue: the pixels that the shares count, in the image that control uses.
+    width
+        Of what control and navigation see of the frame; they see a colour mosaic at half its size.
+    metric
+        M_g, 0..1 per pixel (eq. 5).
+    saturated_share, black_share
+        Shares (0..1) of its pixels, as in a decision.
+    """
+
+    jpeg: bytes
+    width: int
+    metric: float
+    saturated_share: float
+    black_share: float
+
+
+class PictureMaker:
+    """Measures whole frames of one camera with the paper's metric, using the camera's response."""
+
+    def __init__(self, response: ResponseFunction) -> None:
+        self.response = response
+        self._preparation = ImagePreparation()
+        self._metric = GradientMetric()
+        self._shares = ExtremeShares(response)
+        self._tables = PackedTables(prediction_tables(response, DELTA_LEVELS.tolist()))
+
+    def picture(self, frame: Frame) -> FramePicture:
+        """The picture of a frame, in its colours; ConfigurationError if it is too small for control, or too narrow."""
+        grey = frame.grey8(self.response.saturation)
+        image = self._prepared(grey)
+        saturated, black = self._shares.measure(image)
+        jpeg = self._marked(in_colours(frame), image)
+        return FramePicture(jpeg, grey.shape[1], self._metric.measure(image), saturated, black)
+
+    def curve(self, frame: Frame) -> list[float]:
+        """M_g at each of `DELTA_LEVELS`, as the response predicts it (eq. 20); at 0 it is the frame's own."""
+        image = self._prepared(frame.grey8(self.response.saturation))
+        return [float(m) for m in self._metric.measure_predictions(image, self._tables)]
+
+    def _prepared(self, grey: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        height, width = grey.shape
+        if max(height, width) > _LONGEST_STRIP * min(height, width):
+            raise ConfigurationError(f"frames of {width}x{height} pixels are too narrow")
+        return self._preparation.prepare(grey)
+
+    def _marked(self, colours: NDArray[np.uint8], image: NDArray[np.uint8]) -> bytes:
+        """`colours` (BGR) as JPEG, marked where the shares count pixels of its prepared `image`."""
+        size = fit(colours.shape[:2], DISPLAY_SIZE)
+        small = Shrinking(colours.shape, size).shrink(colours).copy()
+        large = cv2.resize(image, size, interpolation=cv2.INTER_NEAREST)
+        small[large >= self._shares.saturated_from] = _SATURATED_BGR
+        small[large <= self._shares.black_to] = _BLACK_BGR
+        _, jpeg = cv2.imencode(".jpg", small, _JPEG)
+        return jpeg.tobytes()
+
+
+def in_colours(frame: Frame) -> NDArray[np.uint8]:
+    """A frame's colours as its camera sent them: BGR, shape (height, width, 3), uint8.
+
+    A mosaic, which sensors send without white balance, is balanced so that its mean is grey.
+    """
+    pixels: Any = frame.pixels if frame.bit_depth == 8 else (frame.pixels >> frame.bit_depth - 8).astype(np.uint8)
+    match frame.layout:
+        case "grey":
+            colours = cv2.cvtColor(pixels, cv2.COLOR_GRAY2BGR)
+        case "RGB":
+            colours = cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR)
+        case "BGR":
+            colours = pixels
+        case "YUYV":  # OpenCV's own YUYV is not full range
+            u, v = (np.repeat(pixels[:, place::2, 1], 2, axis=1) for place in (0, 1))
+            colours = cv2.cvtColor(np.dstack([pixels[..., 0], v, u]), cv2.COLOR_YCrCb2BGR)
+        case mosaic:
+            colours = _balanced(cv2.cvtColor(pixels, getattr(cv2, f"COLOR_Bayer{mosaic}2BGR")))
+    return np.asarray(colours, np.uint8)
+
+
+def _balanced(colours: Any) -> Any:
+    blue, green, red, _ = cv2.mean(colours)
+    gains = [min(green / max(mean, 1.0), _MOST_BALANCE) for mean in (blue, green, red)]
+    tables = [np.clip(gain * np.arange(256), 0, 255).astype(np.uint8) for gain in gains]
+    return cv2.LUT(colours, cv2.merge([table.reshape(256, 1) for table in tables]))
+
 
 log = logging.getLogger(__name__)
 
@@ -69,21 +180,15 @@ class ExposureHistory:
 
     def add(self, now_s: float, applied: ExposureSetting, decision: Decision | None) -> None:
         """Add the setting of a pair and the decision on it; `now_s` is from CLOCK_MONOTONIC."""
-        asked = None if decision is None else decision.setting
-        values = (
-            applied.exposure_time_us,
-            applied.gain_db,
-            applied.level,
-            None if decision is None else decision.metric,
-            None if asked is None else asked.exposure_time_us,
-            None if asked is None else asked.gain_db,
-            None if asked is None else asked.level,
-        )
+        taken = (*astuple(applied), applied.level)
+        asked = (None,) * 4
+        if decision is not None:
+            asked = (decision.metric, *astuple(decision.setting), decision.setting.level)
         start_s = math.floor(now_s / BUCKET_S) * BUCKET_S
         with self._lock:
             if not self._rows or self._rows[-1].start_s < start_s:
                 self._rows.append(_Bucket(start_s))
-            self._rows[-1].add(values)
+            self._rows[-1].add((*taken, *asked))
 
     def since(self, time_s: float) -> list[tuple[Any, ...]]:
         """Rows from `time_s` on: time (s), then the range of each of `SERIES`. The newest may still change."""
@@ -107,42 +212,23 @@ def pair_message(
 
 
 def _described(side: Side, frame: Frame, picture: FramePicture) -> dict[str, Any]:
-    return {
-        "side": side,
-        "jpeg_bytes": len(picture.jpeg),
-        "frame_width": picture.width,
-        "exposure_time_us": frame.setting.exposure_time_us,
-        "gain_db": frame.setting.gain_db,
-        "metric": picture.metric,
-        "saturated_share": picture.saturated_share,
-        "black_share": picture.black_share,
-    }
+    about = {"side": side, "jpeg_bytes": len(picture.jpeg), "frame_width": picture.width, **asdict(frame.setting)}
+    return about | _fields(picture, "metric", "saturated_share", "black_share")
 
 
 def _decided(decision: Decision) -> dict[str, Any]:
-    return {
-        "reason": decision.reason,
-        "exposure_time_us": decision.setting.exposure_time_us,
-        "gain_db": decision.setting.gain_db,
-        "level": decision.level,
-        "metric": decision.metric,
-        "saturated_share": decision.saturated_share,
-        "black_share": decision.black_share,
-        "motion_px": decision.motion_px,
-    }
+    names = ("reason", "level", "metric", "saturated_share", "black_share", "motion_px")
+    return asdict(decision.setting) | _fields(decision, *names)
 
 
 def _registered(view: RegisteredView) -> dict[str, Any]:
-    return {
-        "distance_m": view.distance_m,
-        "length_m": view.length_m,
-        "local_map": view.local_map,
-        "shift_px": view.shift_px,
-        "matches": [view.x_px.tolist(), view.y_px.tolist(), view.shifts_px.tolist(), view.agreed.tolist()],
-        "forward_m_s": view.forward_m_s,
-        "turn_rad_s": view.turn_rad_s,
-        "stopped": view.stopped,
-    }
+    names = ("distance_m", "length_m", "local_map", "shift_px", "forward_m_s", "turn_rad_s", "stopped")
+    matches = [values.tolist() for values in (view.x_px, view.y_px, view.shifts_px, view.agreed)]
+    return {**_fields(view, *names), "matches": matches}
+
+
+def _fields(source: object, *names: str) -> dict[str, Any]:
+    return {name: getattr(source, name) for name in names}
 
 
 MOST_VIEWERS = 32
@@ -159,18 +245,9 @@ _LINEAR = ResponseFunction.linear()
 
 @dataclass(frozen=True, slots=True)
 class Curve:
-    """The metric of the newest left image as predicted at other exposures.
+    """The M_g of the newest left image as predicted at other exposures; all levels are in stops.
 
-    Attributes
-    ----------
-    delta_levels
-        Changes of exposure level, stops.
-    metrics
-        The M_g predicted there.
-    level
-        The image's own exposure level, stops.
-    decided_level
-        The level that the daemon decided on for this image, stops; None if it skipped the pair.
+    `level` is the image's own, `decided_level` what the daemon decided on for it; None if it skipped the pair.
     """
 
     delta_levels: tuple[float, ...]
@@ -184,17 +261,9 @@ class PairViews:
 
     Created and watched on an event loop, whose coroutines it wakes.
 
-    Attributes
-    ----------
-    rig
-        Its name.
-    grounds
-        What the newest decision rests on; None, too, if the policy has no belief.
-    curve
-        Drawn for other policies. None, like `grounds`, before the first, once nobody watches, and once pairs no longer
-        come.
-    pair_s
-        When the newest pair arrived, from CLOCK_MONOTONIC; 0 before the first.
+    `grounds` is what the newest decision rests on; the `curve` is drawn for policies that have no belief. Both are None
+    before the first, once nobody watches, and once pairs no longer come. `pair_s` is when the newest pair arrived, from
+    CLOCK_MONOTONIC; 0 before the first.
     """
 
     def __init__(self, rig: str, connect: Sequence[str], status: StatusClient, history: ExposureHistory) -> None:

@@ -84,12 +84,8 @@ class OnceAMinute(logging.Filter):
 def serve(rig: str, connect: Sequence[str], host: str, port: int, token_file: Path | None) -> None:
     """Serve the page until SIGTERM or Ctrl-C.
 
-    Raises
-    ------
-    ConfigurationError
-        Without a token for an address that others can reach, or with an unusable token.
-    AutoexposeError
-        If the port is not available, or a thread died.
+    Raises ConfigurationError without a token for an address that others can reach, or with an unusable token.
+    Raises AutoexposeError if the port is not available, or a thread died.
     """
     if token_file is None and not is_loopback(host):
         raise ConfigurationError(

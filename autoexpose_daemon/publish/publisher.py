@@ -10,6 +10,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future
+from functools import partial
 
 import zenoh
 from zenoh.handlers import Handler
@@ -29,12 +30,9 @@ from autoexpose_daemon.messages.inputs import (
 from autoexpose_daemon.messages.keys import (
     CONSUMER_NAME,
     consumer_key,
-    control_key,
     frame_key,
-    grounds_key,
     last_but,
-    light_ahead_key,
-    tracking_key,
+    rig_key,
 )
 from autoexpose_daemon.publish.inbound import WAITING_REQUESTS, Ask, ControlDoor
 from autoexpose_daemon.publish.ros2_keys import Attachments, Ros2Node
@@ -169,26 +167,25 @@ class Publisher:
 
     def _serve(self, session: zenoh.Session) -> None:
         log.info("publishing autoexpose/%s, %s", self._config.rig, self._endpoints)
+        rig, holder = self._config.rig, self._holder
         outlets: _Outlets = {
-            (side, topic): [_Outlet(session, frame_key(self._config.rig, side, topic), side)]
+            (side, topic): [_Outlet(session, frame_key(rig, side, topic), side)]
             for side in _PRIORITIES
             for topic in TOPICS
         }
         if self._light is not None:
             take = reading(read_light_ahead, self._light.take, self._light.refuse)
-            self._holder.subscribe(session, light_ahead_key(self._config.rig), take, 1, LARGEST_LIGHT_BYTES)
+            holder.subscribe(session, rig_key(rig, "light_ahead"), take, 1, LARGEST_LIGHT_BYTES)
         if self._tracking is not None:
-            self._follow(session, self._tracking)
+            take = reading(read_tracked_cells, partial(_take_report, self._tracking), self._tracking.refuse)
+            holder.subscribe(session, rig_key(rig, "tracking"), take, _TRACKING_MESSAGES, LARGEST_TRACKING_BYTES)
         if self._ask is not None:
-            door = ControlDoor(self._ask, self._holder.closed)
-            self._holder.answer(session, control_key(self._config.rig), door.serve, WAITING_REQUESTS)
+            serve = ControlDoor(self._ask, holder.closed).serve
+            holder.answer(session, rig_key(rig, "control"), serve, WAITING_REQUESTS)
         if self._explain is not None:
-            explaining = GroundsDoor(self._explain)
-            self._holder.answer(session, grounds_key(self._config.rig), explaining.serve, WAITING_QUERIES)
-        with (
-            self._in_ros2(session, outlets),
-            session.declare_subscriber(consumer_key(self._config.rig, "*"), self._on_report),
-        ):
+            holder.answer(session, rig_key(rig, "grounds"), GroundsDoor(self._explain).serve, WAITING_QUERIES)
+        reports = session.declare_subscriber(consumer_key(rig, "*"), self._on_report)
+        with self._in_ros2(session, outlets), reports:
             with self._news:
                 self._open = True
             tell_s = time.monotonic()
@@ -202,14 +199,6 @@ class Publisher:
                     tell_s = time.monotonic() + _TELL_S
                     self._say(session, last=False)
             self._say(session, last=True)
-
-    def _follow(self, session: zenoh.Session, tracking: Tracking) -> None:
-        def take(report: TrackedCells) -> None:
-            tracking.take(report, report.stamp_ns - realtime_offset_ns())
-
-        take_message = reading(read_tracked_cells, take, tracking.refuse)
-        key = tracking_key(self._config.rig)
-        self._holder.subscribe(session, key, take_message, _TRACKING_MESSAGES, LARGEST_TRACKING_BYTES)
 
     def _next(self, until_s: float) -> ControlStep | None:
         with self._news:
@@ -265,6 +254,10 @@ class Publisher:
         tally = ConsumerTally.from_json(sample.payload.to_bytes())
         if tally is not None and self.tally.consumers.heard(name, tally, time.monotonic_ns()):
             log.info("consumer %s takes pairs", name)
+
+
+def _take_report(tracking: Tracking, report: TrackedCells) -> None:
+    tracking.take(report, report.stamp_ns - realtime_offset_ns())
 
 
 class _Outlet:

@@ -9,6 +9,7 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
@@ -113,14 +114,14 @@ class SessionHolder:
         self._endpoints = endpoints
         self._serve = serve
         self._on_trouble = on_trouble
-        self._threads = [threading.Thread(target=self._run, name="session", daemon=True)]
+        self._threads: list[threading.Thread] = []
 
     def start(self) -> None:
         """Begin to open the session."""
-        self._threads[0].start()
+        self._start("session", self._run)
 
     def close(self) -> bool:
-        """Close the session, or give up opening it; returns whether zenoh was done in time. Call it after `start`."""
+        """Close the session, or give up opening it; returns whether zenoh was done in time."""
         self.closed.set()
         until_s = time.monotonic() + _JOIN_S  # for all of them: systemd waits for 15 s
         for thread in self._threads:
@@ -156,9 +157,7 @@ class SessionHolder:
         zenoh drops the oldest when more than `waiting` have not been taken yet.
         """
         messages = session.declare_subscriber(key, RingChannel(waiting))
-        thread = threading.Thread(target=_receive, args=(messages, take, largest_bytes), name="receive", daemon=True)
-        self._threads.append(thread)
-        thread.start()
+        self._start("receive", partial(_receive, messages, take, largest_bytes))
 
     def answer(self, session: zenoh.Session, key: str, serve: ServeQueries, waiting: int) -> None:
         """Have `serve` answer queries on a separate thread until the session closes, when `recv` raises `ZError`.
@@ -166,9 +165,11 @@ class SessionHolder:
         None is dropped: zenoh takes nothing more from their senders while `waiting` of them have not been received.
         """
         queries = session.declare_queryable(key, FifoChannel(waiting))
-        thread = threading.Thread(target=serve, args=(queries,), name="answer", daemon=True)
-        self._threads.append(thread)
-        thread.start()
+        self._start("answer", partial(serve, queries))
+
+    def _start(self, name: str, run: Callable[[], None]) -> None:
+        self._threads.append(threading.Thread(target=run, name=name, daemon=True))
+        self._threads[-1].start()
 
     def _run(self) -> None:
         trouble = ""

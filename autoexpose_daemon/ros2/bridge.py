@@ -1,4 +1,4 @@
-"""From the daemon's messages to topics of ROS 2, and from its control topics to the daemon, until SIGTERM or Ctrl-C."""
+"""From the daemon's messages and status to topics of ROS 2, and from its control topics to the daemon."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from cyclonedds.util import duration
 
 from autoexpose_daemon.client.control_client import ControlClient, rows_of
 from autoexpose_daemon.client.status_client import SILENT_S
-from autoexpose_daemon.messages.keys import SIDES, all_of_rig, check_rig_name, last_but, status_key
+from autoexpose_daemon.messages.keys import SIDES, all_of_rig, check_rig_name, last_but, rig_key
 from autoexpose_daemon.messages.types import (
     BOOL,
     CAMERA_INFO,
@@ -26,15 +26,74 @@ from autoexpose_daemon.messages.types import (
     IMAGE,
     STRING,
     TYPESTORE,
+    header,
     serialise,
 )
 from autoexpose_daemon.publish.session import Endpoints, SessionHolder
-from autoexpose_daemon.ros2.diagnostics import diagnostics
 from autoexpose_daemon.ros2.domain import Domain
 from autoexpose_daemon.ros2.node import NAME, Node, Writer
-from autoexpose_daemon.status.document import LARGEST_STATUS_BYTES, Status
+from autoexpose_daemon.status.counters import unusual_counts
+from autoexpose_daemon.status.document import LARGEST_STATUS_BYTES, CameraStatus, Status
+from autoexpose_daemon.status.panel import lost_in_words
+from autoexpose_daemon.status.states import State
 from drivers.log_throttle import LogThrottle
 from imaging.errors import AutoexposeError
+
+OK, WARN, ERROR, STALE = range(4)
+_LEVELS = {State.EXPOSING: OK, State.STARTING: WARN, State.DEGRADED: WARN, State.FAILED: ERROR}
+
+
+def diagnostics(rig: str, status: Status | None, stamp_ns: int) -> bytes:
+    """The message in CDR; without a status, it says that the daemon is silent. `stamp_ns` is CLOCK_REALTIME."""
+    if status is None:
+        entries = [_entry(STALE, f"{rig}: exposure", "nothing heard from the daemon", "", {})]
+    else:
+        reasons = "; ".join(status.reasons)
+        words = f"{status.state}: {reasons}" if reasons else str(status.state)
+        entries = [_entry(_LEVELS[status.state], f"{rig}: exposure", words, "", dict(_of_rig(status)))]
+        entries += [_of_camera(rig, side, camera) for side, camera in status.cameras.items()]
+    message = TYPESTORE.types[DIAGNOSTICS](header(stamp_ns, ""), entries)
+    return serialise(message, DIAGNOSTICS)
+
+
+def _of_rig(status: Status) -> Iterator[tuple[str, str]]:
+    yield "policy", status.policy
+    yield "pairs", str(status.counts.pairs)
+    yield "pairs per second", f"{status.rate_hz:.1f}"
+    yield "lost", lost_in_words(status.lost)
+    yield from ((counter.label, str(count)) for counter, count in unusual_counts(status.counts))
+    if status.decision is not None:
+        yield "exposure time us", f"{status.decision.setting.exposure_time_us:.0f}"
+        yield "gain dB", f"{status.decision.setting.gain_db:.1f}"
+        yield "saturated share", f"{status.decision.saturated_share:.3f}"
+        yield "black share", f"{status.decision.black_share:.3f}"
+    if status.frame_to_node_ms.p99_ms is not None:
+        yield "frame to node p99 ms", f"{status.frame_to_node_ms.p99_ms:.1f}"
+    if requested := str(status.requests or ""):
+        yield "requested", requested
+
+
+def _of_camera(rig: str, side: str, camera: CameraStatus) -> Any:
+    values = {}
+    if camera.applied is not None:
+        values = {
+            "exposure time us": f"{camera.applied.exposure_time_us:.0f}",
+            "gain dB": f"{camera.applied.gain_db:.1f}",
+        }
+    if camera.camera is None:
+        level, words = ERROR, "gone"
+    elif camera.misfit is not None:
+        level, words = WARN, camera.misfit
+    else:
+        level, words = OK, "open"
+    return _entry(level, f"{rig}: {side} camera", words, camera.camera or "", values)
+
+
+def _entry(level: int, name: str, message: str, hardware_id: str, values: Mapping[str, str]) -> Any:
+    key_value = TYPESTORE.types["diagnostic_msgs/msg/KeyValue"]
+    entry = TYPESTORE.types["diagnostic_msgs/msg/DiagnosticStatus"]
+    return entry(level, name, message, hardware_id, [key_value(key, value) for key, value in values.items()])
+
 
 log = logging.getLogger(__name__)
 
@@ -122,10 +181,7 @@ class Bridge:
     The rig's name is the node's namespace. With `reliable` frames are also offered to subscribers that insist on
     reliable delivery; with `control` requests are accepted.
 
-    Raises
-    ------
-    AutoexposeError
-        If `rig` is not a valid name, or the domain cannot be joined.
+    Raises AutoexposeError if `rig` is not a valid name, or the domain cannot be joined.
     """
 
     def __init__(self, rig: str, connect: Sequence[str], domain: Domain, *, reliable: bool, control: bool) -> None:
@@ -180,7 +236,7 @@ class Bridge:
 
     def _serve(self, session: zenoh.Session) -> None:
         self._holder.subscribe(session, all_of_rig(self._rig), self._hand_on, _WAITING_MESSAGES)
-        status = status_key(self._rig)
+        status = rig_key(self._rig, "status")
         self._holder.subscribe(session, status, self._take_status, _WAITING_STATUS, LARGEST_STATUS_BYTES)
         self._holder.closed.wait()
 

@@ -47,10 +47,7 @@ class Domain:
     def from_environment(cls, environment: Mapping[str, str]) -> Domain:
         """As a ROS 2 node would read it; names of peers that cannot be resolved here are left out, and logged.
 
-        Raises
-        ------
-        ConfigurationError
-            Naming the variable and what to set it to.
+        Raises ConfigurationError, naming the variable and what to set it to.
         """
         number = environment.get("ROS_DOMAIN_ID") or "0"
         if not (number.isascii() and number.isdigit() and int(number) <= LAST_ROS2_DOMAIN):

@@ -106,10 +106,7 @@ class Writer:
 class Node:
     """The node `/<rig>/autoexpose` of a domain; topics are named below the rig's namespace.
 
-    Raises
-    ------
-    cyclonedds.core.DDSException
-        When the domain cannot be joined.
+    Raises cyclonedds.core.DDSException when the domain cannot be joined.
     """
 
     def __init__(self, domain: Domain, rig: str) -> None:

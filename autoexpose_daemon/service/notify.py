@@ -18,10 +18,7 @@ _PATIENCE_S = 1.0  # for a slow service manager; what it misses is repeated, or 
 class Notifier:
     """Speaks the protocol of sd_notify(3); does nothing without a listener.
 
-    Parameters
-    ----------
-    address
-        Path of the socket, or with a leading `@` its name in the abstract namespace; None: no listener.
+    `address` is the path of the socket, or with a leading `@` its name in the abstract namespace; None: no listener.
     """
 
     def __init__(self, address: str | None) -> None:

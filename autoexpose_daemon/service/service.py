@@ -7,7 +7,6 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass
 from functools import partial
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any
@@ -17,7 +16,7 @@ from rich.console import Console
 from autoexpose_daemon.config.document import Config, ImuConfig, PublishConfig
 from autoexpose_daemon.control.step import ControlStep
 from autoexpose_daemon.messages.client import response_to_json
-from autoexpose_daemon.messages.keys import response_key, status_key
+from autoexpose_daemon.messages.keys import response_key, rig_key
 from autoexpose_daemon.runtime.daemon import ControlThread, Daemon
 from autoexpose_daemon.runtime.inputs import AngularRate, ForetoldLight, Tracking
 from autoexpose_daemon.runtime.setup import Tuning
@@ -105,20 +104,6 @@ class Announcer:
         self._notifier.status(str(health))
 
 
-@dataclass(frozen=True, slots=True)
-class RecorderTap:
-    """A recorder as the outlet of one daemon, which it outlives."""
-
-    recorder: Recorder
-    daemon: Daemon
-    cameras: int
-
-    def __call__(self, step: ControlStep) -> None:
-        """Record a step and the loop that has just made it, if there was a decision."""
-        if step.decision is not None and self.daemon.loop is not None:
-            self.recorder.take(step, self.daemon.loop, self.cameras, self.daemon.tuning.calibrations)
-
-
 def add_outlets(daemon: Daemon, config: Config, recorder: Recorder | None = None) -> Daemon:
     """Have a daemon record, if there is a recorder, and publish and use an IMU, if configured.
 
@@ -129,7 +114,12 @@ def add_outlets(daemon: Daemon, config: Config, recorder: Recorder | None = None
     daemon.telemetry.recorder = recorder
     if recorder is not None:
         recorder.follow(config.trigger.rate_hz, config.publish or PublishConfig())
-        daemon.outlets.append(RecorderTap(recorder, daemon, len(config.sides)))
+
+        def record(step: ControlStep) -> None:
+            if step.decision is not None and daemon.loop is not None:  # which has just made the step
+                recorder.take(step, daemon.loop, len(config.sides), daemon.tuning.calibrations)
+
+        daemon.outlets.append(record)
     if config.publish is None:
         return daemon
     try:
@@ -183,7 +173,7 @@ def _texts(daemon: Daemon, last: bool) -> dict[str, str]:
         response_key(status.rig, side): response_to_json(it, tuning.vignettings.get(side))
         for side, it in tuning.responses.items()
     }
-    return {status_key(status.rig): status.to_json()} | responses
+    return {rig_key(status.rig, "status"): status.to_json()} | responses
 
 
 _TURN_S = 0.25

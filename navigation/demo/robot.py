@@ -24,7 +24,7 @@ from autoexpose_daemon.messages.inputs import (
     read_velocity,
     twist,
 )
-from autoexpose_daemon.messages.keys import registration_key
+from autoexpose_daemon.messages.keys import rig_key
 from autoexpose_daemon.publish.session import Endpoints, SessionHolder, open_session
 from imaging.errors import AutoexposeError
 from imaging.python310 import Self
@@ -267,7 +267,7 @@ class DemoRobot:
             self._command, self._commanded_s = read_velocity(data), time.monotonic()
 
     def _hear_repeat(self, session: zenoh.Session) -> None:
-        self._daemon_session.subscribe(session, registration_key(self._rig), self._take_view, 64)
+        self._daemon_session.subscribe(session, rig_key(self._rig, "registration"), self._take_view, 64)
         self._daemon_session.closed.wait()
 
     def _take_view(self, _key: str, data: bytes) -> None:

@@ -38,8 +38,7 @@ from autoexpose_daemon.messages.client import ConsumerTally, response_from_json,
 from autoexpose_daemon.messages.frames import Message
 from autoexpose_daemon.page.access import Access, Key
 from autoexpose_daemon.page.metrics import exposition
-from autoexpose_daemon.page.pair_views import ExposureHistory
-from autoexpose_daemon.page.picture import PictureMaker
+from autoexpose_daemon.page.pair_views import ExposureHistory, PictureMaker
 from autoexpose_daemon.recording.file import from_json, to_json
 from autoexpose_daemon.recording.read import Recording
 from autoexpose_daemon.recording.replay import Replay

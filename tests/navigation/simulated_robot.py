@@ -16,7 +16,7 @@ from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from autoexpose_daemon.control.step import ControlStep, StepInputs
 from autoexpose_daemon.messages.client import response_to_json
 from autoexpose_daemon.messages.inputs import odometry, read_velocity, twist
-from autoexpose_daemon.messages.keys import response_key, status_key
+from autoexpose_daemon.messages.keys import response_key, rig_key
 from autoexpose_daemon.publish.publisher import Publisher
 from autoexpose_daemon.publish.session import Endpoints, open_session
 from autoexpose_daemon.runtime.inputs import ForetoldLight
@@ -58,7 +58,7 @@ class SimulatedRobot:
         self._robot_at, self.daemon_at = robot_at, daemon_at
         self._wall = np.clip(128 + 40 * texture(7, 3 * WIDTH), 0, 255).astype(np.uint8)
         self.light = ForetoldLight(1.0 / PERIOD_S)
-        texts = {status_key("rig"): replace(EXPOSING, policy=policy).to_json()}
+        texts = {rig_key("rig", "status"): replace(EXPOSING, policy=policy).to_json()}
         texts |= {response_key("rig", side): response_to_json(ResponseFunction.linear()) for side in SIDES}
         self._publisher = Publisher(PublishConfig(listen=(daemon_at,)), 2, lambda _last: texts, self.light)
         self._stop = threading.Event()

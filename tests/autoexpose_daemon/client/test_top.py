@@ -31,7 +31,7 @@ from autoexpose_daemon.client.top import (
     table_of_all,
 )
 from autoexpose_daemon.config.document import PublishConfig
-from autoexpose_daemon.messages.keys import status_key
+from autoexpose_daemon.messages.keys import rig_key
 from autoexpose_daemon.publish.publisher import Publisher
 from autoexpose_daemon.publish.session import Endpoints, open_session
 from autoexpose_daemon.status.document import Fault, Status
@@ -60,7 +60,7 @@ class Screen(io.StringIO):
 def daemon(status: Status, at: str) -> Iterator[None]:
     def tell(last: bool) -> dict[str, str]:
         said = replace(status, unix_time_s=time.time(), ending=last)
-        return {status_key(status.rig): said.to_json()}
+        return {rig_key(status.rig, "status"): said.to_json()}
 
     with Publisher(PublishConfig(rig=status.rig, listen=(at,)), 2, tell):
         yield
@@ -116,7 +116,7 @@ def test_a_daemon_of_another_rig_is_not_the_one_asked_for() -> None:
     at = endpoint()
     with daemon(EXPOSING, at), StatusClient("scout", [at]) as client:
         wait_until(lambda: not client.trouble, "a connection")
-        assert f"no status from a rig named scout at {at}" in no_status(client, "scout", [at])
+        assert f"no status from a rig named scout at {at}" in no_status(client)
 
 
 def test_without_a_terminal_it_names_the_way() -> None:
@@ -141,7 +141,7 @@ def rig(name: str, state: State = State.EXPOSING, *reasons: str) -> Status:
 def robot(status: Status, near: str, far: str) -> Iterator[None]:
     """A daemon that listens at `near`, and connects to a router at `far`."""
     config = PublishConfig(rig=status.rig, listen=(near,), connect=(far,))
-    with Publisher(config, 2, lambda _last: {status_key(status.rig): status.to_json()}):
+    with Publisher(config, 2, lambda _last: {rig_key(status.rig, "status"): status.to_json()}):
         yield
 
 
@@ -239,9 +239,9 @@ def test_messages_that_are_no_statuses_are_passed_over() -> None:
 
         def spoken() -> bool:
             for key, text in (("scout", ""), ("scout", "{}"), ("1st", said), ("mule", said), ("big", " " * (2 << 20))):
-                stranger.put(status_key(key), text)
+                stranger.put(rig_key(key, "status"), text)
             stranger.put("**", said)  # arrives under this key
-            stranger.put(status_key("scout"), said)
+            stranger.put(rig_key("scout", "status"), said)
             return client.heard.is_set()
 
         wait_until(spoken, "the one that is valid")

@@ -355,13 +355,6 @@ def test_without_the_c_extension_commands_that_decide_are_one_sentence(tmp_path:
     assert result.stderr.count("\n") == 1 and "C extension" in result.stderr and "gcc" in result.stderr
 
 
-def test_a_bad_configuration_is_one_sentence() -> None:
-    result = autoexpose("doctor", "-c", "no-such.yaml")
-    assert result.returncode == 1
-    assert result.stderr.count("\n") == 1
-    assert "no-such.yaml" in result.stderr
-
-
 @pytest.mark.wire
 def test_the_command_on_a_camera_on_the_wire(tmp_path: Path) -> None:
     named, wrong = tmp_path / "rig.yaml", tmp_path / "wrong.yaml"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import http.client
 import logging
 import socket
@@ -23,8 +22,6 @@ from websockets.sync.client import ClientConnection, connect
 
 from autoexpose_daemon.page import serve as connection
 from autoexpose_daemon.page.access import COOKIE
-from autoexpose_daemon.page.app import CROWDED
-from autoexpose_daemon.page.pair_views import MOST_VIEWERS
 from autoexpose_daemon.page.serve import Connection, OnceAMinute, serve
 from imaging.errors import AutoexposeError
 from tests.autoexpose_daemon.page.server import PageProcess, running_page
@@ -106,14 +103,6 @@ def test_whatever_comes_over_the_web_socket_leaves_no_traceback() -> None:
         assert page.stop() == 0
         assert "Traceback" not in page.log
         assert page.log.count("Invalid UTF-8") == 1
-
-
-def test_viewers_beyond_a_number_are_refused(open_page: PageProcess) -> None:
-    with contextlib.ExitStack() as viewers:
-        for _ in range(MOST_VIEWERS):
-            viewers.enter_context(opened(open_page))
-        assert live(open_page) == CROWDED
-    wait_until(lambda: live(open_page) == 101, "a place to be free")
 
 
 def opened(page: PageProcess) -> ClientConnection:

@@ -23,7 +23,7 @@ from autoexpose_daemon.config.document import PublishConfig
 from autoexpose_daemon.control.decision import Decision, Grounds
 from autoexpose_daemon.control.step import ControlStep, StepInputs
 from autoexpose_daemon.messages.client import ConsumerTally, response_to_json
-from autoexpose_daemon.messages.keys import response_key, status_key
+from autoexpose_daemon.messages.keys import response_key, rig_key
 from autoexpose_daemon.page.metrics import CONTENT_TYPE
 from autoexpose_daemon.page.pair_views import MOST_VIEWERS
 from autoexpose_daemon.publish.publisher import Publisher
@@ -100,7 +100,7 @@ SHOWN = {
 
 def published(at: str, status: Status) -> Publisher:
     responses = {response_key("rig", side): response_to_json(ResponseFunction.linear()) for side in status.cameras}
-    texts = {status_key("rig"): status.to_json(), **responses}
+    texts = {rig_key("rig", "status"): status.to_json(), **responses}
     return Publisher(PublishConfig(listen=(at,)), 2, lambda _last: texts)
 
 
@@ -129,7 +129,7 @@ def test_a_daemon_that_leaves_says_so_and_a_new_one_is_found(tab: Tab, page: Pag
     last = replace(EXPOSING, ending=True)
 
     def tell(ending: bool) -> dict[str, str]:
-        return {status_key("rig"): (last if ending else EXPOSING).to_json()}
+        return {rig_key("rig", "status"): (last if ending else EXPOSING).to_json()}
 
     tab.open(page.url)
     for _ in range(2):

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.metrics.gradient import GradientMetric
-from autoexpose_daemon.page.picture import DELTA_LEVELS, DISPLAY_SIZE, FramePicture, PictureMaker
+from autoexpose_daemon.page.pair_views import DELTA_LEVELS, DISPLAY_SIZE, FramePicture, PictureMaker
 from imaging.exposure import ExposureLimits, ExposureSetting
 from imaging.frames import Frame, StereoPair
 from imaging.pixels import Layout, Pixels

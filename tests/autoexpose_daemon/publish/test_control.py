@@ -21,7 +21,7 @@ from autoexpose_daemon.client.control_client import ControlClient
 from autoexpose_daemon.config.document import PublishConfig
 from autoexpose_daemon.config.request import LARGEST_REQUEST_BYTES, Request
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
-from autoexpose_daemon.messages.keys import control_key
+from autoexpose_daemon.messages.keys import rig_key
 from autoexpose_daemon.publish import inbound as control_module
 from autoexpose_daemon.publish.inbound import WAITING_REQUESTS, ControlDoor
 from autoexpose_daemon.publish.publisher import Publisher
@@ -111,7 +111,7 @@ def test_a_client_changes_control_and_the_recording_of_it_replays(tmp_path: Path
 
 def asked(session: zenoh.Session, payload: bytes | None) -> str:
     """What the daemon answers to any bytes."""
-    (reply,) = session.get(control_key("rig"), payload=payload)
+    (reply,) = session.get(rig_key("rig", "control"), payload=payload)
     answer = reply.ok or reply.err
     assert answer is not None
     return answer.payload.to_string()
@@ -210,7 +210,7 @@ def door_of_slow_control(
         open_session("peer", Endpoints(listen=[at])) as daemon,
         open_session("client", Endpoints(connect=[at])) as session,
     ):
-        queries = daemon.declare_queryable(control_key("rig"), FifoChannel(WAITING_REQUESTS))
+        queries = daemon.declare_queryable(rig_key("rig", "control"), FifoChannel(WAITING_REQUESTS))
         serving = threading.Thread(target=door.serve, args=(queries,))
         serving.start()
         yield door, begun, session
@@ -222,12 +222,12 @@ def test_a_request_that_waited_too_long_for_an_earlier_one_is_not_passed_on() ->
     """Its sender may have given up by the time it would take effect."""
     now_s = [100.0]
     with door_of_slow_control(lambda: now_s[0]) as (door, begun, session):
-        shot = session.get(control_key("rig"), payload=b'{"by": "ana"}')
+        shot = session.get(rig_key("rig", "control"), payload=b'{"by": "ana"}')
         wait_until(lambda: begun, "the first request")
-        late = session.get(control_key("rig"), payload=b'{"by": "bob", "locked": true}')
+        late = session.get(rig_key("rig", "control"), payload=b'{"by": "bob", "locked": true}')
         wait_until(lambda: door._waiting.qsize() == 1, "the second request")
         now_s[0] += 6.0
-        fresh = session.get(control_key("rig"), payload=b'{"by": "cid", "locked": false}')
+        fresh = session.get(rig_key("rig", "control"), payload=b'{"by": "cid", "locked": false}')
         wait_until(lambda: door._waiting.qsize() == 2, "the third request")
         begun[0].set_result(Answer("fixed", RequestTally()))
         assert shot.recv().ok is not None
@@ -275,7 +275,7 @@ def test_an_answer_of_another_program_is_refused() -> None:
     answers = iter([b"?", b"\xff", bytes(LARGEST_ANSWER_BYTES + 1)])
     with (
         open_session("peer", Endpoints(listen=[at])) as other,
-        other.declare_queryable(control_key("rig"), lambda query: query.reply(query.key_expr, next(answers))),
+        other.declare_queryable(rig_key("rig", "control"), lambda query: query.reply(query.key_expr, next(answers))),
         ControlClient(connect=[at]) as control,
     ):
         for _ in range(3):
@@ -287,7 +287,7 @@ def test_all_requests_at_once_are_answered_though_not_all_are_served() -> None:
     at = endpoint()
     with exposing(at), open_session("client", Endpoints(connect=[at])) as session:
         wait_until(lambda: bool(asked(session, b"?")), "an answer")
-        replies = [session.get(control_key("rig"), payload=b'{"by": "ana"}') for _ in range(120)]
+        replies = [session.get(rig_key("rig", "control"), payload=b'{"by": "ana"}') for _ in range(120)]
         answers = [list(each) for each in replies]
     assert [len(each) for each in answers] == [1] * 120
     served = [reply for (reply,) in answers if reply.ok is not None]
@@ -299,7 +299,7 @@ def test_all_requests_at_once_are_answered_though_not_all_are_served() -> None:
 def test_requests_too_large_do_not_wait() -> None:
     """They would fill the memory: a message may have 64 MB."""
     with door_of_slow_control() as (_, begun, session):
-        busy = session.get(control_key("rig"), payload=b'{"by": "ana"}')
+        busy = session.get(rig_key("rig", "control"), payload=b'{"by": "ana"}')
         wait_until(lambda: begun, "a request that takes long")
         for _ in range(3):
             assert asked(session, bytes(8 << 20)).startswith("a request of 8388608 bytes")

@@ -19,7 +19,7 @@ from autoexpose_daemon.client.status_client import StatusClient
 from autoexpose_daemon.config.document import Config, PublishConfig
 from autoexpose_daemon.control.decision import Grounds
 from autoexpose_daemon.messages.frames import read_exposure_info
-from autoexpose_daemon.messages.keys import status_key
+from autoexpose_daemon.messages.keys import rig_key
 from autoexpose_daemon.messages.types import CAMERA_INFO, TYPESTORE
 from autoexpose_daemon.publish.publisher import Publisher
 from autoexpose_daemon.publish.session import Endpoints, open_session
@@ -132,7 +132,7 @@ def test_it_is_told_without_a_single_pair_and_the_next_daemon_is_found() -> None
     said = describe(Telemetry(), CONFIG)
     with StatusClient(connect=[at]) as client:
         for _ in range(2):
-            with Publisher(PublishConfig(listen=(at,)), 2, lambda _last: {status_key("rig"): said.to_json()}):
+            with Publisher(PublishConfig(listen=(at,)), 2, lambda _last: {rig_key("rig", "status"): said.to_json()}):
                 assert [client.wait(PATIENCE_S), client.wait(PATIENCE_S)] == [said, said]
 
 
@@ -157,7 +157,7 @@ def test_what_is_no_status_is_passed_over() -> None:
     said = describe(Telemetry(), CONFIG)
     texts = itertools.chain(["", "{}", "no JSON"], itertools.repeat(said.to_json()))
     with (
-        Publisher(PublishConfig(listen=(at,)), 2, lambda _last: {status_key("rig"): next(texts)}),
+        Publisher(PublishConfig(listen=(at,)), 2, lambda _last: {rig_key("rig", "status"): next(texts)}),
         StatusClient(connect=[at]) as client,
     ):
         assert client.wait(PATIENCE_S) == said

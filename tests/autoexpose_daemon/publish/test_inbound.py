@@ -31,7 +31,7 @@ from autoexpose_daemon.messages.inputs import (
     read_tracked_cells,
     tracked_cells,
 )
-from autoexpose_daemon.messages.keys import check_key_expression, light_ahead_key, tracking_key
+from autoexpose_daemon.messages.keys import check_key_expression, rig_key
 from autoexpose_daemon.messages.types import IMU, TRACKED_CELLS, TYPESTORE, header, serialise
 from autoexpose_daemon.publish.inbound import LARGEST_IMU_BYTES, ImuSubscriber
 from autoexpose_daemon.publish.session import Endpoints, open_session
@@ -257,8 +257,8 @@ def test_control_weighs_what_a_client_sends_and_its_recording_replays(
         wait_until(is_believed, "a decision by the series")
         assert "% trusted" in line_of(describe(daemon.telemetry, daemon.tuning.config))
         with open_session("client", Endpoints(connect=[at])) as other:
-            wait_until(lambda: other.put(light_ahead_key("rig"), b"?") or tally.refused, "a refusal")
-            other.put(light_ahead_key("rig"), bytes(LARGEST_LIGHT_BYTES + 1))
+            wait_until(lambda: other.put(rig_key("rig", "light_ahead"), b"?") or tally.refused, "a refusal")
+            other.put(rig_key("rig", "light_ahead"), bytes(LARGEST_LIGHT_BYTES + 1))
         wait_until(lambda: tally.belief is None, "the series to be too old")
         count = len(seen)
         wait_until(lambda: len(seen) > count, "more pairs")
@@ -334,8 +334,8 @@ def test_a_consumer_steers_control_and_its_recording_replays(tmp_path: Path, cap
             client.send_tracking(1, FEATURES, INLIERS)
         wait_until(lambda: tally.reports + sum(tally.refused.values()) >= known + 40, "all of a burst to be counted")
         with open_session("client", Endpoints(connect=[at])) as other:
-            wait_until(lambda: other.put(tracking_key("rig"), b"?") or tally.refused["damaged"], "a refusal")
-            other.put(tracking_key("rig"), bytes(LARGEST_TRACKING_BYTES + 1))
+            wait_until(lambda: other.put(rig_key("rig", "tracking"), b"?") or tally.refused["damaged"], "a refusal")
+            other.put(rig_key("rig", "tracking"), bytes(LARGEST_TRACKING_BYTES + 1))
         wait_until(lambda: not tally.by, "the report to be too old")
         count = len(seen)
         wait_until(lambda: len(seen) > count, "more pairs")

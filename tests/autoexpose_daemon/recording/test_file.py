@@ -415,10 +415,11 @@ def test_every_layout_is_read_back_to_the_bit_and_replayed(tmp_path: Path, row: 
 
 def test_deep_pixels_of_former_recordings_are_in_the_low_bits(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     new = record(tmp_path / "new.mcap", VirtualRun(bits=12), 4)
-    monkeypatch.setattr("autoexpose_daemon.messages.frames.to_full_scale", lambda _depth: 0)
-    monkeypatch.setattr("autoexpose_daemon.recording.file.FULL_SCALE", {})
-    monkeypatch.setattr("autoexpose_daemon.recording.rosbag2.profiles", lambda _qos: "")
-    old = record(tmp_path / "old.mcap", VirtualRun(bits=12), 4)
+    with monkeypatch.context() as patch:
+        patch.setattr("autoexpose_daemon.messages.frames.to_full_scale", lambda _depth: 0)
+        patch.setattr("autoexpose_daemon.recording.file.FULL_SCALE", {})
+        patch.setattr("autoexpose_daemon.recording.rosbag2.profiles", lambda _qos: "")
+        old = record(tmp_path / "old.mcap", VirtualRun(bits=12), 4)
     pairs = zip(frames_of(new), frames_of(old), strict=True)
     assert all(np.array_equal(one.pixels, other.pixels) for one, other in pairs)
 

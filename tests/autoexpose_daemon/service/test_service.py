@@ -25,14 +25,10 @@ from autoexpose_daemon.runtime.daemon import Daemon
 from autoexpose_daemon.service.notify import Notifier
 from autoexpose_daemon.service.service import Service
 from autoexpose_daemon.status.states import State
-from calibration.document import CameraIdentity
-from calibration.response.file import Origin, ResponseFile
 from drivers.camera import Camera
 from imaging.errors import ConfigurationError
 from imaging.exposure import ExposureSetting
 from imaging.frames import Side
-from imaging.pixels import PixelFormat
-from imaging.response import ResponseFunction
 from tests.autoexpose_daemon.scripted import LONG_S, SHAPE, ScriptedRig, Session, TriggeredCamera, config
 from tests.autoexpose_daemon.service.service_process import PATIENCE_S, Notifications, running_service, service_manager
 from tests.autoexpose_daemon.stereo import stereo_cameras
@@ -208,21 +204,6 @@ def test_a_reload_that_control_did_not_begin_in_time_is_rejected_for_good(
         free.set()
     daemon.ask(new_request({"by": "test", "locked": False})).result(LONG_S)  # comes after what waited before it
     assert daemon.tuning is tuning
-
-
-def test_a_response_file_of_another_pixel_format_is_not_taken(
-    running: RunningService, caplog: pytest.LogCaptureFixture, tmp_path: Path
-) -> None:
-    file = tmp_path / "left.response.yaml"
-    ResponseFile(ResponseFunction.linear()).save(file)
-    cameras = {"left": {"serial": "L", "response": file}, "right": {"serial": "R"}}
-    running.reload(config(cameras=cameras))
-    running.manager.wait_for("RELOADING=1")
-    running.manager.wait_for("READY=1")
-    origin = Origin(CameraIdentity("ours", "scripted", "L"), PixelFormat.MONO12)
-    ResponseFile(ResponseFunction.linear(), origin).save(file)
-    running.reload(config(cameras=cameras))
-    wait_for_words(running, caplog, "pixel_format is Mono12")
 
 
 def test_a_calibration_of_another_size_is_not_taken(
