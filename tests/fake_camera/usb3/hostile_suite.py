@@ -26,8 +26,9 @@ from fake_camera.usb3.usb.descriptors import CONTROL_IN, CONTROL_OUT, STREAM_IN
 from fake_camera.usb3.usb.endpoint import InEndpoint, ReadRequest
 from fake_camera.usb3.usbip import messages
 from fake_camera.usb3.usbip.connection import Connection
+from tests.fake_camera.stock_aravis import serial_of
 from tests.fake_camera.usb3.libusb_client import TIMED_OUT, TIMEOUT_MS, LibusbCamera
-from tests.fake_camera.usb3.shim_suite import OTHER_SOCKET, SOCKET, found, serial_of, usb3_camera, wait_for
+from tests.fake_camera.usb3.shim_suite import OTHER_SOCKET, SOCKET, found, usb3_camera, wait_for
 from tests.fakes import unique
 
 pytestmark = pytest.mark.timeout(40, method="thread")  # what fails here hangs in C
