@@ -12,7 +12,6 @@ import pytest
 
 from fake_camera.__main__ import main
 from fake_camera.device.features import Features
-from fake_camera.device.line0 import Line0
 from fake_camera.genicam.registers import slots
 from tests.fake_camera.gige.gige_client import CCP, GvcpClient
 from tests.fakes import fake_camera, loopback_address, run_camera, unique, usb3_camera
@@ -74,20 +73,6 @@ def test_ends_cleanly_in_the_middle_of_sending_through_a_switch(tmp_path: Path) 
         camera.send_signal(signal.SIGTERM)
         _, errors = camera.communicate(timeout=10)
     assert (camera.returncode, errors) == (0, "")
-
-
-@pytest.mark.wire
-def test_a_mistake_is_one_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
-    wire = Line0.join("wire", 60.0)
-    options = ["--line0", "wire", "--line0-rate-hz", "50"]
-    camera = run_camera(*OPTIONS, *options)
-    wire.close()
-    assert camera.returncode == 2
-    assert camera.stdout == ""
-    assert camera.stderr == (
-        "fake camera FAKE-M at 127.0.9.1: Line0 wire runs at 60 Hz, so this camera cannot join it at 50 Hz\n"
-    )
 
 
 @pytest.mark.parametrize(

@@ -8,11 +8,9 @@ from __future__ import annotations
 import contextlib
 import gc
 import logging
-import os
 import time
 from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -24,17 +22,14 @@ from drivers.camera import IncompleteFrame
 from drivers.genicam.image_format import decode_pixels
 from drivers.setup import CameraSetup, TriggerSetup
 from fake_camera.device.device import Device
-from fake_camera.gige.server import GigeServer
 from fake_camera.imaging import PIXEL_FORMATS, ExposedFrame, ImageSettings, Pixels
-from fake_camera.usb3.run import CAMERAS_VARIABLE
-from fake_camera.usb3.usbip.server import Usb3Server
 from imaging.frames import Frame
 from imaging.pixels import PixelFormat
-from tests.fakes import loopback_address, unique
+from tests.drivers.aravis.grey_card import served
+from tests.fakes import unique
 
 pytestmark = pytest.mark.wire
 
-PORTS = os.environ.get(CAMERAS_VARIABLE, "")
 PATIENCE_S = 20.0
 RATE_HZ = 100.0
 
@@ -65,13 +60,7 @@ def device() -> Iterator[Device]:
         patch.setattr(opening, "FRESH_S", float("inf"))  # one search for all
         device = Device(Noise(), serial)
         running.callback(device.close)
-        if PORTS:
-            free = next(port for port in map(Path, PORTS.split(":")) if not port.exists())
-            running.callback(Usb3Server(device, free).close)
-        else:
-            server = GigeServer(device, loopback_address())
-            server.start()
-            running.callback(server.close)
+        running.enter_context(served(device))
         yield device
         gc.collect()  # Aravis says goodbye when it frees a camera, and waits for the answer
 

@@ -140,11 +140,11 @@ def test_half_a_pair_of_pixels_that_share_chroma_is_refused() -> None:
     grey, yuv = 0x01080001, 0x01100003  # by their old numbers
     with worn_by(xml_camera(FLIR).replace(b"Mono10", b"YUV422_8")) as (device, client, _):
         client.set("PixelFormat", yuv)
-        with pytest.raises(FeatureError, match="YUV422_8 .* 321 pixels"):
+        with pytest.raises(FeatureError, match=r"YUV422_8 .* 321 pixels"):
             client.set("Width", 321)
         for name, value in (("Width", 320), ("PixelFormat", grey), ("Width", 321)):
             client.set(name, value)
-        with pytest.raises(FeatureError, match="YUV422_8 .* 321 pixels"):
+        with pytest.raises(FeatureError, match=r"YUV422_8 .* 321 pixels"):
             client.set("PixelFormat", yuv)
         assert (device.features.get("Width"), device.features.get("PixelFormat")) == (321, "Mono8")
 

@@ -9,7 +9,6 @@ import struct
 import time
 import zipfile
 from collections.abc import Callable, Iterator
-from itertools import pairwise
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -17,16 +16,12 @@ import numpy as np
 import pytest
 
 from fake_camera.device.device import Device
-from fake_camera.device.faults import Fault, FaultError, FaultOrder, Faults
+from fake_camera.device.faults import Fault, FaultOrder
 from fake_camera.device.features import Features
 from fake_camera.device.unix_socket import listen
-from fake_camera.genicam.description import genicam_xml
-from fake_camera.genicam.registers import feature_registers, slots
-from fake_camera.usb3.bootstrap import USB3_VISION, bootstrap_registers
-from fake_camera.usb3.event_channel import EventChannel
-from fake_camera.usb3.stream_channel import MEMORY_BYTES, StreamChannel
-from fake_camera.usb3.usb.endpoint import InEndpoint
-from tests.fake_camera.gige.gige_client import device, ramp
+from fake_camera.genicam.registers import slots
+from fake_camera.usb3.stream_channel import MEMORY_BYTES
+from tests.fake_camera.gige.gige_client import ramp
 from tests.fake_camera.usb3.usb3_client import (
     ACCESS_DENIED,
     CONTROL,
@@ -151,24 +146,6 @@ def test_a_client_finds_the_description_by_the_manifest(camera: Device, host: Us
     assert (root.get("StandardNameSpace"), root.get("ModelName")) == ("USB", "FakeU3V287M")
     assert {node.text for node in root.iter(f"{GENICAM}Endianess")} == {"LittleEndian"}
     assert not [node.get("Name") for node in root if str(node.get("Name")).startswith("Gev")]
-
-
-def test_the_description_declares_just_the_registers_there_are(camera: Device) -> None:
-    stream = StreamChannel(InEndpoint(), Faults(), camera.counters)
-    registers = [
-        *bootstrap_registers(camera, stream, EventChannel(InEndpoint(), lambda: 0), bytes(100), lambda: 0),
-        *feature_registers(camera, "little"),
-    ]
-    ordered = sorted(registers, key=lambda register: register.address)
-    assert all(one.address + one.length <= other.address for one, other in pairwise(ordered))
-    assert all(len(register.read()) == register.length for register in ordered)
-    by_address = {register.address: register for register in registers}
-    for kind in ("IntReg", "FloatReg", "StringReg", "MaskedIntReg"):
-        for node in ElementTree.fromstring(genicam_xml(camera.features, USB3_VISION)).iter(f"{GENICAM}{kind}"):
-            if node.findtext(f"{GENICAM}pPort") == "Device":
-                register = by_address[int(node.findtext(f"{GENICAM}Address", ""), 16)]
-                assert register.length == int(node.findtext(f"{GENICAM}Length", ""))
-                assert (register.write is not None) == (node.findtext(f"{GENICAM}AccessMode") == "RW")
 
 
 def test_features_are_little_endian(camera: Device, host: UsbIpClient) -> None:
@@ -412,10 +389,3 @@ def test_a_stall_takes_the_place_of_a_frame(camera: Device, host: UsbIpClient) -
     assert host.read(STREAM, 1024) == (EPIPE, b"")
     assert host.request(TO_ENDPOINT, CLEAR_FEATURE, 0, STREAM_IN, 0) == (0, b"")
     assert host.read(STREAM, 1024)[1][:4] == b"U3VL"
-
-
-def test_faults_of_the_other_transport_are_refused(camera: Device) -> None:
-    with pytest.raises(FaultError, match=r"cannot have the fault lose_packets"):
-        camera.faults.add(FaultOrder(Fault.LOSE_PACKETS))
-    with device() as gige:
-        gige.faults.add(FaultOrder(Fault.LOSE_PACKETS))
