@@ -6,8 +6,7 @@ import gc
 import re
 import struct
 import subprocess
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any
 
 import pytest
@@ -28,6 +27,7 @@ from tests.fake_camera.gige.gige_client import (
 )
 from tests.fake_camera.stock_aravis import Aravis, StockAravisContract, next_buffer, opened, stream_of
 from tests.fakes import loopback_address, unique
+from tests.meanwhile import wait_until
 
 pytestmark = pytest.mark.wire
 
@@ -41,13 +41,6 @@ def fake() -> Iterator[Device]:
     with gige_camera(ADDRESS, SERIAL) as camera:
         yield camera
         gc.collect()  # Aravis gives control back when it frees a camera: before that camera is gone
-
-
-def wait_for(condition: Callable[[], bool], timeout_s: float = 5.0) -> None:
-    deadline_s = time.monotonic() + timeout_s
-    while not condition():
-        assert time.monotonic() < deadline_s, "it did not happen in time"
-        time.sleep(0.01)
 
 
 class TestGigeVision(StockAravisContract):
@@ -85,7 +78,7 @@ def test_a_silent_client_loses_control_and_the_stream_stops(fake: Device) -> Non
         assert silent.write(HEARTBEAT_TIMEOUT, 500) == 0
         fake.execute("AcquisitionStart")
         assert other.write(CCP, CONTROL) == ACCESS_DENIED
-        wait_for(lambda: other.read(CCP) == 0)
+        wait_until(lambda: other.read(CCP) == 0)
         assert fake.features.get("TLParamsLocked") == 0
         assert other.write(CCP, CONTROL) == 0
 

@@ -8,7 +8,7 @@ import gc
 import os
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +26,7 @@ from tests.fake_camera.stock_aravis import Aravis, GLib, StockAravisContract, ne
 from tests.fake_camera.stock_aravis import opened as opened_by_id
 from tests.fake_camera.usb3.libusb_client import TIMED_OUT, TIMEOUT_MS, LibusbCamera
 from tests.fakes import unique
+from tests.meanwhile import wait_until
 
 Aravis.disable_interface("GigEVision")  # its discovery waits a second for answers
 
@@ -59,13 +60,6 @@ def other() -> Iterator[Device]:
         yield device
 
 
-def wait_for(condition: Callable[[], bool], timeout_s: float = PATIENCE_S) -> None:
-    deadline_s = time.monotonic() + timeout_s
-    while not condition():
-        assert time.monotonic() < deadline_s, "it did not happen in time"
-        time.sleep(0.01)
-
-
 def found() -> dict[str, str]:
     """The ids of the USB3 Vision cameras by serial number."""
     Aravis.update_device_list()
@@ -79,7 +73,7 @@ def found() -> dict[str, str]:
 def id_of(fake: Device) -> str:
     """Its id, as soon as it is found, since a camera that was reset takes a moment to come back."""
     ids: dict[str, str] = {}
-    wait_for(lambda: serial_of(fake) in ids or bool(ids.update(found())))
+    wait_until(lambda: serial_of(fake) in ids or bool(ids.update(found())))
     return ids[serial_of(fake)]
 
 
@@ -110,7 +104,7 @@ def test_both_cameras_are_found_and_an_absent_one_is_not(fake: Device) -> None:
     assert list(found()) == [serial_of(fake)]
     with usb3_camera(OTHER_SOCKET, unique("USB")) as other:
         assert sorted(found()) == sorted([serial_of(fake), serial_of(other)])
-    wait_for(lambda: list(found()) == [serial_of(fake)])
+    wait_until(lambda: list(found()) == [serial_of(fake)])
 
 
 def test_two_cameras_follow_the_trigger_wire_at_once(fake: Device, other: Device) -> None:
@@ -211,7 +205,9 @@ def test_cycles_of_streaming_and_unplugging_leave_nothing_behind(fake: Device) -
         fake.faults.add(FaultOrder(Fault.COME_BACK, None, None))
         assert id_of(fake) in found().values()
         if counts:
-            wait_for(lambda: all(now <= first for now, first in zip(open_files_and_threads(), counts[0], strict=True)))
+            wait_until(
+                lambda: all(now <= first for now, first in zip(open_files_and_threads(), counts[0], strict=True))
+            )
         counts.append(open_files_and_threads())
 
 

@@ -6,9 +6,8 @@ import hashlib
 import io
 import socket
 import struct
-import time
 import zipfile
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -49,6 +48,7 @@ from tests.fake_camera.usb3.usb3_client import (
     receive,
     usb3_camera,
 )
+from tests.meanwhile import wait_until
 
 pytestmark = pytest.mark.wire
 
@@ -74,13 +74,6 @@ def camera(path: Path) -> Iterator[Device]:
 def host(camera: Device, path: Path) -> Iterator[UsbIpClient]:
     with UsbIpClient(path) as client:
         yield client
-
-
-def wait_for(condition: Callable[[], bool]) -> None:
-    deadline_s = time.monotonic() + 20
-    while not condition():
-        assert time.monotonic() < deadline_s, "it did not happen in time"
-        time.sleep(0.01)
 
 
 def test_the_camera_is_listed(camera: Device, path: Path) -> None:
@@ -215,7 +208,7 @@ def test_frames_that_nobody_fetches_fill_the_memory_and_are_discarded(camera: De
     camera.features.update("AcquisitionFrameRate", 300.0)
     camera.features.update("ExposureTime", 100.0)
     start(host)
-    wait_for(lambda: camera.counters.discarded > 3)
+    wait_until(lambda: camera.counters.discarded > 3)
     assert host.write_memory(SLOTS["AcquisitionStop"], struct.pack("<I", 1)) == SUCCESS
     blocks = []
     for _frame in range(MEMORY_BYTES // FRAME_BYTES):
@@ -281,7 +274,7 @@ def test_an_interface_is_one_clients_until_it_lets_go(host: UsbIpClient, path: P
         assert host.claim(0, claims=False) == 0
         assert other.claim(0) == 0
         host.socket.close()
-        wait_for(lambda: other.claim(2) == 0)
+        wait_until(lambda: other.claim(2) == 0)
 
 
 def test_an_unknown_endpoint_is_refused(host: UsbIpClient) -> None:
@@ -330,7 +323,7 @@ def test_a_camera_whose_path_was_taken_stays_unplugged_and_says_so(
             f"the camera stays unplugged: the socket {path} cannot be opened: Address already in use\n"
         )
         pulses = camera.counters.pulses
-        wait_for(lambda: camera.counters.pulses > pulses)
+        wait_until(lambda: camera.counters.pulses > pulses)
         assert path.is_socket()  # the other one's
 
 
@@ -340,7 +333,7 @@ def test_a_reset_is_seen_as_unplugged_and_replugged(camera: Device, path: Path) 
         host.submit(CONTROL, OUT, 12 + len(packet), b"U3VC" + struct.pack("<HHHH", 1 << 14, 0x0802, 12, 1) + packet)
         with pytest.raises(EOFError):
             receive(host.socket, 1000)
-    wait_for(lambda: plugged_in(path))
+    wait_until(lambda: plugged_in(path))
     with UsbIpClient(path) as host:
         assert host.import_status == 0
         assert host.read_number(0, 4) == 0x0001_0001  # not the acknowledgement of the reset
