@@ -1,10 +1,15 @@
-"""What runs beside a test."""
+"""What runs beside a test, and waiting for what it brings about."""
 
 from __future__ import annotations
 
 import contextlib
 import threading
+import time
 from collections.abc import Callable, Iterator
+from typing import TypeVar
+
+T = TypeVar("T")
+PATIENCE_S = 20.0
 
 
 @contextlib.contextmanager
@@ -18,3 +23,12 @@ def meanwhile(run: Callable[[threading.Event], object]) -> Iterator[None]:
     finally:
         stop.set()
         thread.join()
+
+
+def wait_until(condition: Callable[[], T]) -> T:
+    """Wait until it is true; returns what it gives."""
+    deadline_s = time.monotonic() + PATIENCE_S
+    while not (outcome := condition()):
+        assert time.monotonic() < deadline_s, "it did not happen in time"
+        time.sleep(0.002)
+    return outcome

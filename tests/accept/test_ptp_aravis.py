@@ -8,7 +8,6 @@ import random
 import socket
 import struct
 import time
-import warnings
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
@@ -21,15 +20,9 @@ from fake_camera.device.truth import TruthFile
 from fake_camera.ptp.host_master import HostMaster
 from fake_camera.ptp.messages import clock_identity
 from tests.fake_camera.gige.gige_client import ACTION, GVCP_PORT, command, gige_camera, parse_ack
-from tests.fake_camera.gige.test_gige_aravis import stream_of, wait_for
+from tests.fake_camera.stock_aravis import Aravis, stream_of
 from tests.fakes import loopback_address, unique
-
-with warnings.catch_warnings():
-    warnings.simplefilter("ignore", ImportWarning)  # PyGObject's importer is of an older kind
-    import gi
-
-    gi.require_version("Aravis", "0.8")
-    from gi.repository import Aravis
+from tests.meanwhile import wait_until
 
 pytestmark = pytest.mark.realtime
 
@@ -139,7 +132,7 @@ def test_two_cameras_follow_a_master_expose_together_and_notice_its_end(cameras:
     with HostMaster(EVENT_PORT) as master:
         for camera in cameras:
             camera.set_boolean("PtpEnable", True)
-        wait_for(all_are(cameras, "Slave"), timeout_s=20.0)
+        wait_until(all_are(cameras, "Slave"))
         for camera, clock in zip(cameras, CLOCKS, strict=True):
             assert camera.get_string("PtpServoStatus") == "Locked"
             assert abs(camera.get_integer("PtpOffsetFromMaster")) < BOUND_NS
@@ -150,11 +143,11 @@ def test_two_cameras_follow_a_master_expose_together_and_notice_its_end(cameras:
             shown_ns = latched_ns(camera)
             assert before_ns - BOUND_NS < shown_ns < master.time_ns(time.monotonic_ns()) + BOUND_NS
         together_ns: list[list[int]] = []
-        wait_for(lambda: len(expose_together(cameras, streams, together_ns)) == 3, timeout_s=20.0)
+        wait_until(lambda: len(expose_together(cameras, streams, together_ns)) == 3)
     starts_ns = [true_starts_ns(tmp_path / address) for address in ADDRESSES]
     for stamps_ns in together_ns:
         left_ns, right_ns = (starts[stamp_ns] for starts, stamp_ns in zip(starts_ns, stamps_ns, strict=True))
         assert abs(left_ns - right_ns) < BOUND_NS
-    wait_for(all_are(cameras, "Listening"), timeout_s=10.0)
+    wait_until(all_are(cameras, "Listening"))
     for camera in cameras:
         camera.stop_acquisition()

@@ -12,7 +12,6 @@ import pytest
 
 from fake_camera.__main__ import main
 from fake_camera.device.features import Features
-from fake_camera.device.line0 import Line0
 from fake_camera.genicam.registers import slots
 from tests.fake_camera.gige.gige_client import CCP, GvcpClient
 from tests.fakes import fake_camera, loopback_address, run_camera, unique, usb3_camera
@@ -76,20 +75,6 @@ def test_ends_cleanly_in_the_middle_of_sending_through_a_switch(tmp_path: Path) 
     assert (camera.returncode, errors) == (0, "")
 
 
-@pytest.mark.wire
-def test_a_mistake_is_one_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
-    wire = Line0.join("wire", 60.0)
-    options = ["--line0", "wire", "--line0-rate-hz", "50"]
-    camera = run_camera(*OPTIONS, *options)
-    wire.close()
-    assert camera.returncode == 2
-    assert camera.stdout == ""
-    assert camera.stderr == (
-        "fake camera FAKE-M at 127.0.9.1: Line0 wire runs at 60 Hz, so this camera cannot join it at 50 Hz\n"
-    )
-
-
 @pytest.mark.parametrize(
     ("options", "words"),
     [
@@ -126,22 +111,18 @@ def test_a_ptp_master_says_when_it_is_ready_and_ends_cleanly() -> None:
 
 def test_a_ptp_master_at_no_interface_is_one_sentence(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["ptp-master", "--address", "192.0.2.1"]) == 2
-    assert capsys.readouterr().err == (
-        "PTP master at 192.0.2.1: PTP: no network interface has the address 192.0.2.1: "
-        "Cannot assign requested address\n"
-    )
+    said = capsys.readouterr().err
+    assert "no network interface has the address 192.0.2.1" in said and said.count("\n") == 1
 
 
 @pytest.mark.parametrize(
     ("serial", "transport", "words"),
     [
-        ("", "gige", "is not a serial number"),
-        (" ", "gige", "is not a serial number"),
-        ("L ", "usb3", "is not a serial number"),
-        ("L\n", "gige", "is not a serial number"),
-        ("\x1b[31mL", "usb3", "is not a serial number"),
-        ("\u00e9", "gige", "is not a serial number"),
-        ("\u00e9", "usb3", "is not a serial number"),
+        *(
+            (serial, wire, "is not a serial number")
+            for serial in ("", " ", "L\n", "\x1b[31mL", "\u00e9")
+            for wire in ("gige", "usb3")
+        ),
         ("1" * 16, "gige", "is too long: GigE Vision allows 15 characters"),
         ("1" * 64, "usb3", "is too long: USB3 Vision allows 63 characters"),
     ],
@@ -171,34 +152,18 @@ def test_a_camera_in_a_description_says_what_it_passes_for(tmp_path: Path, name_
 @pytest.mark.parametrize(
     ("name_space", "options", "sentence"),
     [
-        ("U3V", [], "camera.xml describes a USB3 Vision camera: add --usb3 and --exec, --socket or --tcp\n"),
-        (
-            "GEV",
-            ["--usb3", "--socket", "unused"],
-            "camera.xml describes a GigE Vision camera: leave out --usb3 and its options\n",
-        ),
+        ("U3V", [], "USB3 Vision camera: add --usb3 and --exec, --socket or --tcp\n"),
+        (None, [], "camera.xml: No such file or directory"),
+        ("", [], "camera.xml: a GenICam description begins with"),
+        ("GEV", ["--usb3", "--socket", "unused"], "GigE Vision camera: leave out --usb3 and its options\n"),
     ],
 )
-def test_a_description_of_the_other_transport_is_refused(
-    tmp_path: Path, name_space: str, options: list[str], sentence: str
+def test_a_bad_description_or_one_of_the_other_transport_is_refused_in_one_sentence(
+    tmp_path: Path, name_space: str | None, options: list[str], sentence: str
 ) -> None:
-    (tmp_path / "camera.xml").write_bytes(xml_camera(16, name_space))
+    if name_space is not None:
+        (tmp_path / "camera.xml").write_bytes(xml_camera(16, name_space) if name_space else b"<html/>")
     camera = run_camera("--xml", str(tmp_path / "camera.xml"), *options)
     assert (camera.returncode, camera.stdout) == (2, "")
-    assert camera.stderr.endswith(sentence)
-    assert camera.stderr.count("\n") == 1
-
-
-@pytest.mark.wire
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [(None, "camera.xml: No such file or directory"), ("<html/>", "camera.xml: a GenICam description begins with")],
-)
-def test_a_bad_description_is_one_sentence(tmp_path: Path, text: str | None, words: str) -> None:
-    description = tmp_path / "camera.xml"
-    if text is not None:
-        description.write_text(text)
-    camera = run_camera(*OPTIONS, "--xml", str(description))
-    assert camera.returncode == 2
-    assert words in camera.stderr
+    assert sentence in camera.stderr
     assert camera.stderr.count("\n") == 1

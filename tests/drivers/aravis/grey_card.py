@@ -1,19 +1,47 @@
-"""A scene that shows what each frame was really taken with."""
+"""Cameras in this process, on the wire of this run, and a scene that shows what each frame was really taken with."""
 
 from __future__ import annotations
 
+import contextlib
+import os
 import time
+from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drivers.aravis import AravisCamera
+from fake_camera.device.device import Device
+from fake_camera.genapi.xml_camera import XmlCamera
+from fake_camera.gige.server import GigeServer
 from fake_camera.imaging import ImageSettings
+from fake_camera.usb3.run import CAMERAS_VARIABLE
+from fake_camera.usb3.usbip.server import Usb3Server
 from imaging.exposure import ExposureSetting, linear_gain
 from imaging.frames import Frame
+from tests.fakes import loopback_address
 
+PORTS = os.environ.get(CAMERAS_VARIABLE, "").split(":")
+TRANSPORT, NAME_SPACE = ("usb3", "U3V") if PORTS != [""] else ("gige", "GEV")
 US_PER_GREY = 40.0
 PATIENCE_S = 20.0
+
+
+@contextlib.contextmanager
+def served(device: Device, camera: XmlCamera | None = None) -> Iterator[None]:
+    """A camera, perhaps with a description, on the wire of this run; on USB, at a free port."""
+    if TRANSPORT == "gige":
+        server = GigeServer(device, loopback_address(), camera)
+        server.start()
+        stop = server.close
+    else:
+        free = next(port for port in map(Path, PORTS) if not port.exists())
+        stop = Usb3Server(device, free, xml=camera).close
+    try:
+        yield
+    finally:
+        stop()
 
 
 class GreyCard:

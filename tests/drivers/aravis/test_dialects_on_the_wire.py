@@ -7,41 +7,33 @@ from __future__ import annotations
 
 import contextlib
 import gc
-import os
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from drivers.aravis import AravisCamera, find_cameras, open_camera, open_nodes, opening
-from drivers.aravis.nodes import Aravis
 from drivers.genicam.features import advice, set_features
 from drivers.setup import CameraSetup, FeatureSetting, TriggerSetup, parse_features
 from fake_camera.device.device import Device
 from fake_camera.device.line0 import Line0
 from fake_camera.genapi.description import Description
 from fake_camera.genapi.xml_camera import XmlCamera
-from fake_camera.gige.server import GigeServer
-from fake_camera.usb3.run import CAMERAS_VARIABLE
-from fake_camera.usb3.usbip.server import Usb3Server
 from imaging.errors import NodeError, UnsupportedCameraError
 from imaging.exposure import ExposureSetting
 from imaging.frames import Frame
 from imaging.pixels import PixelFormat
 from tests.data import data
-from tests.drivers.aravis.grey_card import GreyCard, frames_until, grey_of
+from tests.drivers.aravis.grey_card import NAME_SPACE, TRANSPORT, GreyCard, frames_until, grey_of, served
 from tests.drivers.aravis.written import SELECTORS, names_written
-from tests.fakes import loopback_address, unique
+from tests.fakes import unique
 from tests.xml_cameras import COMBINATIONS, REAL, features, xml_camera
 
 pytestmark = pytest.mark.wire
 
 RATE_HZ = 60.0
-PORTS = os.environ.get(CAMERAS_VARIABLE, "").split(":")
-TRANSPORT, NAME_SPACE = ("usb3", "U3V") if PORTS != [""] else ("gige", "GEV")
 REAL_ONES = [pytest.param(name, marks=pytest.mark.data) for name in REAL[TRANSPORT]]
 ON_BOTH = {0, 1, 8, 10, 11, 12, 16, 17}
 """Enough per transport: each way to write registers, with and without chunks, seconds, a dB scale."""
@@ -89,22 +81,6 @@ def description(worn: int | str) -> Description:
     return Description.from_bytes(path.read_bytes(), str(path))
 
 
-@contextlib.contextmanager
-def served(device: Device, camera: XmlCamera) -> Iterator[None]:
-    """The camera on the wire of this run; on USB, at a free port."""
-    if TRANSPORT == "gige":
-        server = GigeServer(device, loopback_address(), camera)
-        server.start()
-        stop = server.close
-    else:
-        free = next(port for port in map(Path, PORTS) if not port.exists())
-        stop = Usb3Server(device, free, xml=camera).close
-    try:
-        yield
-    finally:
-        stop()
-
-
 @pytest.fixture(scope="module")
 def cameras(request: pytest.FixtureRequest) -> Iterator[dict[int | str, Worn]]:
     """Starts all that are needed, so that one search finds them."""
@@ -135,25 +111,6 @@ def set_up(worn: Worn) -> CameraSetup:
     line = worn.camera.trigger_line
     assert line is not None
     return CameraSetup(TriggerSetup("external", line, RATE_HZ), pixel_format=PixelFormat.MONO8)
-
-
-@pytest.mark.parametrize("worn", WORN[1:], ids=str, indirect=True)
-def test_stock_aravis_can_write_its_exposure_time(worn: Worn) -> None:
-    found = opening.find_camera(worn.serial)
-    assert found.transport == TRANSPORT
-    device = Aravis.Camera.new(found.id).get_device()
-    name, us = worn.exposure_time, worn.us_per_unit
-    node = device.get_feature(name)
-    assert device.is_feature_available(name)
-    assert node.get_actual_access_mode() == Aravis.GcAccessMode.RW
-    if isinstance(node, Aravis.GcFloat):
-        bounds = device.get_float_feature_bounds(name)
-        device.set_float_feature_value(name, 3000.0 / us)
-    else:
-        bounds = device.get_integer_feature_bounds(name)
-        device.set_integer_feature_value(name, 3000)
-    assert bounds.min < bounds.max
-    assert worn.device.features.get("ExposureTime") == pytest.approx(3000.0, rel=1e-6)
 
 
 @pytest.mark.parametrize("worn", WORN[:1], ids=str, indirect=True)
@@ -241,11 +198,6 @@ def check_words(worn: Worn, camera: AravisCamera) -> None:
     assert ("no TriggerOverlap" in limitations) == ("TriggerOverlap" not in nodes)
     assert ("inferred from when it was written" in limitations) == (not worn.tells_by_chunks)
     assert "gamma" not in limitations
-
-
-@pytest.mark.parametrize("worn", [1, *REAL_ONES], ids=str, indirect=True)
-def test_a_description_names_its_transport(worn: Worn) -> None:
-    assert worn.description.standard == NAME_SPACE
 
 
 def test_the_combinations_are_distinct_and_say_what_they_declare() -> None:

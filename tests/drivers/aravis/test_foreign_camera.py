@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import time
 from collections.abc import Callable
 from itertools import pairwise
 
@@ -17,23 +16,26 @@ from imaging.exposure import ExposureSetting
 from imaging.frames import Frame
 from imaging.pixels import PixelFormat
 from tests.fakes import foreign_camera
+from tests.meanwhile import wait_until
 
-PATIENCE_S = 20.0
 FREE_RUN = CameraSetup(TriggerSetup("free_run", rate_hz=60.0), pixel_format=PixelFormat.MONO8)
 
 pytestmark = [pytest.mark.wire, pytest.mark.needs("arv-fake-gv-camera-0.8", "arv-tool-0.8")]
 
 
-def outcomes_until(
-    camera: AravisCamera, enough: Callable[[list[Frame | IncompleteFrame]], bool]
-) -> list[Frame | IncompleteFrame]:
+Outcome = Frame | IncompleteFrame
+
+
+def outcomes_until(camera: AravisCamera, enough: Callable[[list[Outcome]], bool]) -> list[Outcome]:
     """Frames, complete or not, up to the awaited one."""
-    outcomes: list[Frame | IncompleteFrame] = []
-    deadline_s = time.monotonic() + PATIENCE_S
-    while not enough(outcomes):
-        assert time.monotonic() < deadline_s, f"in vain: {len(outcomes)} frames"
+    outcomes: list[Outcome] = []
+
+    def come() -> bool:
         if (outcome := camera.next_frame(0.5)) is not None:
             outcomes.append(outcome)
+        return enough(outcomes)
+
+    wait_until(come)
     return outcomes
 
 

@@ -4,22 +4,19 @@ from __future__ import annotations
 
 import contextlib
 import logging
-import time
 from collections.abc import Iterator
 from ipaddress import IPv4Address, IPv4Interface
 
 import pytest
 
 from drivers.aravis import AravisCamera, open_camera
-from drivers.camera import RefusedPackets
 from drivers.host.network import NetworkInterface
 from drivers.setup import CameraSetup, TriggerSetup
 from fake_camera.device.faults import Fault
 from tests.fakes import fake_camera, loopback_address
+from tests.meanwhile import wait_until
 
 pytestmark = [pytest.mark.wire]
-
-PATIENCE_S = 20.0
 
 
 @contextlib.contextmanager
@@ -29,20 +26,6 @@ def streaming(serial: str) -> Iterator[AravisCamera]:
         yield camera
 
 
-def wait_for_frame(camera: AravisCamera) -> None:
-    deadline_s = time.monotonic() + PATIENCE_S
-    while camera.next_frame(0.1) is None:
-        assert time.monotonic() < deadline_s
-
-
-def wait_for_refusal(camera: AravisCamera) -> RefusedPackets:
-    deadline_s = time.monotonic() + PATIENCE_S
-    while (refused := camera.refused_packets()) is None:
-        assert camera.next_frame(0.1) is None
-        assert time.monotonic() < deadline_s
-    return refused
-
-
 def test_frames_from_a_second_interface_that_the_camera_names_are_taken(caplog: pytest.LogCaptureFixture) -> None:
     first, second = loopback_address(), loopback_address()
     with (
@@ -50,18 +33,18 @@ def test_frames_from_a_second_interface_that_the_camera_names_are_taken(caplog: 
         fake_camera(address=first, options=["--second-address", second]) as fake,
         streaming(fake.serial) as camera,
     ):
-        wait_for_frame(camera)
+        wait_until(lambda: camera.next_frame(0.1))
         assert camera.refused_packets() is None
     assert all(address in caplog.text for address in (first, second))
 
 
 def test_frames_from_an_address_that_it_does_not_name_are_refused_and_the_sender_is_named() -> None:
     with fake_camera() as fake, streaming(fake.serial) as camera:
-        wait_for_frame(camera)
+        wait_until(lambda: camera.next_frame(0.1))
         fake.inject(Fault.OTHER_ADDRESS, count=100_000)
         while camera.next_frame(0.5) is not None:
             pass  # what was sent before
-        refused = wait_for_refusal(camera)
+        refused = wait_until(camera.refused_packets)
         elsewhere = str(IPv4Address(int(IPv4Address(fake.address)) ^ 128))
         assert refused.addresses == (fake.address,)
         assert [sender.rpartition(":")[0] for sender in refused.senders] == [elsewhere]

@@ -8,12 +8,8 @@ from __future__ import annotations
 import contextlib
 import gc
 import logging
-import os
-import time
 from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -24,18 +20,16 @@ from drivers.camera import IncompleteFrame
 from drivers.genicam.image_format import decode_pixels
 from drivers.setup import CameraSetup, TriggerSetup
 from fake_camera.device.device import Device
-from fake_camera.gige.server import GigeServer
 from fake_camera.imaging import PIXEL_FORMATS, ExposedFrame, ImageSettings, Pixels
-from fake_camera.usb3.run import CAMERAS_VARIABLE
-from fake_camera.usb3.usbip.server import Usb3Server
 from imaging.frames import Frame
 from imaging.pixels import PixelFormat
-from tests.fakes import loopback_address, unique
+from tests.drivers.aravis.grey_card import served
+from tests.fake_camera.stock_aravis import next_buffer
+from tests.fakes import unique
+from tests.meanwhile import wait_until
 
 pytestmark = pytest.mark.wire
 
-PORTS = os.environ.get(CAMERAS_VARIABLE, "")
-PATIENCE_S = 20.0
 RATE_HZ = 100.0
 
 
@@ -65,13 +59,7 @@ def device() -> Iterator[Device]:
         patch.setattr(opening, "FRESH_S", float("inf"))  # one search for all
         device = Device(Noise(), serial)
         running.callback(device.close)
-        if PORTS:
-            free = next(port for port in map(Path, PORTS.split(":")) if not port.exists())
-            running.callback(Usb3Server(device, free).close)
-        else:
-            server = GigeServer(device, loopback_address())
-            server.start()
-            running.callback(server.close)
+        running.enter_context(served(device))
         yield device
         gc.collect()  # Aravis says goodbye when it frees a camera, and waits for the answer
 
@@ -94,24 +82,12 @@ def test_every_format_arrives_bit_by_bit(device: Device) -> None:
         stream = camera.create_stream(None, None)
         stream.push_buffer(Aravis.Buffer.new_allocate(camera.get_payload()))
         camera.start_acquisition()
-        buffer = whole_buffer(stream)
+        buffer = next_buffer(stream)
         says = buffer.get_image_pixel_format(), buffer.get_image_width(), buffer.get_image_height()
         pixels = decode_pixels(buffer.get_data(), *says, wanted)
         assert np.array_equal(pixels, expected(device, wanted)), wanted
         del buffer, stream  # while frames come: on USB its thread would wait 0.2 s for one
         camera.stop_acquisition()
-
-
-def whole_buffer(stream: Any) -> Any:
-    """A busy machine loses some packets."""
-    deadline_s = time.monotonic() + PATIENCE_S
-    while time.monotonic() < deadline_s:
-        buffer = stream.timeout_pop_buffer(200_000)
-        if buffer is not None and buffer.get_status() == Aravis.BufferStatus.SUCCESS:
-            return buffer
-        if buffer is not None:
-            stream.push_buffer(buffer)
-    raise AssertionError("no whole frame arrived")
 
 
 @pytest.mark.parametrize(
@@ -151,9 +127,4 @@ def next_frame(device: Device, wanted: PixelFormat) -> Frame | IncompleteFrame:
     setup = CameraSetup(TriggerSetup("free_run", rate_hz=RATE_HZ), pixel_format=wanted)
     with contextlib.closing(open_camera(serial_of(device), setup)) as camera:
         camera.start()
-        deadline_s = time.monotonic() + PATIENCE_S
-        while time.monotonic() < deadline_s:
-            frame = camera.next_frame(0.2)
-            if frame is not None:
-                return frame
-    raise AssertionError("no frame arrived")
+        return wait_until(lambda: camera.next_frame(0.2))

@@ -15,7 +15,6 @@ import numpy as np
 import pytest
 
 from drivers.aravis import find_cameras, open_camera, opening
-from drivers.aravis.nodes import Aravis
 from drivers.setup import CameraSetup, TriggerSetup
 from fake_camera.device.device import Device
 from fake_camera.device.line0 import Line0
@@ -25,8 +24,7 @@ from imaging.errors import AutoexposeError, ConfigurationError, stays
 from imaging.exposure import ExposureSetting
 from imaging.frames import Frame
 from imaging.pixels import PixelFormat
-from tests.drivers.aravis.grey_card import GreyCard, frames_until, grey_of
-from tests.drivers.aravis.test_dialects_on_the_wire import NAME_SPACE, TRANSPORT, served
+from tests.drivers.aravis.grey_card import NAME_SPACE, TRANSPORT, GreyCard, frames_until, grey_of, served
 from tests.fakes import unique
 from tests.xml_shapes import COUNTED, DRIVEN, FREE_ONLY, REFUSED, xml_shape
 
@@ -189,14 +187,3 @@ def test_a_rate_between_whole_numbers_is_refused_where_the_camera_takes_only_tho
     setup = CameraSetup(TriggerSetup("free_run", rate_hz=49.6), PixelFormat.MONO8)
     with pytest.raises(ConfigurationError, match=r"whole numbers of Hz, such as 50, but not at 49\.6 Hz"):
         open_camera(cameras["integers"].serial, setup)
-
-
-@pytest.mark.parametrize("name", [shape(name) for name in DRIVEN | FREE_ONLY if name not in (*UNABLE, "falling time")])
-def test_stock_aravis_finds_the_time_writable_within_bounds(name: str, cameras: dict[str, Shaped]) -> None:
-    device = Aravis.Camera.new(opening.find_camera(cameras[name].serial).id).get_device()
-    names = ("ExposureTime", "ExposureTimeAbs", "ExposureTimeRaw")
-    name = next(name for name in names if device.get_feature(name) is not None)
-    assert device.get_feature(name).get_actual_access_mode() == Aravis.GcAccessMode.RW
-    is_float = isinstance(device.get_feature(name), Aravis.GcFloat)
-    bounds = (device.get_float_feature_bounds if is_float else device.get_integer_feature_bounds)(name)
-    assert 0 < bounds.min < bounds.max

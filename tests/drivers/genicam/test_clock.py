@@ -77,4 +77,4 @@ def test_both_kinds_of_latch_nodes_are_found(names: tuple[str, str], frequency: 
 def test_a_missing_latch_is_reported() -> None:
     clock, limitations = find_clock(MemoryNodes({}))
     assert clock is None
-    assert limitations == ("no time stamp latch: host times are inferred from arrival, late by readout and transfer",)
+    assert "no time stamp latch" in limitations[0]

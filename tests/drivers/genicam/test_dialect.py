@@ -4,10 +4,11 @@ import sys
 
 import pytest
 
-from drivers.genicam.dialect import find_dialect, switch_auto_off
+from drivers.genicam.dialect import find_dialect, switch_auto_off, switch_gamma_off
+from drivers.setup import FeatureValue
 from imaging.errors import ConfigurationError, NodeError, UnsupportedCameraError
 from imaging.exposure import ExposureLimits, ExposureSetting
-from tests.drivers.genicam.node_map import EnumerationNode, FloatNode, IntegerNode, MemoryNodes, Node
+from tests.drivers.genicam.node_map import BooleanNode, EnumerationNode, FloatNode, IntegerNode, MemoryNodes, Node
 
 
 def sfnc2(**others: Node) -> MemoryNodes:
@@ -33,10 +34,8 @@ def test_time_and_gain_in_db_are_driven() -> None:
 def test_gain_without_db_is_left_alone_and_reported() -> None:
     nodes = sfnc1()
     dialect = find_dialect(nodes)
-    assert dialect.limitations == (
-        "gain (GainRaw) is in raw units and not driven, so that dim light stays dark: run `autoexpose calibrate gain "
-        "--camera M1`",
-    )
+    (limitation,) = dialect.limitations
+    assert "GainRaw" in limitation and "raw units" in limitation and "calibrate gain --camera M1" in limitation
     assert dialect.limits(nodes) == ExposureLimits(20.0, 2e5, 0.0, 0.0)
     assert dialect.write(nodes, ExposureSetting(100.0, 0.0), None) == ExposureSetting(100.0, 0.0)
     assert nodes.writes == [("ExposureTimeAbs", 100.0)]
@@ -44,15 +43,46 @@ def test_gain_without_db_is_left_alone_and_reported() -> None:
         dialect.write(nodes, ExposureSetting(100.0, 3.0), None)
 
 
-@pytest.mark.parametrize("gain", [FloatNode(1.0), FloatNode(1.0, unit="%"), IntegerNode(1)])
-def test_a_gain_that_is_not_in_db_is_left_alone(gain: Node) -> None:
-    assert find_dialect(sfnc2(Gain=gain)).gain is None
-
-
-def test_no_gain_at_all_is_reported() -> None:
+@pytest.mark.parametrize(
+    ("gain", "words"),
+    [
+        (FloatNode(1.0), "gain (Gain) is in numbers without a unit"),
+        (FloatNode(1.0, unit="%"), "gain (Gain) is in % and"),
+        (IntegerNode(1), "gain (Gain) is in numbers without a unit"),
+        (EnumerationNode("Low", ("Low",)), "gain (Gain) is not a number"),
+        (FloatNode(3.0, 0.0, 24.0, "dB", locked=True), "gain (Gain) cannot be written"),
+        (FloatNode(3.0, 0.0, float("nan"), "dB"), "gain (Gain) has no bounds"),
+        (FloatNode(3.0, 24.0, 0.0, "dB"), "gain (Gain) takes 24 to 0"),
+        (IntegerNode(0, 0, 0), "gain (Gain) takes 0 to 0"),
+        (None, "no gain node"),
+    ],
+)
+def test_a_gain_that_cannot_be_driven_is_named_and_the_time_driven(gain: Node | None, words: str) -> None:
     nodes = sfnc2()
     del nodes.nodes["Gain"]
-    assert find_dialect(nodes).limitations == ("no gain node: exposure time alone is driven",)
+    nodes.nodes |= {} if gain is None else {"Gain": gain}
+    dialect = find_dialect(nodes)
+    assert dialect.gain is None
+    assert dialect.limitations[0].startswith(words)
+    dialect.write(nodes, ExposureSetting(1000.0, 0.0), None)
+
+
+@pytest.mark.parametrize(
+    ("time", "words"),
+    [
+        ({"ExposureTime": FloatNode(1.0, unit="lines")}, "its ExposureTime is in 'lines'"),
+        ({"ExposureTime": FloatNode(5000.0, 10.0, 1e6, "us", locked=True)}, "its ExposureTime cannot be written"),
+        ({"ExposureTimeRaw": IntegerNode(1)}, "its ExposureTimeRaw counts in steps of unknown length"),
+        ({"Shutter": FloatNode(1.0)}, "neither .* offers only Shutter"),
+        ({}, "neither .* no other known exposure node"),
+    ],
+)
+def test_a_time_that_cannot_be_driven_is_refused_by_name_unless_another_node_helps(
+    time: dict[str, Node], words: str
+) -> None:
+    with pytest.raises(UnsupportedCameraError, match=f"camera M1: {words}"):
+        find_dialect(MemoryNodes(dict(time)))
+    assert find_dialect(MemoryNodes(time | {"ExposureTimeAbs": FloatNode(5000.0, 10.0)})).time.node == "ExposureTimeAbs"
 
 
 def test_a_gain_in_db_is_driven_under_its_other_name_and_as_an_integer() -> None:
@@ -129,23 +159,6 @@ def test_a_count_of_known_length_is_driven() -> None:
     assert nodes.writes == [("ExposureTimeRaw", 50)]
 
 
-def test_an_unknown_unit_is_refused_by_name_unless_another_node_helps() -> None:
-    nodes = sfnc2(ExposureTime=FloatNode(1.0, unit="lines"))
-    with pytest.raises(UnsupportedCameraError, match="M1: its ExposureTime is in 'lines', which is not a known unit"):
-        find_dialect(nodes)
-    nodes.nodes["ExposureTimeAbs"] = FloatNode(5000.0, 10.0)
-    assert find_dialect(nodes).time.node == "ExposureTimeAbs"
-
-
-def test_a_camera_without_exposure_time_is_refused_with_what_it_offers() -> None:
-    with pytest.raises(UnsupportedCameraError, match="its ExposureTimeRaw counts in steps of unknown length"):
-        find_dialect(MemoryNodes({"ExposureTimeRaw": IntegerNode(1)}))
-    with pytest.raises(UnsupportedCameraError, match="offers only Shutter"):
-        find_dialect(MemoryNodes({"Shutter": FloatNode(1.0)}))
-    with pytest.raises(UnsupportedCameraError, match="no other known exposure node"):
-        find_dialect(MemoryNodes({}))
-
-
 def test_only_what_changed_is_written() -> None:
     nodes = sfnc2()
     dialect = find_dialect(nodes)
@@ -184,7 +197,7 @@ def test_a_node_that_reads_nan_or_inf_is_reported(name: str, value: float) -> No
 
 def test_an_exposure_time_of_zero_is_refused() -> None:
     nodes = sfnc2(ExposureTime=FloatNode(0.0, 10.0, 1e6, "us", take=lambda _: 0.0))
-    with pytest.raises(NodeError, match=r"ExposureTime reads 0 us, which is not an exposure time$"):
+    with pytest.raises(NodeError, match="ExposureTime reads 0 us"):
         find_dialect(nodes).write(nodes, ExposureSetting(1000.0, 3.0), None)
 
 
@@ -207,13 +220,6 @@ def test_automatic_exposure_and_gain_are_switched_off_if_present() -> None:
     switch_auto_off(nodes)
     assert nodes.writes == [("GainSelector", "All"), ("ExposureMode", "Timed"), ("ExposureAuto", "Off")]
     switch_auto_off(sfnc1())
-
-
-def test_a_gain_in_another_unit_is_named_with_that_unit() -> None:
-    assert "gain (Gain) is in % and" in find_dialect(sfnc2(Gain=FloatNode(1.0, unit="%"))).limitations[0]
-    assert "gain (Gain) is in numbers without a unit" in find_dialect(sfnc2(Gain=FloatNode(1.0))).limitations[0]
-    (limitation,) = find_dialect(sfnc2(Gain=EnumerationNode("Low", ("Low",)))).limitations
-    assert limitation == "gain (Gain) is not a number: left at its present value"
 
 
 @pytest.mark.parametrize(
@@ -263,31 +269,6 @@ def test_counts_of_unknown_length_are_driven_once_that_is_given(time: dict[str, 
         find_dialect(nodes, count_us=20.0)
 
 
-def test_a_time_that_is_read_only_is_passed_over_for_one_that_is_not_or_refused() -> None:
-    nodes = sfnc2(ExposureTime=FloatNode(5000.0, 10.0, 1e6, "us", locked=True))
-    with pytest.raises(UnsupportedCameraError, match="M1: its ExposureTime cannot be written"):
-        find_dialect(nodes)
-    nodes.nodes["ExposureTimeAbs"] = FloatNode(5000.0, 10.0)
-    assert find_dialect(nodes).time.node == "ExposureTimeAbs"
-
-
-@pytest.mark.parametrize(
-    ("gain", "words"),
-    [
-        (FloatNode(3.0, 0.0, 24.0, "dB", locked=True), "cannot be written"),
-        (FloatNode(3.0, 0.0, NAN, "dB"), "has no bounds"),
-        (FloatNode(3.0, 24.0, 0.0, "dB"), "takes 24 to 0"),
-        (IntegerNode(0, 0, 0), "takes 0 to 0"),
-    ],
-)
-def test_a_gain_that_cannot_be_changed_is_named_and_the_time_driven(gain: Node, words: str) -> None:
-    nodes = sfnc2(Gain=gain)
-    dialect = find_dialect(nodes)
-    assert dialect.gain is None
-    assert dialect.limitations[0].startswith(f"gain (Gain) {words}")
-    dialect.write(nodes, ExposureSetting(1000.0, 0.0), None)
-
-
 @pytest.mark.parametrize(
     ("name", "node", "words"),
     [
@@ -310,3 +291,35 @@ def test_what_is_read_only_and_as_it_should_be_is_left_alone() -> None:
     )
     switch_auto_off(nodes)
     assert nodes.writes == []
+
+
+@pytest.mark.parametrize("switch", ["GammaEnable", "GammaEnabled"])
+def test_a_switch_is_switched_off(switch: str) -> None:
+    nodes = MemoryNodes({switch: BooleanNode(True), "Gamma": FloatNode(0.8)})
+    assert switch_gamma_off(nodes) == ()
+    assert nodes.writes == [(switch, False)]
+
+
+def test_without_a_switch_gamma_becomes_1() -> None:
+    nodes = MemoryNodes({"Gamma": FloatNode(0.8, 0.25, 4.0)})
+    assert switch_gamma_off(nodes) == ()
+    assert nodes.writes == [("Gamma", 1.0)]
+
+
+def test_no_gamma_and_a_gamma_of_1_are_left_alone() -> None:
+    for nodes in (MemoryNodes({}), MemoryNodes({"Gamma": FloatNode(1.0)})):
+        assert switch_gamma_off(nodes) == ()
+        assert nodes.writes == []
+
+
+def test_the_reason_why_gamma_stays_on_is_reported() -> None:
+    (limitation,) = switch_gamma_off(MemoryNodes({"Gamma": FloatNode(0.5, 0.25, 0.7)}))
+    assert "grey levels are not proportional to light" in limitation
+    assert "could not set Gamma to 1" in limitation
+
+    class Locked(MemoryNodes):
+        def write(self, name: str, value: FeatureValue) -> None:
+            raise NodeError(f"{name} is locked")
+
+    (limitation,) = switch_gamma_off(Locked({"GammaEnable": BooleanNode(True)}))
+    assert "GammaEnable is locked" in limitation

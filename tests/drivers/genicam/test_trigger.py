@@ -1,10 +1,13 @@
+"""How a trigger is armed, on node maps in memory."""
+
 from __future__ import annotations
 
 import pytest
 
-from drivers.genicam.trigger import action_queue, arm_trigger
+from drivers.camera import PtpState
+from drivers.genicam.trigger import PtpNodes, action_queue, arm_trigger, timing_limitations
 from drivers.setup import TriggerSetup
-from imaging.errors import ConfigurationError, NodeError, UnsupportedCameraError
+from imaging.errors import AutoexposeError, ConfigurationError, NodeError, UnsupportedCameraError
 from tests.drivers.genicam.node_map import (
     BooleanNode,
     CommandNode,
@@ -18,6 +21,17 @@ from tests.drivers.genicam.node_map import (
 LINE0 = TriggerSetup("external", "Line0", 60.0)
 FREE_RUN = TriggerSetup("free_run", rate_hz=60.0)
 SOFTWARE = TriggerSetup("software", rate_hz=60.0)
+PTP = TriggerSetup("ptp", rate_hz=60.0)
+PRIMARY = TriggerSetup("free_run", rate_hz=60.0, output_line="Line1")
+KEYS = [("ActionDeviceKey", 0xAE), ("ActionGroupKey", 1), ("ActionGroupMask", 1)]
+
+
+def lines(source: tuple[str, ...] = ("Off", "ExposureActive")) -> dict[str, Node]:
+    return {
+        "LineSelector": EnumerationNode("Line0", ("Line0", "Line1", "Line2")),
+        "LineMode": EnumerationNode("Input", ("Input", "Output")),
+        "LineSource": EnumerationNode("Off", source),
+    }
 
 
 def triggered(**others: Node) -> MemoryNodes:
@@ -31,6 +45,52 @@ def triggered(**others: Node) -> MemoryNodes:
         "AcquisitionFrameRateEnable": BooleanNode(),
     }
     return MemoryNodes(nodes | others)
+
+
+def takes_actions(selector: Node, *sources: str, **others: Node) -> MemoryNodes:
+    return triggered(
+        TriggerSource=EnumerationNode("Line0", ("Line0", *(sources or ("Action1",)))),
+        ActionSelector=selector,
+        **{name: IntegerNode(0) for name, _ in KEYS},
+        **others,
+    )
+
+
+def sources(*entries: str) -> EnumerationNode:
+    return EnumerationNode(entries[0], entries)
+
+
+def selector_at(entry: str) -> EnumerationNode:
+    return EnumerationNode(entry, ("AcquisitionStart", "FrameStart"), locked=True)
+
+
+@pytest.mark.parametrize(
+    ("nodes", "setup", "kind", "words"),
+    [
+        (triggered(), TriggerSetup("external", "Line7"), ConfigurationError, "'Line7'; it has Line0, Line3"),
+        (triggered(TriggerSource=sources("Software")), LINE0, UnsupportedCameraError, "no hardware trigger line"),
+        (triggered(TriggerSelector=sources("LineStart")), LINE0, UnsupportedCameraError, "no FrameStart .*LineStart$"),
+        (triggered(TriggerSelector=selector_at("AcquisitionStart")), LINE0, UnsupportedCameraError, "sitionStart$"),
+        (triggered(), SOFTWARE, UnsupportedCameraError, "no software trigger"),
+        (triggered(TriggerSource=sources("Line0")), SOFTWARE, UnsupportedCameraError, "no software trigger"),
+        (triggered(), PTP, UnsupportedCameraError, "no ActionDeviceKey"),
+        (takes_actions(IntegerNode(1), "ActionSignal"), PTP, UnsupportedCameraError, "no TriggerSource Action1"),
+        (triggered(), PRIMARY, ConfigurationError, r"no output line 'Line1'; it has no LineSelector"),
+        (triggered(**lines()), TriggerSetup("free_run", output_line="Line7"), ConfigurationError, "has Line0, Line1"),
+        (triggered(**lines(("Off",))), PRIMARY, UnsupportedCameraError, "Line1 cannot signal"),
+        (MemoryNodes({"AcquisitionFrameRate": FloatNode(30.0, 1.0, 50.0)}), FREE_RUN, ConfigurationError, "1 to 50 Hz"),
+        (MemoryNodes({}), FREE_RUN, UnsupportedCameraError, "no AcquisitionFrameRate"),
+        (triggered(AcquisitionFrameRate=FloatNode(30.0, 1.0, 200.0, "Hz", locked=True)), FREE_RUN, ConfigurationError,
+         "AcquisitionFrameRate is 30 Hz and cannot be written"),
+        (triggered(AcquisitionMode=EnumerationNode("SingleFrame", ("SingleFrame", "Continuous"), locked=True)), LINE0,
+         NodeError, "AcquisitionMode is SingleFrame and cannot be Continuous"),
+    ],
+)  # fmt: skip
+def test_what_a_camera_lacks_is_refused_by_serial_and_name(
+    nodes: MemoryNodes, setup: TriggerSetup, kind: type[AutoexposeError], words: str
+) -> None:
+    with pytest.raises(kind, match=f"camera M1: .*{words}"):
+        arm_trigger(nodes, setup)
 
 
 def test_a_line_is_armed_after_every_trigger_is_off() -> None:
@@ -48,36 +108,28 @@ def test_a_line_is_armed_after_every_trigger_is_off() -> None:
 
 def test_a_read_only_selector_is_left_where_it_stands() -> None:
     nodes = triggered(
-        TriggerSelector=EnumerationNode("FrameStart", ("AcquisitionStart", "FrameStart"), locked=True),
+        TriggerSelector=selector_at("FrameStart"),
         TriggerSource=EnumerationNode("Line0", ("Line0", "Line3"), locked=True),
     )
     assert arm_trigger(nodes, LINE0) == ()
     assert {"TriggerSelector", "TriggerSource"}.isdisjoint(name for name, _ in nodes.writes)
     with pytest.raises(ConfigurationError, match="no trigger line 'Line3'; it has Line0"):
         arm_trigger(nodes, TriggerSetup("external", "Line3"))
-    elsewhere = EnumerationNode("AcquisitionStart", ("AcquisitionStart", "FrameStart"), locked=True)
-    with pytest.raises(UnsupportedCameraError, match=r"TriggerSelector offers AcquisitionStart$"):
-        arm_trigger(triggered(TriggerSelector=elsewhere), LINE0)
 
 
-def test_what_is_read_only_and_not_needed_is_a_limitation() -> None:
+def test_what_is_missing_or_read_only_and_not_needed_is_a_limitation() -> None:
     nodes = triggered(
         TriggerActivation=EnumerationNode("FallingEdge", ("FallingEdge", "RisingEdge"), locked=True),
         AcquisitionFrameRateEnable=BooleanNode(True, locked=True),
+        TriggerOverlap=sources("Off"),
     )
-    of_rate, of_edge = arm_trigger(nodes, LINE0)
+    of_rate, of_edge, of_overlap = arm_trigger(nodes, LINE0)
     assert "AcquisitionFrameRateEnable is True and cannot be False" in of_rate
     assert "it is triggered by FallingEdge" in of_edge
-
-
-def test_what_is_read_only_and_needed_is_refused_by_name() -> None:
-    nodes = triggered(AcquisitionMode=EnumerationNode("SingleFrame", ("SingleFrame", "Continuous"), locked=True))
-    with pytest.raises(NodeError, match="AcquisitionMode is SingleFrame and cannot be Continuous"):
-        arm_trigger(nodes, LINE0)
-    rate = FloatNode(30.0, 1.0, 200.0, "Hz", locked=True)
-    with pytest.raises(ConfigurationError, match="AcquisitionFrameRate is 30 Hz and cannot be written"):
-        arm_trigger(triggered(AcquisitionFrameRate=rate), FREE_RUN)
-    assert arm_trigger(triggered(AcquisitionFrameRate=rate), TriggerSetup("free_run", rate_hz=30.0)) == ()
+    assert "no TriggerOverlap ReadOut" in of_overlap
+    bare = MemoryNodes({"AcquisitionFrameRate": FloatNode(30.0, 1.0, 50.0)})
+    (of_lines,) = arm_trigger(bare, TriggerSetup("free_run", rate_hz=20.0))
+    assert "no hardware trigger line" in of_lines
 
 
 def test_what_a_trigger_has_only_while_it_is_on_is_set_then() -> None:
@@ -102,30 +154,9 @@ def test_a_trigger_without_a_selector_is_switched_too(mode: Node) -> None:
     arm_trigger(nodes, FREE_RUN)
     arm_trigger(nodes, LINE0)
     assert [value for name, value in nodes.writes if name == "TriggerMode"] in (["Off", "On"], [False, True])
-
-
-def test_a_software_trigger_needs_its_source_and_its_command() -> None:
-    source = EnumerationNode("Line0", ("Software", "Line0"))
-    nodes = triggered(TriggerSoftware=CommandNode(), TriggerSource=source)
-    assert arm_trigger(nodes, SOFTWARE) == ()
-    assert nodes.writes[-3:] == [("TriggerSource", "Software"), ("TriggerOverlap", "ReadOut"), ("TriggerMode", "On")]
-    for bare in (triggered(), triggered(TriggerSource=EnumerationNode("Line0", ("Line0",)))):
-        with pytest.raises(UnsupportedCameraError, match="camera M1: no software trigger"):
-            arm_trigger(bare, SOFTWARE)
-
-
-PTP = TriggerSetup("ptp", rate_hz=60.0)
-KEYS = [("ActionDeviceKey", 0xAE), ("ActionGroupKey", 1), ("ActionGroupMask", 1)]
-
-
-def takes_actions(selector: Node, **others: Node) -> MemoryNodes:
-    keys = {name: IntegerNode(0) for name, _ in KEYS}
-    return triggered(
-        TriggerSource=EnumerationNode("Line0", ("Software", "Line0", "Action1")),
-        ActionSelector=selector,
-        **keys,
-        **others,
-    )
+    nodes = triggered(TriggerMode=EnumerationNode("", ()))  # a selector whose triggers have no mode
+    arm_trigger(nodes, FREE_RUN)
+    assert not any(name == "TriggerMode" for name, _ in nodes.writes)
 
 
 @pytest.mark.parametrize("selector", [IntegerNode(7), EnumerationNode("Action2", ("Action1", "Action2"))])
@@ -139,85 +170,29 @@ def test_action_commands_are_armed_with_both_keys_and_the_mask(selector: Integer
     assert action_queue(takes_actions(selector, ActionQueueSize=IntegerNode(4))) == 4
 
 
-def test_a_camera_without_action_commands_is_refused_by_serial_and_node() -> None:
-    with pytest.raises(UnsupportedCameraError, match="camera M1: it has no ActionDeviceKey, and so takes no action"):
-        arm_trigger(triggered(), PTP)
-    bare = takes_actions(IntegerNode(1))
-    bare.nodes["TriggerSource"] = EnumerationNode("Line0", ("Line0", "ActionSignal"))
-    with pytest.raises(UnsupportedCameraError, match="camera M1: it has no TriggerSource Action1"):
-        arm_trigger(bare, PTP)
-
-
-def test_a_missing_overlap_is_reported() -> None:
-    limitations = arm_trigger(triggered(TriggerOverlap=EnumerationNode("Off", ("Off",))), LINE0)
-    assert limitations == ("no TriggerOverlap ReadOut: exposure and readout together must fit into a trigger period",)
-
-
-def test_an_unknown_line_is_refused_with_those_that_exist() -> None:
-    with pytest.raises(ConfigurationError, match="no trigger line 'Line7'; it has Line0, Line3"):
-        arm_trigger(triggered(), TriggerSetup("external", "Line7"))
-
-
-def test_cameras_without_a_line_or_a_frame_trigger_are_refused() -> None:
-    with pytest.raises(UnsupportedCameraError, match="no hardware trigger line"):
-        arm_trigger(triggered(TriggerSource=EnumerationNode("Software", ("Software",))), LINE0)
-    with pytest.raises(UnsupportedCameraError, match="no FrameStart or ExposureStart trigger"):
-        arm_trigger(triggered(TriggerSelector=EnumerationNode("LineStart", ("LineStart",))), LINE0)
-
-
-def test_a_free_run_sets_the_rate_with_triggers_off() -> None:
-    nodes = triggered(AcquisitionMode=EnumerationNode("SingleFrame", ("SingleFrame", "Continuous")))
-    assert arm_trigger(nodes, FREE_RUN) == ()
-    assert nodes.read("TriggerMode") == "Off"
-    assert nodes.read("AcquisitionMode") == "Continuous"
-    assert nodes.writes[-2:] == [("AcquisitionFrameRateEnable", True), ("AcquisitionFrameRate", 60.0)]
-
-
-def test_a_free_run_reports_a_missing_line_and_refuses_impossible_rates() -> None:
-    bare = MemoryNodes({"AcquisitionFrameRate": FloatNode(30.0, 1.0, 50.0)})
-    with pytest.raises(ConfigurationError, match="cannot run at 60 Hz, only at 1 to 50 Hz"):
-        arm_trigger(bare, FREE_RUN)
-    assert arm_trigger(bare, TriggerSetup("free_run", rate_hz=20.0)) == (
-        "no hardware trigger line: it can only run freely",
-    )
-    with pytest.raises(UnsupportedCameraError, match="no AcquisitionFrameRate"):
-        arm_trigger(MemoryNodes({}), FREE_RUN)
-
-
-def test_a_free_run_without_a_rate_is_as_fast_as_the_exposure_allows() -> None:
-    nodes = triggered(AcquisitionFrameRateEnable=BooleanNode(True))
-    assert arm_trigger(nodes, TriggerSetup("free_run", rate_hz=None)) == ()
-    assert nodes.writes[-1] == ("AcquisitionFrameRateEnable", False)
-
-
-PRIMARY = TriggerSetup("free_run", rate_hz=60.0, output_line="Line1")
-LINES: dict[str, Node] = {
-    "LineSelector": EnumerationNode("Line0", ("Line0", "Line1", "Line2")),
-    "LineMode": EnumerationNode("Input", ("Input", "Output")),
-    "LineSource": EnumerationNode("Off", ("Off", "ExposureActive")),
-}
-
-
-def test_a_primary_camera_runs_freely_and_signals_its_exposures() -> None:
-    nodes = triggered(**LINES)
-    assert arm_trigger(nodes, PRIMARY) == ()
-    assert nodes.writes[-4:] == [
-        ("AcquisitionFrameRate", 60.0),
-        ("LineSelector", "Line1"),
-        ("LineMode", "Output"),
-        ("LineSource", "ExposureActive"),
-    ]
-
-
-def test_a_primary_camera_without_such_an_output_is_refused() -> None:
-    with pytest.raises(
-        ConfigurationError, match=r"no output line 'Line1'; it has no LineSelector \(trigger output_line"
-    ):
-        arm_trigger(triggered(), PRIMARY)
-    with pytest.raises(ConfigurationError, match="no output line 'Line7'; it has Line0, Line1, Line2"):
-        arm_trigger(triggered(**LINES), TriggerSetup("free_run", output_line="Line7"))
-    with pytest.raises(UnsupportedCameraError, match="Line1 cannot signal when it exposes"):
-        arm_trigger(triggered(**LINES | {"LineSource": EnumerationNode("Off", ("Off",))}), PRIMARY)
+@pytest.mark.parametrize(
+    ("nodes", "setup", "last_writes"),
+    [
+        (triggered(AcquisitionMode=sources("SingleFrame", "Continuous")), FREE_RUN,
+         [("AcquisitionFrameRateEnable", True), ("AcquisitionFrameRate", 60.0)]),
+        (triggered(AcquisitionFrameRateEnable=BooleanNode(True)), TriggerSetup("free_run", rate_hz=None),
+         [("AcquisitionFrameRateEnable", False)]),
+        (triggered(AcquisitionFrameRate=FloatNode(60.0, 1.0, 200.0, "Hz", locked=True)), FREE_RUN,
+         [("AcquisitionFrameRateEnable", True)]),
+        (triggered(TriggerSource=EnumerationNode("Freerun", ("Freerun", "Line1", "FixedRate"))), FREE_RUN,
+         [("TriggerSource", "FixedRate"), ("TriggerMode", "On"), ("AcquisitionFrameRate", 60.0)]),
+        (triggered(**lines()), PRIMARY,
+         [("LineSelector", "Line1"), ("LineMode", "Output"), ("LineSource", "ExposureActive")]),
+        (triggered(TriggerSoftware=CommandNode(), TriggerSource=sources("Line0", "Software")), SOFTWARE,
+         [("TriggerSource", "Software"), ("TriggerOverlap", "ReadOut"), ("TriggerMode", "On")]),
+    ],
+    ids=["at a rate", "as fast as it can", "at the fixed rate", "by a source", "primary", "software"],
+)  # fmt: skip
+def test_other_modes(nodes: MemoryNodes, setup: TriggerSetup, last_writes: list[tuple[str, object]]) -> None:
+    assert arm_trigger(nodes, setup) == ()
+    assert nodes.writes[-len(last_writes) :] == last_writes
+    assert nodes.read("TriggerMode") == ("On" if ("TriggerMode", "On") in last_writes else "Off")
+    assert not nodes.exists("AcquisitionMode") or nodes.read("AcquisitionMode") == "Continuous"
 
 
 def test_older_names_of_the_frame_rate_are_known() -> None:
@@ -229,21 +204,69 @@ def test_older_names_of_the_frame_rate_are_known() -> None:
         }
     )
     arm_trigger(nodes, FREE_RUN)
-    assert nodes.writes == [
-        ("AcquisitionFrameRateAuto", "Off"),
-        ("AcquisitionFrameRateEnabled", True),
-        ("AcquisitionFrameRateAbs", 60.0),
-    ]
+    assert [value for _, value in nodes.writes] == ["Off", True, 60.0]
 
 
-def test_a_fixed_rate_is_a_trigger_source_on_some_cameras() -> None:
-    nodes = triggered(TriggerSource=EnumerationNode("Freerun", ("Freerun", "Line1", "FixedRate")))
-    arm_trigger(nodes, FREE_RUN)
-    assert nodes.read("TriggerSource") == "FixedRate"
-    assert nodes.read("TriggerMode") == "On"
+@pytest.mark.parametrize(
+    ("readout_us", "overlap", "name", "words"),
+    [
+        (8000.0, "Off", "SensorReadoutTime", "exposure.max_time_us to 2000"),
+        (8000.0, "Off", "ReadoutTimeAbs", "exposure.max_time_us to 2000"),
+        (12_000.0, "ReadOut", "SensorReadoutTime", "a readout of 12000 us does not fit"),
+        (2000.0, "Off", "SensorReadoutTime", None),
+        (8000.0, "ReadOut", "SensorReadoutTime", None),
+        (8000.0, "Off", "NoSuchTime", None),
+    ],
+)
+def test_exposure_and_readout_that_do_not_fit_are_reported_with_what_would(
+    readout_us: float, overlap: str, name: str, words: str | None
+) -> None:
+    nodes = MemoryNodes({"TriggerOverlap": EnumerationNode(overlap, ("Off", "ReadOut")), name: FloatNode(readout_us)})
+    said = timing_limitations(nodes, TriggerSetup("external", rate_hz=100.0, longest_exposure_us=7500.0))
+    assert (said == ()) == (words is None)
+    assert words is None or words in said[0]
 
 
-def test_triggers_without_a_mode_are_skipped() -> None:
-    nodes = triggered(TriggerMode=EnumerationNode("", ()))
-    arm_trigger(nodes, FREE_RUN)
-    assert not any(name == "TriggerMode" for name, _ in nodes.writes)
+SLAVE = EnumerationNode("Slave", ("Disabled", "Listening", "Slave"))
+
+
+def test_the_ptp_nodes_of_sfnc_are_latched_before_they_are_read() -> None:
+    nodes: dict[str, Node] = {
+        "PtpEnable": BooleanNode(),
+        "PtpStatus": EnumerationNode("Disabled", SLAVE.entries),
+        "PtpOffsetFromMaster": IntegerNode(0),
+    }
+
+    def latch() -> None:
+        nodes["PtpStatus"], nodes["PtpOffsetFromMaster"] = SLAVE, IntegerNode(-1500)
+
+    memory = MemoryNodes(nodes | {"PtpDataSetLatch": CommandNode(latch)})
+    nodes = memory.nodes
+    ptp = PtpNodes(memory)
+    assert memory.writes == [("PtpEnable", True)]
+    assert ptp.limitations == ()
+    assert (ptp.read(), str(ptp.read())) == (PtpState("Slave", -1500), "Slave -1.5 us")
+
+
+def test_older_names_of_ptp_nodes_are_known_and_an_offset_may_lack_its_sign_or_be_missing() -> None:
+    nodes: dict[str, Node] = {
+        "GevIEEE1588": BooleanNode(),
+        "GevIEEE1588DataSetLatch": CommandNode(),
+        "GevIEEE1588Status": EnumerationNode("Disabled", SLAVE.entries),
+        "GevIEEE1588StatusLatched": SLAVE,
+        "GevIEEE1588OffsetFromMasterLatched": IntegerNode((1 << 64) - 700),
+    }
+    assert PtpNodes(MemoryNodes(nodes)).read() == PtpState("Slave", -700)
+    del nodes["GevIEEE1588OffsetFromMasterLatched"]
+    ptp = PtpNodes(MemoryNodes(nodes))
+    assert "no PtpOffsetFromMaster" in ptp.limitations[0]
+    assert ptp.read() == PtpState("Slave", None)
+
+
+def test_a_camera_without_a_ptp_clock_is_refused_by_serial_and_node() -> None:
+    for nodes, missing in (
+        (MemoryNodes({}), "PtpEnable or GevIEEE1588"),
+        (MemoryNodes({"PtpEnable": BooleanNode()}), "PtpStatus"),
+    ):
+        with pytest.raises(UnsupportedCameraError, match=f"camera M1: it has no {missing}"):
+            PtpNodes(nodes)

@@ -127,7 +127,8 @@ def test_a_clock_that_cannot_be_read_is_logged_but_not_every_second(caplog: pyte
     camera = InstantCamera()
     camera.refuses_latches = True
     Bench(camera).run(5.0)
-    assert caplog.messages == ["left camera: its clock could not be read: camera S: TimestampLatch is locked"]
+    (message,) = caplog.messages
+    assert "left camera" in message and "TimestampLatch is locked" in message
 
 
 def test_a_camera_that_is_reopened_is_closed_first_and_the_reason_is_reported() -> None:
@@ -141,14 +142,6 @@ def test_a_camera_that_is_reopened_is_closed_first_and_the_reason_is_reported() 
     assert isinstance(gone, CameraGone)
     assert str(gone.error).endswith("sends no frames while the other one does; it is reopened")
     assert isinstance(ready, CameraReady)
-
-
-def test_a_camera_that_can_never_be_driven_is_left_alone() -> None:
-    bench = Bench(UnsupportedCameraError("camera S: BayerRG8"))
-    events = bench.run(10.0)
-    assert len(bench.attempts_ns) == len(events) == 1
-    assert isinstance(events[0], CameraGone) and events[0].final
-    assert bench.supervisor.serve_due_ns == bench.supervisor.take_due_ns == math.inf
 
 
 @pytest.mark.parametrize(
@@ -167,10 +160,13 @@ def test_a_returning_camera_is_tried_again_unless_the_fault_stays(error: Autoexp
     bench = Bench(camera)
     bench.run(0.1)
     camera.lost, bench.camera = True, error
+    assert isinstance(bench.run(0.05)[0], CameraGone)  # noticed at once
     gone = [event for event in bench.run(0.5) if isinstance(event, CameraGone)]
     assert (gone[-1].error, gone[-1].final) == (error, final)
     bench.camera = InstantCamera()
     assert any(isinstance(event, CameraReady) for event in bench.run(3.0)) != final
+    if final:
+        assert bench.supervisor.serve_due_ns == bench.supervisor.take_due_ns == math.inf
 
 
 @pytest.mark.parametrize("final", [True, False])
@@ -270,13 +266,3 @@ def test_no_frame_of_a_lost_camera_is_reported_after_its_loss() -> None:
     camera.lost = False
     bench.supervisor.take_frame()
     assert bench.events.empty()
-
-
-def test_a_camera_lost_while_frames_are_taken_is_noticed_at_once() -> None:
-    camera = InstantCamera()
-    bench = Bench(camera)
-    bench.run(0.1)
-    camera.lost = True
-    events = bench.run(0.05)
-    assert isinstance(events[0], CameraGone)
-    assert not events[0].final

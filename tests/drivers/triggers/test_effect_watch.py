@@ -41,10 +41,8 @@ def test_a_camera_that_does_not_follow_is_reported_until_it_does() -> None:
     history.write(written(NEW, 0))
     reported = [watch.frame(frame(number, OLD), history) for number in range(PATIENCE + 2 * SUSPECT_FRAMES)]
     assert reported[PATIENCE + SUSPECT_FRAMES - 2] is None
-    assert reported[-1] == (
-        "its frames do not follow what is written: its nodes hold 500 us, 6.0 dB, "
-        "frames are taken with 2000 us, 0.0 dB; switch the camera off and on"
-    )
+    for words in ("nodes hold 500 us, 6.0 dB", "frames are taken with 2000 us, 0.0 dB", "off and on"):
+        assert words in str(reported[-1])
     assert watch.frames_off_setting == 2 * SUSPECT_FRAMES
     assert watch.frame(frame(999, NEW), history) is None
 

@@ -51,21 +51,15 @@ def test_frames_become_pairs_and_every_trigger_is_accounted_for() -> None:
 
 
 def test_frames_that_control_cannot_use_and_lost_cameras_say_nothing_against_the_wire() -> None:
-    record = RigRecord(SIDES, dict.fromkeys(SIDES, "Line0"), 50.0, 0)
-    for side in SIDES:
-        record.take(CameraReady(side, CameraDescription("V", "M", side), LIMITS), 0)
-    record.take(FrameArrived("left", IncompleteFrame(1, None)), MS)
-    for trigger in range(JUDGED_FRAMES):
-        record.take(FrameArrived("right", frame(trigger), stale=True), PERIOD_NS)
-    assert record.findings(PATIENCE_NS + 1) == []
-
-    record = RigRecord(SIDES, dict.fromkeys(SIDES, "Line0"), 50.0, 0)
-    for side in SIDES:
-        record.take(CameraReady(side, CameraDescription("V", "M", side), LIMITS), 0)
-    record.take(CameraGone("left", CameraLostError("unplugged"), final=False), MS)
-    for trigger in range(JUDGED_FRAMES):
-        arrive(record, trigger, "right")
-    assert record.findings(PATIENCE_NS + 1) == []
+    gone = CameraGone("left", CameraLostError("unplugged"), final=False)
+    for event, stale in ((FrameArrived("left", IncompleteFrame(1, None)), True), (gone, False)):
+        record = RigRecord(SIDES, dict.fromkeys(SIDES, "Line0"), 50.0, 0)
+        for side in SIDES:
+            record.take(CameraReady(side, CameraDescription("V", "M", side), LIMITS), 0)
+        record.take(event, MS)
+        for trigger in range(JUDGED_FRAMES):
+            record.take(FrameArrived("right", frame(trigger), stale=stale), PERIOD_NS)
+        assert record.findings(PATIENCE_NS + 1) == []
 
 
 def test_triggers_count_from_the_beginning_unless_they_wait_for_the_first_paced_camera() -> None:

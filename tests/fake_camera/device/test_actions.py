@@ -49,16 +49,6 @@ def test_actions_are_due_by_the_cameras_clock_in_the_order_of_their_times() -> N
     assert waiting.take(due_ns) is None
 
 
-def test_an_action_whose_time_is_over_is_late_and_the_eleventh_that_waits_is_one_too_many() -> None:
-    waiting, _ = actions()
-    assert waiting.command(EPOCH + S, S) is ActionOutcome.LATE
-    assert waiting.due_ns() is None
-    outcomes = [waiting.command(EPOCH + S + number, 0) for number in range(11)]
-    assert outcomes == [ActionOutcome.SCHEDULED] * 10 + [ActionOutcome.OVERFLOW]
-    waiting.clear()
-    assert waiting.due_ns() is None
-
-
 def waiting_for_actions(camera: Device) -> Queue[ExposedFrame]:
     frames: Queue[ExposedFrame] = Queue()
     camera.connect(frames.put)

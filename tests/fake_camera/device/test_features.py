@@ -74,11 +74,6 @@ def test_exposure_time_is_rounded_to_the_nearest_increment(value: float) -> None
     assert 10 <= taken <= 1e6
 
 
-def test_gain_is_continuous(features: Features) -> None:
-    features.set("Gain", 3.21)
-    assert features.get("Gain") == 3.21
-
-
 @pytest.mark.parametrize(
     ("name", "value"),
     [
@@ -113,9 +108,6 @@ def test_auto_functions_lock_what_they_drive(features: Features, name: str, auto
     assert features.get(auto) == "Off"
     features.set(name, value)
     assert features.get(name) == value
-
-
-def test_the_frame_rate_is_locked_until_it_is_enabled(features: Features) -> None:
     features.set("AcquisitionFrameRateEnable", False)
     assert refused(features, "AcquisitionFrameRate", 10.0) == "locked"
 
@@ -151,6 +143,10 @@ def test_binning_opens_the_region(features: Features) -> None:
 
 def test_the_payload_counts_pixels_and_chunks(features: Features) -> None:
     assert features.get("PayloadSize") == 720 * 540
+    assert features.get("Timestamp") == 42
+    features.set("ChunkEnable", True)
+    assert features.enabled_chunks() == ()  # while their mode is off
+    features.set("ChunkEnable", False)
     features.set("PixelFormat", "Mono12")
     features.set("ChunkModeActive", True)
     for chunk in ("ExposureTime", "Timestamp"):
@@ -162,11 +158,6 @@ def test_the_payload_counts_pixels_and_chunks(features: Features) -> None:
     assert features.get("PayloadSize") == 720 * 540 * 2 + 8 + 2 * (8 + 8)
 
 
-def test_chunks_are_off_unless_the_chunk_mode_is_active(features: Features) -> None:
-    features.set("ChunkEnable", True)
-    assert features.enabled_chunks() == ()
-
-
 def test_a_write_counts_from_its_own_time_on(features: Features, clock: HostClock) -> None:
     clock.now_ns = 1000
     features.set("ExposureTime", 100.0)
@@ -176,29 +167,19 @@ def test_a_write_counts_from_its_own_time_on(features: Features, clock: HostCloc
     assert seen == [5000, 100, 100, 200, 200]
 
 
-def test_gamma_is_one_unless_enabled(features: Features) -> None:
-    features.set("Gamma", 0.5)
-    assert features.image_settings(0).gamma == 1
-    features.set("GammaEnable", True)
-    assert features.image_settings(0).gamma == 0.5
-
-
 def test_reset_restores_the_power_on_state(features: Features) -> None:
-    features.set("Gain", 6.0)
+    features.set("Gain", 3.21)
+    assert features.get("Gain") == 3.21
+    features.set("DeviceUserID", "bow")
+    features.set("Gamma", 0.5)
+    assert features.image_settings(1 << 62).gamma == 1  # until it is enabled
+    features.set("GammaEnable", True)
+    assert features.image_settings(1 << 62).gamma == 0.5
     features.reset()
+    assert features.get("DeviceUserID") == "bow"  # the user's name outlasts power off
     assert features.get("Gain") == 0
     assert features.get("GainAuto") == "Continuous"
     assert features.image_settings(10**12).gain_db == 0
-
-
-def test_the_name_that_the_user_gave_outlasts_power_off(features: Features) -> None:
-    features.set("DeviceUserID", "bow")
-    features.reset()
-    assert features.get("DeviceUserID") == "bow"
-
-
-def test_the_time_stamp_is_the_device_clock(features: Features) -> None:
-    assert features.get("Timestamp") == 42
 
 
 def test_a_user_set_is_kept_over_power_off_and_loaded_as_it_was_saved(features: Features) -> None:

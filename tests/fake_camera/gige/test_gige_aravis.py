@@ -6,12 +6,9 @@ import gc
 import re
 import struct
 import subprocess
-import time
-import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any
 
-import numpy as np
 import pytest
 
 from fake_camera.device.device import Device
@@ -27,25 +24,16 @@ from tests.fake_camera.gige.gige_client import (
     device,
     gige_camera,
     parse_ack,
-    ramp,
 )
+from tests.fake_camera.stock_aravis import Aravis, StockAravisContract, next_buffer, opened, stream_of
 from tests.fakes import loopback_address, unique
-
-with warnings.catch_warnings():
-    warnings.simplefilter("ignore", ImportWarning)  # PyGObject's importer is of an older kind
-    import gi
-
-    gi.require_version("Aravis", "0.8")
-    from gi.repository import Aravis, GLib
+from tests.meanwhile import wait_until
 
 pytestmark = pytest.mark.wire
 
 ADDRESS, OTHER_ADDRESS = loopback_address(), loopback_address()
 SERIAL, OTHER_SERIAL = unique("ARV"), unique("ARV")
 CONTROL = 2
-ACCESS_POLICIES = [
-    getattr(Aravis.AccessCheckPolicy, name) for name in ("ENABLE", "DISABLE") if hasattr(Aravis, "AccessCheckPolicy")
-]
 
 
 @pytest.fixture
@@ -55,116 +43,19 @@ def fake() -> Iterator[Device]:
         gc.collect()  # Aravis gives control back when it frees a camera: before that camera is gone
 
 
-def wait_for(condition: Callable[[], bool], timeout_s: float = 5.0) -> None:
-    deadline_s = time.monotonic() + timeout_s
-    while not condition():
-        assert time.monotonic() < deadline_s, "it did not happen in time"
-        time.sleep(0.01)
+class TestGigeVision(StockAravisContract):
+    model = "FakeGV287M"
+
+    def open(self, fake: Device) -> Any:
+        return opened(ADDRESS)
 
 
-def stream_of(camera: Any, buffers: int = 10) -> Any:
-    device = camera.get_device()
-    device.set_stream_options(Aravis.GvStreamOption.PACKET_SOCKET_DISABLED)
-    stream = camera.create_stream(None, None)
-    stream.set_property("socket-buffer", Aravis.GvStreamSocketBuffer.FIXED)
-    stream.set_property("socket-buffer-size", 4 << 20)
-    stream.set_property("packet-timeout", 2000)
-    payload = camera.get_payload()
-    for _ in range(buffers):
-        stream.push_buffer(Aravis.Buffer.new_allocate(payload))
-    return stream
-
-
-def next_buffer(stream: Any) -> Any:
-    """The next whole frame: on a busy machine some lose packets for good."""
-    while True:
-        buffer = stream.timeout_pop_buffer(10_000_000)
-        assert buffer is not None
-        if buffer.get_status() == Aravis.BufferStatus.SUCCESS:
-            return buffer
-        stream.push_buffer(buffer)
-
-
-def test_identity(fake: Device) -> None:
-    camera = Aravis.Camera.new(ADDRESS)
-    assert camera.get_vendor_name() == "Autoexpose"
-    assert camera.get_device_serial_number() == SERIAL
+def test_a_second_opener_gets_no_control(fake: Device) -> None:
+    camera = opened(ADDRESS)
+    with GvcpClient(ADDRESS) as client:
+        assert client.read(CCP) == CONTROL
+        assert client.write(CCP, CONTROL) == ACCESS_DENIED
     assert camera.get_device().is_controller()
-
-
-def test_nodes_are_written_and_read_back(fake: Device) -> None:
-    camera = Aravis.Camera.new(ADDRESS)
-    camera.set_string("ExposureAuto", "Off")
-    camera.set_string("GainAuto", "Off")
-    camera.set_float("ExposureTime", 1234.0)
-    camera.set_float("Gain", 12.5)
-    camera.set_string("PixelFormat", "Mono12")
-    camera.set_integer("BinningHorizontal", 2)
-    assert camera.get_float("ExposureTime") == 1234.0
-    assert fake.features.get("Gain") == 12.5
-    assert fake.features.get("PixelFormat") == "Mono12"
-    assert camera.get_integer("WidthMax") == camera.get_integer("Width") == 360
-    assert camera.get_payload() == 360 * 540 * 2
-    bounds = camera.get_exposure_time_bounds()
-    assert (bounds.min, bounds.max) == (10.0, 1e6)
-    assert camera.get_device().get_feature("Gain").get_unit() == "dB"
-
-
-@pytest.mark.parametrize("policy", [Aravis.RangeCheckPolicy.ENABLE, Aravis.RangeCheckPolicy.DISABLE])
-def test_out_of_range_is_refused_by_aravis_and_by_the_camera(fake: Device, policy: Any) -> None:
-    camera = Aravis.Camera.new(ADDRESS)
-    camera.get_device().set_range_check_policy(policy)
-    camera.set_string("ExposureAuto", "Off")
-    for value in (9.0, 1.1e6):
-        with pytest.raises(GLib.Error):
-            camera.set_float("ExposureTime", value)
-    assert fake.features.get("ExposureTime") == 5000.0
-
-
-@pytest.mark.parametrize("policy", ACCESS_POLICIES)
-def test_locked_is_refused_by_aravis_and_by_the_camera(fake: Device, policy: Any) -> None:
-    camera = Aravis.Camera.new(ADDRESS)
-    camera.get_device().set_access_check_policy(policy)
-    with pytest.raises(GLib.Error):
-        camera.set_float("ExposureTime", 1000.0)  # ExposureAuto is Continuous at power-on
-    assert fake.features.get("ExposureTime") == 5000.0
-
-
-@pytest.mark.realtime
-def test_frames_run_free_and_tell_how_they_were_taken(fake: Device) -> None:
-    camera = Aravis.Camera.new(ADDRESS)
-    camera.set_string("ExposureAuto", "Off")
-    camera.set_float("ExposureTime", 2345.0)
-    camera.set_chunk_mode(True)
-    camera.set_chunks("ExposureTime,Gain,FrameID,Timestamp")
-    parser = camera.create_chunk_parser()
-    stream = stream_of(camera)
-    camera.start_acquisition()
-    for newest in range(1, 11):
-        buffer = next_buffer(stream)
-        assert buffer.get_frame_id() == parser.get_integer_value(buffer, "ChunkFrameID") >= newest
-        assert buffer.get_timestamp() == parser.get_integer_value(buffer, "ChunkTimestamp")
-        assert parser.get_float_value(buffer, "ChunkExposureTime") == 2345.0
-        assert parser.get_float_value(buffer, "ChunkGain") == 0.0
-        pixels = np.frombuffer(buffer.get_data(), np.uint8, count=720 * 540).reshape(540, 720)
-        assert np.array_equal(pixels, ramp(720, 540))
-        stream.push_buffer(buffer)
-    camera.stop_acquisition()
-
-
-@pytest.mark.realtime
-def test_a_region_of_deep_pixels(fake: Device) -> None:
-    camera = Aravis.Camera.new(ADDRESS)
-    camera.set_string("PixelFormat", "Mono12")
-    camera.set_region(8, 4, 304, 200)
-    stream = stream_of(camera)
-    camera.start_acquisition()
-    buffer = next_buffer(stream)
-    camera.stop_acquisition()
-    region = buffer.get_image_region()
-    assert (region.x, region.y, region.width, region.height) == (8, 4, 304, 200)
-    pixels = np.frombuffer(buffer.get_data(), "<u2").reshape(200, 304)
-    assert np.array_equal(pixels, ramp(304, 200, "Mono12"))
 
 
 @pytest.mark.realtime
@@ -181,27 +72,13 @@ def test_lost_packets_are_requested_again(fake: Device) -> None:
     assert stream.get_info_uint64_by_name("n_failures") == 0
 
 
-@pytest.mark.realtime
-def test_a_second_opener_gets_no_control_and_the_features_stay_locked_while_streaming(fake: Device) -> None:
-    camera = Aravis.Camera.new(ADDRESS)
-    stream = stream_of(camera)
-    camera.start_acquisition()
-    next_buffer(stream)
-    with pytest.raises(GLib.Error):
-        camera.set_integer("Width", 320)
-    with GvcpClient(ADDRESS) as client:
-        assert client.read(CCP) == CONTROL
-        assert client.write(CCP, CONTROL) == ACCESS_DENIED
-    camera.stop_acquisition()
-
-
 def test_a_silent_client_loses_control_and_the_stream_stops(fake: Device) -> None:
     with GvcpClient(ADDRESS) as silent, GvcpClient(ADDRESS) as other:
         assert silent.write(CCP, CONTROL) == 0
         assert silent.write(HEARTBEAT_TIMEOUT, 500) == 0
         fake.execute("AcquisitionStart")
         assert other.write(CCP, CONTROL) == ACCESS_DENIED
-        wait_for(lambda: other.read(CCP) == 0)
+        wait_until(lambda: other.read(CCP) == 0)
         assert fake.features.get("TLParamsLocked") == 0
         assert other.write(CCP, CONTROL) == 0
 

@@ -115,6 +115,7 @@ def test_of_two_masters_that_announce_in_turn_the_first_is_followed_until_it_is_
     rig.network.stations.append(Master(other, rig.true_ns))
     rig.run(5.0)
     assert rig.states == {PortState.Slave}
+    assert max(map(abs, rig.offsets_ns())) < 1000
     assert {slave.data_set().parent for slave in rig.slaves} == {MASTER.clock}
     rig.network.stations.remove(rig.master)
     rig.run(8.0)
@@ -165,19 +166,6 @@ def test_disabled_it_takes_no_part_and_keeps_its_time() -> None:
     rig.run(1.0)
     assert rig.slaves[0].data_set().state is PortState.Disabled
     assert abs(rig.offsets_ns()[0]) < 100_000
-
-
-def test_a_second_master_is_followed_only_after_the_first() -> None:
-    rig = Rig()
-    rig.run(5.0)
-    other = Master(PortIdentity(0xB), lambda host_ns: 0)
-    rig.network.stations.append(other)
-    rig.run(5.0)
-    assert rig.states == {PortState.Slave}
-    assert max(map(abs, rig.offsets_ns())) < 1000
-    rig.network.stations.remove(rig.master)
-    rig.run(10.0)
-    assert {slave.data_set().grandmaster for slave in rig.slaves} == {0xB}
 
 
 def test_another_domain_is_not_heard() -> None:

@@ -26,9 +26,11 @@ from fake_camera.usb3.usb.descriptors import CONTROL_IN, CONTROL_OUT, STREAM_IN
 from fake_camera.usb3.usb.endpoint import InEndpoint, ReadRequest
 from fake_camera.usb3.usbip import messages
 from fake_camera.usb3.usbip.connection import Connection
+from tests.fake_camera.stock_aravis import serial_of
 from tests.fake_camera.usb3.libusb_client import TIMED_OUT, TIMEOUT_MS, LibusbCamera
-from tests.fake_camera.usb3.shim_suite import OTHER_SOCKET, SOCKET, found, serial_of, usb3_camera, wait_for
+from tests.fake_camera.usb3.shim_suite import OTHER_SOCKET, SOCKET, found, usb3_camera
 from tests.fakes import unique
+from tests.meanwhile import wait_until
 
 pytestmark = pytest.mark.timeout(40, method="thread")  # what fails here hangs in C
 
@@ -81,7 +83,7 @@ class Node:
     def reap(self) -> Urb:
         """The next URB that is done."""
         pointer = c.c_void_p()
-        wait_for(lambda: self.call(REAP, c.byref(pointer)) == 0)
+        wait_until(lambda: self.call(REAP, c.byref(pointer)) == 0)
         return self._urbs[pointer.value or 0]
 
     def data(self, urb: Urb) -> bytes:
@@ -163,7 +165,7 @@ def test_a_camera_that_stops_in_the_middle_of_a_frame_is_one_that_is_slow(
     frame = os.urandom(3000)
     with contextlib.closing(LibusbCamera()) as camera:
         assert camera.read_stream(64, 20) == (TIMED_OUT, b"")
-        wait_for(lambda: not stream[0]._requests)
+        wait_until(lambda: not stream[0]._requests)
         monkeypatch.setattr(Connection, "_send", send_half)
         sender = threading.Thread(target=stream[0].write, args=(frame,))
         sender.start()
@@ -186,7 +188,7 @@ def test_discarding_twice_is_a_mistake_that_harms_nothing(
     node: Node, stream: list[InEndpoint], stopped: threading.Event
 ) -> None:
     urbs = [node.submit(STREAM_IN, bytes(64)) for _ in range(2)]
-    wait_for(lambda: bool(stream))
+    wait_until(lambda: bool(stream))
     stopped.clear()
     assert [node.discard(urbs[0]) for _ in range(2)] == [0, errno.EINVAL]
     stopped.set()
@@ -233,10 +235,10 @@ def test_an_answer_beyond_what_was_asked_ends_the_connection(
     monkeypatch.setattr(messages, "submitted", lambda sequence, *_: submitted(sequence, *lie))
     urb = node.submit(endpoint, bytes(64))
     if endpoint == STREAM_IN:
-        wait_for(lambda: bool(stream))
+        wait_until(lambda: bool(stream))
         stream[0].write(b"data")
     assert (c.addressof(node.reap()), urb.status, urb.actual_length) == (c.addressof(urb), -errno.ESHUTDOWN, 0)
-    wait_for(lambda: node.is_gone)
+    wait_until(lambda: node.is_gone)
 
 
 def test_what_comes_for_a_discarded_transfer_is_no_longer_than_that(
@@ -253,7 +255,7 @@ def test_what_comes_for_a_discarded_transfer_is_no_longer_than_that(
     urb = node.submit(STREAM_IN, bytes(64))
     assert node.discard(urb) == 0
     assert node.reap().status == -errno.ENOENT
-    wait_for(lambda: node.is_gone)
+    wait_until(lambda: node.is_gone)
 
 
 def test_an_answer_to_no_question_ends_the_connection(node: Node, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -262,7 +264,7 @@ def test_an_answer_to_no_question_ends_the_connection(node: Node, monkeypatch: p
     urbs = [node.submit(STREAM_IN, bytes(64)) for _ in range(2)]
     assert node.discard(urbs[1]) == 0
     assert [node.reap().status for _ in urbs] == [-errno.ESHUTDOWN] * 2
-    wait_for(lambda: node.is_gone)
+    wait_until(lambda: node.is_gone)
 
 
 def test_closing_in_a_forked_process_leaves_the_camera_to_the_parent(node: Node) -> None:
@@ -271,7 +273,7 @@ def test_closing_in_a_forked_process_leaves_the_camera_to_the_parent(node: Node)
     if child == 0:
         os.close(node.fd)
         os._exit(0)
-    wait_for(lambda: os.waitpid(child, os.WNOHANG)[0] == child)
+    wait_until(lambda: os.waitpid(child, os.WNOHANG)[0] == child)
     assert node.call(CLEAR_HALT, c.byref(c.c_uint(STREAM_IN))) == 0
 
 
@@ -280,7 +282,7 @@ def test_a_camera_that_stops_as_it_is_plugged_in_is_not_waited_for(stopped: thre
     with usb3_camera(SOCKET, unique("USB")) as silent, usb3_camera(OTHER_SOCKET, unique("USB")):
         assert found() == {}
         stopped.set()
-        wait_for(lambda: serial_of(silent) in found())
+        wait_until(lambda: serial_of(silent) in found())
 
 
 def test_a_camera_that_takes_no_more_connections_is_not_waited_for(fake: Device) -> None:

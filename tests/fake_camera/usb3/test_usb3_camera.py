@@ -6,10 +6,8 @@ import hashlib
 import io
 import socket
 import struct
-import time
 import zipfile
-from collections.abc import Callable, Iterator
-from itertools import pairwise
+from collections.abc import Iterator
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -17,16 +15,12 @@ import numpy as np
 import pytest
 
 from fake_camera.device.device import Device
-from fake_camera.device.faults import Fault, FaultError, FaultOrder, Faults
+from fake_camera.device.faults import Fault, FaultOrder
 from fake_camera.device.features import Features
 from fake_camera.device.unix_socket import listen
-from fake_camera.genicam.description import genicam_xml
-from fake_camera.genicam.registers import feature_registers, slots
-from fake_camera.usb3.bootstrap import USB3_VISION, bootstrap_registers
-from fake_camera.usb3.event_channel import EventChannel
-from fake_camera.usb3.stream_channel import MEMORY_BYTES, StreamChannel
-from fake_camera.usb3.usb.endpoint import InEndpoint
-from tests.fake_camera.gige.gige_client import device, ramp
+from fake_camera.genicam.registers import slots
+from fake_camera.usb3.stream_channel import MEMORY_BYTES
+from tests.fake_camera.gige.gige_client import ramp
 from tests.fake_camera.usb3.usb3_client import (
     ACCESS_DENIED,
     CONTROL,
@@ -54,6 +48,7 @@ from tests.fake_camera.usb3.usb3_client import (
     receive,
     usb3_camera,
 )
+from tests.meanwhile import wait_until
 
 pytestmark = pytest.mark.wire
 
@@ -79,13 +74,6 @@ def camera(path: Path) -> Iterator[Device]:
 def host(camera: Device, path: Path) -> Iterator[UsbIpClient]:
     with UsbIpClient(path) as client:
         yield client
-
-
-def wait_for(condition: Callable[[], bool]) -> None:
-    deadline_s = time.monotonic() + 20
-    while not condition():
-        assert time.monotonic() < deadline_s, "it did not happen in time"
-        time.sleep(0.01)
 
 
 def test_the_camera_is_listed(camera: Device, path: Path) -> None:
@@ -151,24 +139,6 @@ def test_a_client_finds_the_description_by_the_manifest(camera: Device, host: Us
     assert (root.get("StandardNameSpace"), root.get("ModelName")) == ("USB", "FakeU3V287M")
     assert {node.text for node in root.iter(f"{GENICAM}Endianess")} == {"LittleEndian"}
     assert not [node.get("Name") for node in root if str(node.get("Name")).startswith("Gev")]
-
-
-def test_the_description_declares_just_the_registers_there_are(camera: Device) -> None:
-    stream = StreamChannel(InEndpoint(), Faults(), camera.counters)
-    registers = [
-        *bootstrap_registers(camera, stream, EventChannel(InEndpoint(), lambda: 0), bytes(100), lambda: 0),
-        *feature_registers(camera, "little"),
-    ]
-    ordered = sorted(registers, key=lambda register: register.address)
-    assert all(one.address + one.length <= other.address for one, other in pairwise(ordered))
-    assert all(len(register.read()) == register.length for register in ordered)
-    by_address = {register.address: register for register in registers}
-    for kind in ("IntReg", "FloatReg", "StringReg", "MaskedIntReg"):
-        for node in ElementTree.fromstring(genicam_xml(camera.features, USB3_VISION)).iter(f"{GENICAM}{kind}"):
-            if node.findtext(f"{GENICAM}pPort") == "Device":
-                register = by_address[int(node.findtext(f"{GENICAM}Address", ""), 16)]
-                assert register.length == int(node.findtext(f"{GENICAM}Length", ""))
-                assert (register.write is not None) == (node.findtext(f"{GENICAM}AccessMode") == "RW")
 
 
 def test_features_are_little_endian(camera: Device, host: UsbIpClient) -> None:
@@ -238,7 +208,7 @@ def test_frames_that_nobody_fetches_fill_the_memory_and_are_discarded(camera: De
     camera.features.update("AcquisitionFrameRate", 300.0)
     camera.features.update("ExposureTime", 100.0)
     start(host)
-    wait_for(lambda: camera.counters.discarded > 3)
+    wait_until(lambda: camera.counters.discarded > 3)
     assert host.write_memory(SLOTS["AcquisitionStop"], struct.pack("<I", 1)) == SUCCESS
     blocks = []
     for _frame in range(MEMORY_BYTES // FRAME_BYTES):
@@ -304,7 +274,7 @@ def test_an_interface_is_one_clients_until_it_lets_go(host: UsbIpClient, path: P
         assert host.claim(0, claims=False) == 0
         assert other.claim(0) == 0
         host.socket.close()
-        wait_for(lambda: other.claim(2) == 0)
+        wait_until(lambda: other.claim(2) == 0)
 
 
 def test_an_unknown_endpoint_is_refused(host: UsbIpClient) -> None:
@@ -353,7 +323,7 @@ def test_a_camera_whose_path_was_taken_stays_unplugged_and_says_so(
             f"the camera stays unplugged: the socket {path} cannot be opened: Address already in use\n"
         )
         pulses = camera.counters.pulses
-        wait_for(lambda: camera.counters.pulses > pulses)
+        wait_until(lambda: camera.counters.pulses > pulses)
         assert path.is_socket()  # the other one's
 
 
@@ -363,7 +333,7 @@ def test_a_reset_is_seen_as_unplugged_and_replugged(camera: Device, path: Path) 
         host.submit(CONTROL, OUT, 12 + len(packet), b"U3VC" + struct.pack("<HHHH", 1 << 14, 0x0802, 12, 1) + packet)
         with pytest.raises(EOFError):
             receive(host.socket, 1000)
-    wait_for(lambda: plugged_in(path))
+    wait_until(lambda: plugged_in(path))
     with UsbIpClient(path) as host:
         assert host.import_status == 0
         assert host.read_number(0, 4) == 0x0001_0001  # not the acknowledgement of the reset
@@ -412,10 +382,3 @@ def test_a_stall_takes_the_place_of_a_frame(camera: Device, host: UsbIpClient) -
     assert host.read(STREAM, 1024) == (EPIPE, b"")
     assert host.request(TO_ENDPOINT, CLEAR_FEATURE, 0, STREAM_IN, 0) == (0, b"")
     assert host.read(STREAM, 1024)[1][:4] == b"U3VL"
-
-
-def test_faults_of_the_other_transport_are_refused(camera: Device) -> None:
-    with pytest.raises(FaultError, match=r"cannot have the fault lose_packets"):
-        camera.faults.add(FaultOrder(Fault.LOSE_PACKETS))
-    with device() as gige:
-        gige.faults.add(FaultOrder(Fault.LOSE_PACKETS))

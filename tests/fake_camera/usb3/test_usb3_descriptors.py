@@ -42,18 +42,10 @@ def test_the_configuration_is_one_function_of_three_interfaces() -> None:
     ]
     assert struct.unpack_from("<H", data, 2) == (len(data),)
     assert data[4] == kinds.count(INTERFACE) == 3
-
-
-def test_the_interfaces_are_control_event_and_stream() -> None:
-    interfaces = [item for kind, item in walk(descriptors.configuration_descriptor()) if kind == INTERFACE]
-    assert [item[2] for item in interfaces] == [0, 1, 2]
-    assert [item[4] for item in interfaces] == [2, 1, 1]
-    assert [tuple(item[5:8]) for item in interfaces] == [(0xEF, 0x05, 0), (0xEF, 0x05, 1), (0xEF, 0x05, 2)]
-
-
-def test_the_control_endpoints_share_a_number() -> None:
-    endpoints = [item[2] for kind, item in walk(descriptors.configuration_descriptor()) if kind == ENDPOINT]
-    assert endpoints == [0x81, 0x01, 0x82, 0x83]
+    interfaces = [item for kind, item in walk(data) if kind == INTERFACE]
+    assert [tuple(item[2:9:2]) for item in interfaces] == [(0, 2, 5, 0), (1, 1, 5, 0), (2, 1, 5, 0)]
+    assert [tuple(item[5:8]) for item in interfaces] == [(0xEF, 0x05, part) for part in range(3)]
+    assert [item[2] for kind, item in walk(data) if kind == ENDPOINT] == [0x81, 0x01, 0x82, 0x83]
 
 
 def test_the_guid_is_where_clients_look_for_it() -> None:

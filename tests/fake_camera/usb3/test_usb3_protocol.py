@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import struct
 
-import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -94,14 +93,3 @@ def test_answers_have_the_size_of_a_header() -> None:
     answers = (messages.submitted(1, -32, 5), messages.unlinked(1, -104), messages.claimed(1, -16))
     assert [len(answer) for answer in answers] == [messages.HEADER_BYTES] * 3
     assert [int.from_bytes(answer[20:24], "big", signed=True) for answer in answers] == [-32, -104, -16]
-
-
-def test_deep_pixels_are_announced_by_their_format() -> None:
-    settings = Features("TEST", 720, 540, lambda: 0)
-    settings.set("PixelFormat", "Mono12")
-    frame = ExposedFrame(1, 1, 0, np.zeros((540, 720), np.uint16), settings.image_settings(settings_time()))
-    assert struct.unpack_from("<I", u3vsp.leader(frame, False), 28) == (0x01100005,)
-
-
-def settings_time() -> int:
-    return 2**62  # later than any write

@@ -119,20 +119,3 @@ def test_room_is_well_exposed_by_lamplight_and_in_the_dark() -> None:
         source = build_image_source("room", "left", LightScript((Change(0.0, lux),)), 1)
         settings = replace(FULL, exposure_time_us=time_us, gain_db=gain_db)
         assert 60 < np.mean([source.take(t, settings, 1).mean() for t in np.arange(0.0, 24.0, 2.0)]) < 140
-
-
-def test_region_and_binning_reach_the_sensor(sources: tuple[ImageSource, ImageSource]) -> None:
-    source = sources[0]
-    assert (source.sensor_width, source.sensor_height) == (720, 540)
-    binned = replace(FULL, binning_horizontal=2, binning_vertical=2, width=360, height=270, exposure_time_us=500.0)
-    full = cv2.resize(source.take(1.0, FULL, 1), (360, 270), interpolation=cv2.INTER_AREA)
-    unclipped = full < 200
-    difference = source.take(1.0, binned, 1).astype(float) - full
-    assert np.abs(difference[unclipped].mean()) < 1.0
-    region = replace(FULL, offset_x=101, offset_y=50, width=333, height=77)
-    assert source.take(1.0, region, 1).shape == (77, 333)
-
-
-def test_lux_is_that_of_the_script() -> None:
-    source = build_image_source("room", "left", LightScript.default(), 2)
-    assert (source.lux(3.0), source.lux(5.0)) == (150.0, 1.0)
