@@ -12,10 +12,10 @@ from calibration.response.file import Origin
 from calibration.result import Result, calibrate
 from calibration.solver.solve import solve_response
 from calibration.sources.sweep import Shot, Sweep
-from tests.calibration.simulated_sweeps import errors_stops
 from imaging.exposure import ExposureSetting
 from imaging.response import ResponseFunction
 from tests.calibration.noisy_shots import noisy_sweep
+from tests.calibration.simulated_sweeps import errors_stops
 
 
 def misstated(sweep: Sweep, stated: Callable[[float], float]) -> Sweep:

@@ -17,9 +17,9 @@ from calibration.response.file import Origin, ResponseSolution
 from calibration.result import Result, calibrate
 from calibration.solver.solve import solve_response, solve_tones
 from calibration.sources.sweep import Sweep
-from tests.calibration.simulated_sweeps import Processing, process_of
 from imaging.response import ResponseFunction
 from tests.calibration.noisy_shots import Scene, noisy_sweep
+from tests.calibration.simulated_sweeps import Processing, process_of
 
 
 def misstated(sweep: Sweep, power: float) -> Sweep:

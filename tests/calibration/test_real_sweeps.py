@@ -19,9 +19,9 @@ from calibration.result import calibrate
 from calibration.solver.solve import solve_response
 from calibration.sources.images import read_images
 from calibration.sources.sweep import Shot, Sweep
-from tests.calibration.simulated_sweeps import HEIGHT, PROCESSINGS, WIDTH, Processing, errors_stops, scored, simulated
 from imaging.exposure import ExposureSetting
 from imaging.response import ResponseFunction
+from tests.calibration.simulated_sweeps import HEIGHT, PROCESSINGS, WIDTH, Processing, errors_stops, scored, simulated
 from tests.calibration.test_commands import calibrate as run_calibrate
 from tests.data import data
 

@@ -12,9 +12,9 @@ from calibration.response.file import Origin
 from calibration.result import Result, calibrate
 from calibration.solver.solve import solve_response
 from calibration.sources.sweep import Shot, Sweep
-from tests.calibration.simulated_sweeps import errors_stops
 from imaging.exposure import DB_PER_STOP
 from tests.calibration.noisy_shots import Scene, noisy_sweep
+from tests.calibration.simulated_sweeps import errors_stops
 
 STOPS = (-7.0, 2.0)
 GAIN_DB = 12.0

@@ -9,7 +9,7 @@ import pytest
 from autoexpose_daemon.control.parameters import Bracketing
 from autoexpose_daemon.control.step import StepInputs
 from autoexpose_daemon.recording.file import RecordingFile, Step
-from evaluation.experiments.rejudge.rehearsal import simulated_geometries, simulated_setup
+from evaluation.experiments.rejudge import simulated_geometries, simulated_setup
 from evaluation.odometry.tracking import odometry_stage
 from evaluation.stage.camera import DelayedLoop
 from evaluation.stage.rendering import Stage
