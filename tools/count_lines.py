@@ -5,8 +5,10 @@ from __future__ import annotations
 import subprocess
 from pathlib import Path
 
-PRODUCT = ("imaging", "documents", "drivers", "calibration", "autoexpose_daemon", "navigation")
+from tools.stage_package import ROOMS
+
 OTHERS = ("evaluation", "fake_camera", "tests")
+PRODUCT = tuple(room for room in ROOMS if room not in OTHERS)
 
 
 def count(room: str) -> tuple[int, int]:
@@ -18,7 +20,7 @@ def count(room: str) -> tuple[int, int]:
 
 if __name__ == "__main__":
     counts = {room: count(room) for room in (*PRODUCT, *OTHERS)}
-    product = tuple(map(sum, zip(*(counts[room] for room in PRODUCT), strict=True)))
-    rows = [*((room, *counts[room]) for room in PRODUCT), ("product", *product)]
-    for name, files, lines in [("", "files", "lines"), *rows, *((room, *counts[room]) for room in OTHERS)]:
-        print(f"{name:18}{files:>6}{lines:>8}")
+    counts["product"] = sum(counts[room][0] for room in PRODUCT), sum(counts[room][1] for room in PRODUCT)
+    for name in (*PRODUCT, "product", *OTHERS):
+        files, lines = counts[name]
+        print(f"{name:18}{files:5} files{lines:7} lines")
