@@ -25,7 +25,7 @@ EXTRAS := sim,calibration,publish,record,page
 NATIVE_SOURCES := setup.py $(wildcard autoexpose_daemon/control/native/*/* fake_camera/usb3/shim/*)
 UNBUILT := $(if $(and $(wildcard autoexpose_daemon/control/_native.*.so),$(wildcard fake_camera/usb3/_shim.*.so)),,unbuilt)
 
-.PHONY: unbuilt setup demo test suite parallel realtime test-again test-data test-platforms test-arm64 lint bench accept soak fuzz mutate test-kernel install uninstall deb wheels image docs clean
+.PHONY: unbuilt setup demo test suite parallel realtime test-again test-data test-platforms test-arm64 lint count bench accept soak fuzz mutate test-kernel install uninstall deb wheels image docs clean
 .DEFAULT_GOAL := demo
 
 # Stamps let later runs start at once; they are renewed when what is installed changes.
@@ -54,6 +54,9 @@ lint: $(VENV)/dev.stamp
 	$(VENV)/bin/ruff format --check .
 	$(VENV)/bin/mypy
 	$(VENV)/bin/lint-imports
+
+count: ## files and lines of Python by room
+	@python3 -m tools.count_lines
 
 test: ## everything that CI runs
 	@$(MAKE) --no-print-directory $(VENV)/dev.stamp

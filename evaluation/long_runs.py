@@ -6,16 +6,19 @@ import json
 import math
 import tempfile
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from datetime import timedelta
 from pathlib import Path
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from documents.files import replace_file
 from imaging.errors import AutoexposeError, ConfigurationError
+
+Asked = TypeVar("Asked")
 
 
 def check_chosen(quick: bool, full: bool, takes_s: Callable[[bool], float]) -> None:
@@ -77,22 +80,26 @@ class LongProgress(Progress):
         self.console.print(f"{task.description}: {task.percentage:.0f} % after {gone}{left}")
 
 
-class KeptResults:
-    """One JSON file for each result, named by its key, a hash."""
+class KeptResults(ABC, Generic[Asked]):
+    """One JSON file for each result, named by its key."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
 
-    def get(self, key: str) -> tuple[Any] | None:
+    @abstractmethod
+    def key(self, asked: Asked) -> str:
+        """A hash, equal for what has the same result."""
+
+    def get(self, asked: Asked) -> tuple[Any] | None:
         """The result in a tuple, because it may be None; None when no result is kept."""
         try:
-            return (json.loads(self._path(key).read_text(encoding="utf-8")),)
+            return (json.loads(self._path(asked).read_text(encoding="utf-8")),)
         except (FileNotFoundError, ValueError):
             return None
 
-    def put(self, key: str, result: Any) -> None:
+    def put(self, asked: Asked, result: Any) -> None:
         """Keep a result, atomically; AutoexposeError when it cannot be written."""
-        path = self._path(key)
+        path = self._path(asked)
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             replace_file(path, json.dumps(result).encode())
@@ -101,5 +108,6 @@ class KeptResults:
                 f"{path}: the result cannot be saved ({error.strerror}): fix that and run the same command to resume"
             ) from None
 
-    def _path(self, key: str) -> Path:
+    def _path(self, asked: Asked) -> Path:
+        key = self.key(asked)
         return self._folder / key[:2] / f"{key}.json"

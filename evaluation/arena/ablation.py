@@ -38,6 +38,7 @@ from evaluation.arena.race import CourseScore, course_of, run_course
 from evaluation.arena.runs import MAIN_DELAY, TUNE_SCENES, ArenaRun, results
 from evaluation.long_runs import KeptResults, LongProgress
 from evaluation.pool import over_processes
+from evaluation.prose import table_row, text_beside
 from evaluation.scenes.scenarios import SCENARIOS
 from evaluation.stage.camera import Entrant, MakeLoop
 from evaluation.stage.oracle import Oracle, best_start
@@ -150,24 +151,18 @@ def ablate(
     )
 
 
-class _Kept:
+class _Kept(KeptResults[Any]):
     """Results by what was asked, and the code that answered."""
 
     def __init__(self, folder: Path) -> None:
+        super().__init__(folder)
         state = hashlib.sha256()
         for path in sorted(path for room in _CODE for path in (ROOT / room).rglob("*")):
             if path.suffix in (".py", ".so", ".npz"):
                 state.update(str(path.relative_to(ROOT)).encode() + path.read_bytes())
         self._code = state.hexdigest()
-        self._results = KeptResults(folder)
 
-    def get(self, asked: Any) -> tuple[Any] | None:
-        return self._results.get(self._key(asked))
-
-    def put(self, asked: Any, result: Any) -> None:
-        self._results.put(self._key(asked), result)
-
-    def _key(self, asked: Any) -> str:
+    def key(self, asked: Any) -> str:
         return hashlib.sha256(json.dumps([self._code, asked], sort_keys=True).encode()).hexdigest()
 
 
@@ -224,9 +219,6 @@ def _judge(asked: _Asked) -> dict[str, dict[str, Any]]:
     return {way: asdict(score) for way, score in scores.items()}
 
 
-# By title: a name in the rows of `results`, and how it is shown.
-
-
 def start_of(course: Course) -> tuple[float, float]:
     """Exposure time (us) and gain (dB) that all start a course with."""
     stage, _ = course_of(*course)
@@ -280,6 +272,7 @@ class _Follower(ControlLoop):
         return Decision(**{**taken, "setting": setting, "motion_px": self._leader.motion_px})
 
 
+# By title: a name in the rows of `results`, and how it is shown.
 COLUMNS: dict[str, tuple[str, str]] = {
     "mean": ("objective_ratio_mean", "{:.3f}"),
     "worst 5 %": ("objective_ratio_p05", "{:.3f}"),
@@ -288,24 +281,15 @@ COLUMNS: dict[str, tuple[str, str]] = {
     "lost pairs": ("lost_pair_share", "{:.3f}"),
 }
 
-HOW_TO_READ = """\
-Each row is one constant doubled, halved, or at the value at which its file's `NEUTRAL` says that it has no effect, in
-a process of its own whose source was altered before anything imported it; the first row is the unaltered policy. Mean
-and worst 5 % of frames are of its own objective, as a share of the best exposure of each frame; unaltered code judges,
-and splits that best as the unaltered policy does. So rows can be compared, and can exceed 1. Settle: median of frames,
-`-` if most courses are stuck. By scenario: mean / worst 5 %. `=`: no decision changed. There is one tuning course for
-each scenario, so small differences may be chance.
-"""
-
 
 def write_ablation(ablation: Ablation, folder: Path) -> Path:
     """Write `ablation.md` into a folder; returns its path."""
     head, *rows = _cells(ablation)
     lines = [head, ["---"] * len(head), *rows]
-    table = "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines)
+    table = "\n".join(map(table_row, lines))
     path = folder / "ablation.md"
     title = f"# Every constant of `{ablation.policy}`"
-    parts = [title, HOW_TO_READ.strip(), _courses(ablation), table, not_altered(ablation)]
+    parts = [title, text_beside(__file__), _courses(ablation), table, not_altered(ablation)]
     path.write_text("\n\n".join(parts) + "\n", encoding="utf-8")
     return path
 

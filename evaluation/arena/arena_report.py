@@ -14,6 +14,7 @@ from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from evaluation.arena.runs import HELD_OUT_SEEDS, MAIN_DELAY, OTHER_DELAYS, TUNE_SCENES, ArenaRun, results
 from evaluation.arrays import Floats
 from evaluation.drawing import save
+from evaluation.prose import table_row, text_beside
 from evaluation.scenes.scenarios import RATE_HZ, SCENARIOS
 
 # With more lines than these, a plot is unreadable. The oracle shown is that of the first.
@@ -120,49 +121,6 @@ def outcomes(runs: Sequence[ArenaRun]) -> list[tuple[ArenaTarget, float]]:
 
 _PAINTED = " and ".join(f"`{scene}`" for scene in sorted({*HELD_OUT_SEEDS} - {*TUNE_SCENES}))
 
-HOW_TO_READ = f"""\
-Every policy ran through every scenario in closed loop and virtual time: the daemon's own control step on frames of the
-simulated sensor, 60 a second, with exposure times of 20 to 7500 us and gains of 0 to 30 dB. A decision on frame k
-applies from frame k + D; D = {MAIN_DELAY} unless stated otherwise.
-
-* **Metric ratio**: gradient information (delta 0.30) of the frame taken, as a share of the **oracle**'s. The oracle's
-  is the most that this frame could have shown, found by trying exposure levels 0.125 stops apart, with the same
-  noise, each split into time and gain as the policy splits it. 1.00 is perfect; a policy that departs from its rule
-  of splitting may exceed it. With `lamp_right` the ratio is the mean over both cameras, as a share of what the best
-  common exposure reaches; otherwise it is the left camera's.
-* **Objective ratio**: for `belief` the share of Fisher information, which it goes by
-  ([policy.md](../policy.md)), with an oracle of its own; for all others the metric ratio, although most of them steer
-  a mean, entropy or the like. So its row is in another unit than the rest: compare policies by the metric ratio.
-* **Metric ratio to the best time and gain**: the metric ratio when the oracle also tries six ways of splitting each
-  level (times of at most 7500, 3750, 1875, 938, 469 and 234 us, the rest gain). It shows what a split costs.
-* **Pair ratio**: what two successive frames are worth to each other, as localization uses them: the information of
-  the difference between them, from the true radiance ([scores.py](../../evaluation/arena/race.py)), as a
-  share of the most that one setting for both gives. All policies are in the same unit, and none maximises it. **Lost
-  pairs** have less than a tenth.
-* **Settled**: an objective ratio of at least 0.9 for 10 frames in a row. Frames count from the first one exposed
-  entirely after the step (in scenarios without a step, from the first scored frame); 0 means immediately, `-` that most
-  runs never settled. **Stuck**: the share of runs that never settled. The step falls at any time between two frames: a
-  long exposure may already see its end, and a decision on it then takes effect a frame sooner than one on the next.
-* **Overshoot**: how far E went past the oracle's before it settled. **Spread**: standard deviation of E over the last
-  half second. **Bad frames**: more than half of the left image black or saturated.
-* Every run starts from the best exposure of its first frame; its first half second is not scored.
-* **Held out** are paintings of the kinds {_PAINTED}, and new rooms, none of which we looked at while tuning
-  anything. The tuning courses of `worth` have a few other paintings of these kinds.
-  We chose the scenarios themselves (how bright, how fast) earlier, looking at other courses, and in one case
-  (`flicker`) in a way that happened to suit our default of then. Published policies run
-  with their papers' parameters, on a sensor that is not their authors'. Better numbers on held-out courses than on
-  those used for tuning mean that they are easier, which most policies agree on (the table by split).
-
-`autoexpose arena --count` counts what a policy's decision is made of: numbers, branches and
-fields of its snapshot, in every Python and C file that it reaches. Its output says how it counts; `--json FILE` has
-the same by file. `autoexpose arena --ablate` alters each constant of the default policy, or of another `--policy`:
-doubled, halved and, where a file declares it in `NEUTRAL`, at the value that has no effect. Each alteration is a
-process of its own that takes one tuning course of each scenario: an hour on two cores, less with `--quick`; after an
-interruption the same command goes on where it was. Unaltered code judges all by one yardstick. `--report FOLDER`
-writes the table. Constants of which the C extension has a copy cannot be altered so; they are listed below the table.
-"""
-
-
 SECTIONS = (
     ("Objective ratio, worst 5 % of frames", "objective_ratio_p05", "{:.3f}"),
     ("Metric ratio, mean", "metric_ratio_mean", "{:.3f}"),
@@ -202,7 +160,8 @@ def write_arena_report(runs: Sequence[ArenaRun], default_policy: str, folder: Pa
         return [f"## {title}", _table(policies, scenarios, cells(rows, policies, scenarios, key), form)]
 
     parts = [
-        "# The arena", HOW_TO_READ, _counts(runs), "## Objective ratio, mean",
+        "# The arena", text_beside(__file__, main_delay=MAIN_DELAY, painted=_PAINTED), _counts(runs),
+        "## Objective ratio, mean",
         _table(policies, [*scenarios, "mean"], np.column_stack([ratios, [mean for _, mean in ranking]]), "{:.3f}"),
         "![Objective ratio by policy and scenario](table.png)",
         *(text for title, key, form in SECTIONS for text in section(title, key, form)),
@@ -223,10 +182,10 @@ def cells(rows: Sequence[dict[str, Any]], policies: Sequence[str], scenarios: Se
 
 
 def _table(names: Sequence[str], heads: Sequence[str], values: Floats, form: str) -> str:
-    lines = ["| policy | " + " | ".join(heads) + " |", "|---|" + "---:|" * len(heads)]
+    lines = [table_row(["policy", *heads]), "|---|" + "---:|" * len(heads)]
     for name, row in zip(names, values, strict=True):
         figures = (form.format(value) if np.isfinite(value) else "-" for value in row)
-        lines.append(f"| `{name}` | " + " | ".join(figures) + " |")
+        lines.append(table_row([f"`{name}`", *figures]))
     return "\n".join(lines)
 
 
@@ -249,10 +208,8 @@ def _targets(runs: Sequence[ArenaRun], policy: str) -> list[str]:
         for target, reached in outcomes([run for run in runs if run.delay_frames == delay]):
             verdict = "" if target.must is None or reached >= target.must else " **missed**"
             must = "-" if target.must is None else f"{target.must:g}"
-            lines.append(
-                f"| {target.scenario} | {target.what} | {delay} | {reached:.3f}{verdict} "
-                f"| {must} | {target.stretch:g} |"
-            )
+            row = target.scenario, target.what, str(delay), f"{reached:.3f}{verdict}", must, f"{target.stretch:g}"
+            lines.append(table_row(row))
     return [f"## Targets of `{policy}`", "\n".join(lines)]
 
 

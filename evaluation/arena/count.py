@@ -17,18 +17,11 @@ from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.policies.ids import PLACES
 from autoexpose_daemon.control.snapshot import Plain
 from evaluation.arena.race import course_of
+from evaluation.prose import text_beside
 from evaluation.stage.camera import Entrant
 from evaluation.stage.oracle import Oracle, best_start
 from imaging.errors import ConfigurationError
 from imaging.frames import SIDES
-
-RULE = """\
-Counted: the control loop, the policy's module, and what these import, directly or not, from autoexpose_daemon.control,
-imaging.response and imaging.exposure, except under TYPE_CHECKING; of C every file with a function that one of them
-names, the headers that it includes, and the C file beside each header.
-Numbers: every numeric literal but 0, 1, 2 and -1; in C none of #if and #include. Branches: if, elif (#if is none),
-while, case (a default or `case _` is none) and conditional expressions; in Python also the if of a comprehension.
-Snapshot: names of the values in the loop's state after some frames; cameras and items of lists have the same names."""
 
 ROOT = Path(__file__).resolve().parents[2]
 LOOP = "autoexpose_daemon.control.loop"
@@ -142,7 +135,7 @@ def count_policy(policy_id: str) -> dict[str, Any]:
     ]
     return {
         "policy": policy_id,
-        "rule": RULE,
+        "rule": text_beside(__file__),
         "numbers": sum(count.numbers for count in counts.values()),
         "branches": sum(count.branches for count in counts.values()),
         "snapshot_fields": len(snapshot_fields(snapshot_of(policy_id))),
@@ -159,7 +152,9 @@ def print_count(counts: dict[str, Any], console: Console) -> None:
     for each in counts["files"]:
         table.add_row(each["file"], str(each["numbers"]), str(each["branches"]))
     console.print(table)
-    console.print(f"fields of a snapshot: {counts['snapshot_fields']}\n\n{RULE}", highlight=False, soft_wrap=True)
+    console.print(
+        f"fields of a snapshot: {counts['snapshot_fields']}\n\n{text_beside(__file__)}", highlight=False, soft_wrap=True
+    )
 
 
 @cache

@@ -26,26 +26,15 @@ _OURS = (
 _LIBRARIES = ("numpy", "opencv-python-headless", "numba", "evo")
 
 
-class ResultCache:
+class ResultCache(KeptResults[Job]):
     """One file for each job, named by a hash of its function, its arguments and all of our code that it can reach. So a
     stopped run resumes where it was, and after a change of code only what that code affects is measured again."""
 
-    def __init__(self, folder: Path) -> None:
-        self._kept = KeptResults(folder)
-
-    def get(self, job: Job) -> tuple[Plain] | None:
-        """The result in a tuple, because it may be None; None when no result is kept."""
-        return self._kept.get(self.key(job))
-
-    def put(self, job: Job, result: Plain) -> None:
-        """Keep a result, atomically; AutoexposeError when it cannot be written."""
-        self._kept.put(self.key(job), result)
-
-    def key(self, job: Job) -> str:
+    def key(self, asked: Job) -> str:
         """Equal for jobs that have the same result."""
-        policies = tuple(PLACES) if job.policies is None else job.policies
-        digest = _digest(job.measure.__module__, policies)
-        parts = [job.measure.__module__, job.measure.__qualname__, job.arguments, digest]
+        policies = tuple(PLACES) if asked.policies is None else asked.policies
+        digest = _digest(asked.measure.__module__, policies)
+        parts = [asked.measure.__module__, asked.measure.__qualname__, asked.arguments, digest]
         return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
 
 

@@ -23,6 +23,7 @@ from evaluation.experiments.cache import ResultCache, run_jobs
 from evaluation.experiments.experiment import Claim, Experiment, Figure, Job, Plain, ReportSection, Table, Verdict
 from evaluation.experiments.registry import EXPERIMENTS
 from evaluation.long_runs import LongProgress, check_chosen, make_writable
+from evaluation.prose import table_row
 from imaging.errors import AutoexposeError, ConfigurationError
 
 Chapter = tuple[Experiment, ReportSection]
@@ -79,16 +80,12 @@ def _claims(claims: Sequence[tuple[str, Claim]]) -> str:
     lines = ["| experiment | the paper | says | we saw | verdict |", "|---|---|---|---|---|"]
     for name, claim in claims:
         verdict = f"**{claim.verdict}**" + (f": {claim.condition}" if claim.condition else "")
-        lines.append(_row([f"`{name}`", claim.source, claim.claim, claim.ours, verdict]))
+        lines.append(table_row([f"`{name}`", claim.source, claim.claim, claim.ours, verdict]))
     return "\n".join(lines)
 
 
 def _table(table: Table) -> str:
-    return "\n".join([_row(table.heads), "|---|" + "---:|" * (len(table.heads) - 1), *map(_row, table.rows)])
-
-
-def _row(cells: Sequence[str]) -> str:
-    return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
+    return "\n".join([table_row(table.heads), "|---|" + "---:|" * (len(table.heads) - 1), *map(table_row, table.rows)])
 
 
 def _inline(text: str) -> str:

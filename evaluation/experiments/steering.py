@@ -28,6 +28,7 @@ from evaluation.experiments.experiment import Claim, Experiment, Figure, Job, Pl
 from evaluation.odometry.orb import in_house
 from evaluation.odometry.stereo import images, prepared
 from evaluation.odometry.tracking import EVERY, Light, odometry_stage, outcome, track_entrants
+from evaluation.prose import text_beside
 from evaluation.scenes.scenarios import RATE_HZ, WARM_UP_FRAMES, Course, steady
 from evaluation.scenes.views import Scene, build_views
 from evaluation.stage.camera import Entrant, Image
@@ -316,7 +317,22 @@ def section(results: Results, _folder: Path) -> ReportSection:
     drives = [(arguments, result) for arguments, result in results if "light" in arguments]
     if drives:
         parts.append(_drives(drives))
-    return ReportSection(_SETTING, list(_claims(halves)), parts)
+    return ReportSection(
+        text_beside(
+            __file__,
+            swap_s=SWAP_FRAME / RATE_HZ,
+            rate_hz=RATE_HZ,
+            latency_frames=LATENCY_FRAMES,
+            all=ALL,
+            sun=SUN,
+            shade=SHADE,
+            slow=SLOW,
+            liar=LIAR,
+            old=OLD,
+        ),
+        list(_claims(halves)),
+        parts,
+    )
 
 
 def ratio(result: Any, name: str, when: str, key: str) -> float:
@@ -366,17 +382,6 @@ def _claims(halves: list[Any]) -> Iterator[Claim]:
         holds=min(honest) >= 0.95,
     )
 
-
-_SETTING = f"""\
-A painted still sways before both cameras; the left half of each picture is 4 or 6 stops brighter than the right one,
-and after {SWAP_FRAME / RATE_HZ:g} s the right one as much brighter than the left one. The default policy runs at
-{RATE_HZ:g} Hz with a delay of two frames, steered by one consumer whose reports take {LATENCY_FRAMES} frames. `{ALL}`
-follows ORB features from frame to frame; `{SUN}` and `{SHADE}` follow them everywhere and report as inliers only those
-of the left and of the right half; `{SLOW}`: on one frame a second; `{LIAR}` claims 20 inliers of 20 features in each
-cell of the right half and 0 of 20 in the left, whatever it sees; `{OLD}` is silent after the swap. Worth: Fisher
-information of the left camera's frames, as the policy counts it, of a half or the whole, as a multiple of that without
-steering. Points: those that ORB follows in each half, by an observer that steers nothing. The drive is fig12's: the
-in-house odometry reports its own features and inliers."""
 
 # Not in the papers.
 EXPERIMENT = Experiment("steering", "Exposure that consumers steer (ours)", jobs, section)

@@ -83,67 +83,49 @@ def test_a_result_that_cannot_be_saved_ends_the_run_with_a_sentence(tmp_path: Pa
         ResultCache(tmp_path / "jobs").put(Job(square, {"number": 2}), 4)
 
 
-def test_a_job_runs_again_when_code_that_it_reaches_changes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+JOBS = {
+    policies: Job(measure_policies, {}, policies=policies)
+    for policies in (("begin2022",), ("mehta2020",), ("belief",), None)
+}
+
+
+def keys() -> dict[tuple[str, ...] | None, str]:
+    cache._digest.cache_clear()
+    found = {policies: ResultCache(Path("anywhere")).key(job) for policies, job in JOBS.items()}
+    cache._digest.cache_clear()
+    return found
+
+
+@pytest.mark.parametrize(
+    ("file", "again"),
+    [
+        ("renderer.py", set(JOBS)),  # reached through imports
+        ("mehta2020.py", {("mehta2020",), None}),  # loaded by its name
+        ("outlook.c", {("belief",), None}),
+        ("ids.py", set()),  # another policy in the list changes no result of the others
+        ("arena_report.py", set()),
+    ],
+)
+def test_a_job_runs_again_when_code_that_it_reaches_changes(
+    file: str, again: set[tuple[str, ...] | None], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before, read = keys(), Path.read_bytes
+    monkeypatch.setattr(Path, "read_bytes", lambda path: read(path) + b" " * (path.name == file))
+    after = keys()
+    assert {policies for policies in JOBS if before[policies] != after[policies]} == again
+
+
+def test_another_default_changes_all_results(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Quick runs and tables may ask for it."""
+    before = keys()
+    monkeypatch.setattr(cache, "DEFAULT_POLICY", "begin2022")
+    assert not set(before.values()) & set(keys().values())
+
+
+def test_a_result_is_kept_for_its_job_alone(tmp_path: Path) -> None:
     kept, job = ResultCache(tmp_path), Job(square, {"number": 2})
     kept.put(job, 4)
-    assert kept.get(job) == (4,)
-    assert kept.get(Job(square, {"number": 3})) is None
-    monkeypatch.setattr(cache, "_digest", lambda module, policies: "changed")
-    assert kept.get(job) is None
-
-
-def test_code_is_reached_through_imports() -> None:
-    """A change of the renderer touches what is measured in the room, and not what computes statistics."""
-    sources = {module: cache._digest(module) for module in ("evaluation.arena.runs", "evaluation.arena.race")}
-    assert len(set(sources.values())) == 2
-    assert "evaluation.arena.race" in cache._imports(Path("evaluation/arena/runs.py"))
-
-
-def test_the_code_of_the_policies_that_run_counts_and_of_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
-    """They are loaded by name, so no import leads to them."""
-    keys = ResultCache(Path("anywhere"))
-    jobs = {
-        policies: Job(measure_policies, {}, policies=policies) for policies in (("begin2022",), ("mehta2020",), None)
-    }
-    before = {policies: keys.key(job) for policies, job in jobs.items()}
-    sources = cache._source
-
-    def changed(module: str) -> Path | None:
-        """Another source for one policy."""
-        return Path(__file__) if module.endswith(".mehta2020") else sources(module)
-
-    monkeypatch.setattr(cache, "_source", changed)
-    cache._digest.cache_clear()
-    after = {policies: keys.key(job) for policies, job in jobs.items()}
-    cache._digest.cache_clear()
-    assert {policies for policies in jobs if before[policies] != after[policies]} == {("mehta2020",), None}
-
-
-def test_another_policy_in_the_table_changes_no_result_of_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
-    """That another is the default does: quick runs and tables may ask for it."""
-    keys = cache.ResultCache(Path())
-    job = Job(measure_policies, {}, policies=("begin2022",))
-    before = keys.key(job)
-    read = Path.read_bytes
-    monkeypatch.setattr(Path, "read_bytes", lambda path: read(path) + b"#" * (path.name == "ids.py"))
-    cache._digest.cache_clear()
-    assert keys.key(job) == before
-    monkeypatch.setattr(cache, "DEFAULT_POLICY", "begin2022")
-    cache._digest.cache_clear()
-    assert keys.key(job) != before
-    cache._digest.cache_clear()
-
-
-def test_the_c_that_a_policy_calls_counts(monkeypatch: pytest.MonkeyPatch) -> None:
-    keys = ResultCache(Path("anywhere"))
-    jobs = {policy: Job(measure_policies, {}, policies=(policy,)) for policy in ("belief", "begin2022")}
-    before = {policy: keys.key(job) for policy, job in jobs.items()}
-    read = Path.read_bytes
-    monkeypatch.setattr(Path, "read_bytes", lambda path: read(path) + b" " * (path.name == "outlook.c"))
-    cache._digest.cache_clear()
-    after = {policy: keys.key(job) for policy, job in jobs.items()}
-    cache._digest.cache_clear()
-    assert {policy for policy in jobs if before[policy] != after[policy]} == {"belief"}
+    assert kept.get(job) == (4,) and kept.get(Job(square, {"number": 3})) is None
 
 
 def test_a_damaged_file_counts_as_none(tmp_path: Path) -> None:

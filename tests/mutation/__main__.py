@@ -12,15 +12,14 @@ import queue
 import signal
 import sys
 import tempfile
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TypeVar
 
 from tests.mutation.accepted import ACCEPTED
 from tests.mutation.relevance import CHUNK, Relevance, related
-from tests.mutation.report import Outcomes, complaint, row, summary, table
 from tests.mutation.scope import Mutant, generated, sample, sources
 from tests.mutation.trial import DisturbedError, Fate, Log, judge
 from tests.mutation.workplace import Workplace
@@ -28,6 +27,11 @@ from tests.mutation.workplace import Workplace
 PROJECT = Path(__file__).parents[2]
 BUILD = PROJECT / "build/mutation"
 AT_ONCE = 2
+MOST_SURVIVORS = 0.1
+"""Of all mutants, explained or not."""
+
+WIDEST = 90
+Outcomes = dict[Mutant, Fate]
 Task = TypeVar("Task")
 Result = TypeVar("Result")
 
@@ -41,21 +45,15 @@ class Bench:
         for place in self._places:
             self._free.put(place)
 
-    @contextmanager
-    def _place(self) -> Iterator[Workplace]:
-        """A copy to oneself."""
-        place = self._free.get()
-        try:
-            yield place
-        finally:
-            self._free.put(place)
-
     def do(self, tasks: Iterable[Task], work: Callable[[Workplace, Task], Result]) -> Iterator[tuple[Task, Result]]:
         """Work on the tasks, some at once; what comes of each, as they are done."""
 
         def one(task: Task) -> tuple[Task, Result]:
-            with self._place() as place:
+            place = self._free.get()
+            try:
                 return task, work(place, task)
+            finally:
+                self._free.put(place)
 
         with ThreadPoolExecutor(AT_ONCE) as executor:
             try:
@@ -78,8 +76,7 @@ def main() -> int:
         bench = Bench(Path(folder))
         trace(bench, relevance)
         outcomes = try_all(bench, relevance, sample(texts, count, seed))
-    (BUILD / "table.md").write_text(table(outcomes))
-    print(f"{summary(outcomes)}\n\nAll of them: {BUILD / 'table.md'}")
+    print(summary(outcomes))
     for name in ACCEPTED.keys() - {mutant.name for mutant in generated(texts)}:
         print(f"explained in tests/mutation/accepted.py, but gone from the code: {name}")
     wrong = complaint(outcomes)
@@ -125,6 +122,56 @@ def try_all(bench: Bench, relevance: Relevance, mutants: list[Mutant]) -> Outcom
         log.add(mutant, fate)
         print(f"{len(fates):4}/{len(mutants)} {row(mutant, fate)}", flush=True)
     return {mutant: fates[mutant] for mutant in mutants}
+
+
+def row(mutant: Mutant, fate: Fate) -> str:
+    """A mutant on one line."""
+    test = f"  by {fate.by}" if fate.by else f"  unnoticed by {fate.tests} tests"
+    change = f"{mutant.change.before} -> {mutant.change.after}"
+    where = f"{mutant.path}:{mutant.change.line}"
+    return f"{fate.kind:8} {fate.seconds:5.1f} s  {where}  {_short(change)}{test}"
+
+
+def summary(outcomes: Outcomes) -> str:
+    """Totals by package, and the survivors."""
+    lines = ["| package | mutants | killed | time-out | survived | explained |", "|---|---|---|---|---|---|"]
+    packages = dict.fromkeys(mutant.package for mutant in outcomes)
+    for package in (*packages, "all"):
+        lines.append(_totals(package, [item for item in outcomes.items() if package in (item[0].package, "all")]))
+    survivors = _survivors(outcomes)
+    lines += ["", f"{len(survivors)} survived:" if survivors else "No mutant survived."]
+    for mutant in survivors:
+        lines.append(f"* {mutant.name}\n  {ACCEPTED.get(mutant.name, 'NOT EXPLAINED')}")
+    return "\n".join(lines)
+
+
+def complaint(outcomes: Outcomes) -> str | None:
+    """What is wrong with the tests, in a sentence; None: nothing."""
+    survivors = _survivors(outcomes)
+    unexplained = [mutant for mutant in survivors if mutant.name not in ACCEPTED]
+    if unexplained:
+        return (
+            f"{len(unexplained)} mutants survive without an explanation: add a test that notices them, or say in "
+            "tests/mutation/accepted.py why they may live"
+        )
+    if len(survivors) > MOST_SURVIVORS * len(outcomes):
+        return f"{len(survivors)} of {len(outcomes)} mutants survive, more than one in ten: add tests that notice them"
+    return None
+
+
+def _survivors(outcomes: Outcomes) -> list[Mutant]:
+    return [mutant for mutant, fate in outcomes.items() if fate.kind == "survived"]
+
+
+def _totals(package: str, outcomes: Iterable[tuple[Mutant, Fate]]) -> str:
+    fates = list(outcomes)
+    kinds = Counter(fate.kind for _, fate in fates)
+    explained = sum(fate.kind == "survived" and mutant.name in ACCEPTED for mutant, fate in fates)
+    return f"| {package} | {len(fates)} | {kinds['killed']} | {kinds['time-out']} | {kinds['survived']} | {explained} |"
+
+
+def _short(text: str) -> str:
+    return text if len(text) <= WIDEST else f"{text[: WIDEST - 4]} ..."
 
 
 if __name__ == "__main__":

@@ -38,22 +38,12 @@ Node = TypeVar("Node", bound=ast.AST)
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """One thing changed in a source file.
+    """One thing changed in a source file."""
 
-    Attributes
-    ----------
-    line
-        Where it is, counted from 1.
-    start, stop
-        The bytes replaced.
-    before, after
-        What is replaced, and by what, on one line.
-    """
-
-    line: int
-    start: int
+    line: int  # counted from 1
+    start: int  # of the bytes replaced
     stop: int
-    before: str
+    before: str  # what is replaced, and by what, on one line
     after: str
 
     def apply(self, source: str) -> str:

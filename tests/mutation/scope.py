@@ -92,12 +92,13 @@ def generated(texts: dict[str, str]) -> Iterator[Mutant]:
             continue
         for change in changes(text):
             mutant = Mutant(package, path, text, change)
-            yield replace(mutant, number=seen[mutant.name])
-            seen[mutant.name] += 1
+            name = mutant.name
+            yield replace(mutant, number=seen[name])
+            seen[name] += 1
 
 
 def sample(texts: dict[str, str], count: int, seed: int) -> list[Mutant]:
-    """All that is listed, and as many others as make up `count`, a third of each package.
+    """All that is listed, and as many others as make up `count`, equally many of each package.
 
     Which ones hangs on their names only: a change elsewhere in the code leaves most of the sample as it was.
     """

@@ -7,9 +7,8 @@ from textwrap import dedent
 
 import pytest
 
-from tests.mutation.functions import function_at, function_lines, users
 from tests.mutation.operators import changes
-from tests.mutation.relevance import Traced
+from tests.mutation.relevance import Traced, function_at, function_lines, users
 from tests.mutation.scope import LISTED, Mutant, listed, sample, sources
 from tests.mutation.trial import DisturbedError, Fate, judge
 from tests.mutation.workplace import Workplace
@@ -66,16 +65,20 @@ def test_words_and_types_are_left_alone(source: str) -> None:
     assert mutations(source) == []
 
 
-def test_whatever_is_made_of_our_code_is_python() -> None:
-    texts = sources(ROOT)
+@pytest.fixture(scope="module")
+def texts() -> dict[str, str]:
+    """Some of our sources, among them those of what is listed."""
+    some = (*(path for path, _, _ in LISTED), "drivers/triggers/", "calibration/response/")
+    return {path: text for path, text in sources(ROOT).items() if path.startswith(some)}
+
+
+def test_whatever_is_made_of_our_code_is_python(texts: dict[str, str]) -> None:
     for mutant in sample(texts, 300, 7):
         assert mutant.mutated != mutant.text
         compile(mutant.mutated, mutant.path, "exec")
 
 
-def test_what_once_went_unnoticed_is_always_tried_and_the_sample_hangs_on_its_seed() -> None:
-    some = (*(path for path, _, _ in LISTED), "drivers/triggers/", "calibration/response/")
-    texts = {path: text for path, text in sources(ROOT).items() if path.startswith(some)}
+def test_what_once_went_unnoticed_is_always_tried_and_the_sample_hangs_on_its_seed(texts: dict[str, str]) -> None:
     first, again, other = (sample(texts, 50, seed) for seed in (1, 1, 2))
     assert first == again
     assert [mutant.name for mutant in first] != [mutant.name for mutant in other]

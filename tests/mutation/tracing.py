@@ -14,7 +14,7 @@ from pathlib import Path
 import coverage
 import pytest
 
-from tests.mutation.functions import function_lines
+from tests.mutation.relevance import function_lines
 from tests.mutation.scope import FOLDERS
 
 

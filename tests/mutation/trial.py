@@ -30,23 +30,11 @@ class DisturbedError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Fate:
-    """What became of a mutant.
+    """What became of a mutant."""
 
-    Attributes
-    ----------
-    kind
-        killed, time-out or survived.
-    by
-        The test that noticed; None of a survivor.
-    tests
-        How many were to be run.
-    seconds
-        How long it took.
-    """
-
-    kind: str
-    by: str | None
-    tests: int
+    kind: str  # killed, time-out or survived
+    by: str | None  # the test that noticed; None of a survivor
+    tests: int  # how many were to be run
     seconds: float
 
 

@@ -38,6 +38,7 @@ from evaluation.experiments.statistics import Interval, above, alike, below, not
 from evaluation.experiments.worth.tables import Verdicts, claims_tables
 from evaluation.odometry.orb_slam3 import PACKAGE, installed
 from evaluation.odometry.tracking import EVERY, Light
+from evaluation.prose import text_beside
 from evaluation.scenes.scenarios import RATE_HZ
 from fake_camera.world.sensor import DEFAULT_F_NUMBER
 
@@ -236,30 +237,6 @@ POLICIES = (DEFAULT_POLICY, *LAWS, *RIVALS, "fixed")
 # In the first eight rooms of these lights all others drive: enough to tell a policy that is worse by a third.
 _OTHERS = tuple(policy for policy in POLICY_IDS if policy not in {*POLICIES, *LEARNED, "majer2018-fixed"})
 
-_SETTING = f"""\
-The paper sent its rig along one trajectory in two lights: (a) 1 to 217 lux in different parts of the room, (b) 2 to 4
-lux; exposures of at most 7.5 ms. Ours is the simulated rig's lap through a furnished room scaled to 0.6 (things are 0.2
-to 2 m away), from rest to 86 mm/s and 89 degrees a second. (a): the walls around one bearing have 217 lux, those away
-from it 1 lux, with 23 degrees of fading in between; (b): the walls have 3 lux on average, and in a second version half
-a lux. Our default lens is f/{DEFAULT_F_NUMBER}, brighter than the paper's f/1.2, so (b) is also run at f/2.8.
-
-Every policy runs in closed loop at 60 Hz with a delay of two frames, from the best exposure of the first frame: our
-default `{DEFAULT_POLICY}`; the paper's law as its authors' public code runs it, `begin2022-code`, and as the paper
-prints it, `begin2022`; the paper's rivals, Mehta's code with the paper's balance of time and gain, `mehta2020-code`,
-and `neves2009` (a mean of 20 %, exposure time first, as built into cameras); `fixed`, {FIXED}, always; in the paper's
-two lights the learned policies, with weights of our own training, which saw no room of this report, and through the
-first eight rooms all others. Verdicts on the paper's claims count for the law as coded; those for the law as printed
-stand beside them.
-
-Odometry as in fig7. Error: mean translation RPE over sub-trajectories of 20 mm, by evo; a lost pair gets a guess, which
-counts. After five lost pairs in a row the run has failed: failures are reported next to the error, and never dropped.
-M_g is measured on the frames that odometry gets, after the median and the gamma of 0.3 as the paper's were, and for
-comparison without the gamma.
-
-Each room is driven through once, on a heading of its own, so courses are independent, and intervals draw rooms. Their
-number, {len(ROOMS)}, was fixed before any of them was seen: see docs/experiments.md. Whether our default is inferior is
-judged as in `worth`."""
-
 
 def jobs(quick: bool) -> list[Job]:
     """One for each scene, room and policy: when one changes, the results of the others are still kept."""
@@ -310,7 +287,9 @@ def section(results: Results, folder: Path) -> ReportSection:
     _draw_boxes(runs, "rpe_mm", "RPE over 20 mm (mm)", folder / "fig13.png")
     _draw_exposures(runs, folder / "fig14.png")
     return ReportSection(
-        _SETTING,
+        text_beside(
+            __file__, default_f_number=DEFAULT_F_NUMBER, default_policy=DEFAULT_POLICY, fixed=FIXED, rooms=len(ROOMS)
+        ),
         unless_few(claims(runs), runs.rooms(UNEVEN)),
         [
             *claims_tables(_verdicts(runs), [policy for policy in runs.policies if policy != DEFAULT_POLICY]),
@@ -398,12 +377,6 @@ SLAM_POLICIES = (DEFAULT_POLICY, *LAWS)
 FEW_ROOMS = ROOMS[:3]
 _ABSENT = f"`{PACKAGE}` is not installed, so nothing was measured: see docs/odometry.md."
 
-_SLAM_SETTING = f"""\
-The first three rooms of fig12 with ORB-SLAM3 (`{PACKAGE}`) instead of our odometry. Its vocabulary of visual
-words was made from our own frames of another room. Poses are those that it returns immediately, as a robot gets them.
-It maps in its own threads, so these numbers differ from run to run. Three rooms decide nothing, and have no interval:
-the numbers are for comparison with those of our odometry."""
-
 
 def slam_jobs(quick: bool) -> list[Job]:
     """One for each light, room and policy; none if ORB-SLAM3 is not installed."""
@@ -442,7 +415,7 @@ def slam_section(results: Results, _folder: Path) -> ReportSection:
             rows.append([f"{scene.title}: `{policy}`", f"{errors[policy].mean():.2f}", lost, failed, difference])
     caption = f"ORB-SLAM3; RPE over 20 mm, and that of `{DEFAULT_POLICY}` minus it in each room, in mm."
     heads = ["", "RPE mean", "pairs lost", "runs failed", f"`{DEFAULT_POLICY}` minus it"]
-    return ReportSection(_SLAM_SETTING, [], [Table(caption, heads, rows)])
+    return ReportSection(text_beside(__file__, "fig12_slam.txt", package=PACKAGE), [], [Table(caption, heads, rows)])
 
 
 WITH_ORB_SLAM3 = Experiment(

@@ -21,24 +21,12 @@ from evaluation.experiments.drives.drives import (
 )
 from evaluation.experiments.experiment import Claim, Experiment, Figure, Job, ReportSection, Results, Table, Verdict
 from evaluation.experiments.statistics import Interval, above, alike, below, clustered, not_above, pearson, together
+from evaluation.prose import text_beside
 from evaluation.scenes.scenarios import RATE_HZ
 
 MARKERS = "osv^"
 EQUALLY_GOOD = 0.05  # Smaller differences of |r| do not count
 NO_CORRELATION = 0.3  # An r whose whole interval is within it predicts nothing: the paper calls its 0.26 no correlation
-
-_SETTING = """\
-The paper ran its motion table four times with each of four fixed settings, and ORB-SLAM3 ten times on each recording.
-Ours are four pairs of time and gain at one exposure level, so that only blur and noise differ: the paper's settings are
-not in its text. The path is the simulated rig's lap through a furnished room scaled to 0.6, at 20 lux, from rest to 86
-mm/s and 89 degrees a second, once in each room, on a heading of its own. Odometry is our own (ORB, stereo matches, PnP,
-refinement; 30 pairs a second), on images after a 3x3 median and a gamma of 0.3 as in the paper. Error: mean translation
-RPE over sub-trajectories of 20 mm, by evo. A pair that is lost gets a guess, which counts.
-
-Each point of Fig. 9 is one setting in one room: the median of the measure over the pairs of a run, against its error.
-Images are measured as odometry gets them. The paper had one scene; rooms differ in what they offer to see, so
-correlations are of deviations from the mean over the settings in one room. Intervals draw rooms, each with all of its
-runs."""
 
 
 def jobs(quick: bool) -> list[Job]:
@@ -70,7 +58,7 @@ def section(results: Results, folder: Path) -> ReportSection:
         _poor_proxies(correlations),
     ]
     return ReportSection(
-        _SETTING,
+        text_beside(__file__),
         unless_few(claims, len(errors)),
         [
             _table(results, errors),

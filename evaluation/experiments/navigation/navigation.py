@@ -31,6 +31,7 @@ from evaluation.experiments.navigation.months import EXPOSURE, PAPERS, measure_h
 from evaluation.experiments.navigation.seasons import HOURS
 from evaluation.experiments.statistics import alike
 from evaluation.experiments.teach.judge import LOST_PX, WITHIN_PX, Errors, PairedComparison, compare, probability
+from evaluation.prose import text_beside
 from navigation.views.registration import RULES
 
 Kept = Mapping[str, Errors]  # Errors by what kept the map up, chose its features, or set the threshold
@@ -280,7 +281,7 @@ def section(results: Results, folder: Path) -> ReportSection:
         parts.append(first_laps_table(laps))
     if any(len(park) > 1 for parks in laps.values() for park in parks):
         parts.append(many_laps_table(laps))
-    return ReportSection(_SETTING, claims(results), parts)
+    return ReportSection(text_beside(__file__, exposure=EXPOSURE, lost_m=LOST_M), claims(results), parts)
 
 
 def data(results: Results) -> Plain:
@@ -297,25 +298,6 @@ def data(results: Results) -> Plain:
         for one in claims(results)
     ]
     return {"default_policy": DEFAULT_POLICY, "better": dict(BETTER), "results": rows, "verdicts": verdicts}
-
-
-_SETTING = f"""\
-Maps: the park of `teach` at 50 degrees north, taught at noon on the first of March by `{EXPOSURE}`, 20 of its 80 local
-maps, and driven again beside the path. Sun, shadows and light follow date and hour; an overcast sky comes and goes by
-chance; the wind moves half of the leaves from drive to drive, and after two months half of them are others for good;
-below an elevation of -6 degrees the robot drives by its lamp. Only the sun is periodic. `steady`: 12 drives at noon
-under clouds. `nightfall`: 12 drives, the last six in the dark. `months`: 87 drives on random days and hours of two
-months, a third of them in the dark; models learn from the first 57 and foretell which features will be seen in the
-other 30, while `plastic`, `adaptive` and `summary` maps go on learning. Features are FAST corners with ORB descriptors
-under the paper's threshold law, in place of its SURF. Truth comes from the geometry of the park. A claim is reproduced
-where a paired two-sided t-test (p < 0.05) and the 95 % interval of the difference, which draws local maps, say so. The
-authors' scripts test one side at 0.2, and one of them draws the curve of the static map 0.01 too low, so that it can be
-told from the other.
-
-Laps: a robot with 2 % error of distance and a drift of a degree a metre starts 0.3 m aside and turned by 5 degrees, and
-repeats a lap of about 32 m, which it was taught with the same policy in the early afternoon. It steers by registrations
-with static maps, ten times a second. A lap that is not completed counts as {LOST_M:g} m in the JSON. `switched`: the
-light of the middle third is a hundredth. `lamp at night`: no light but the robot's lamp."""
 
 
 EXPERIMENT = Experiment(

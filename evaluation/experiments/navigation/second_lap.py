@@ -19,6 +19,7 @@ from autoexpose_daemon.control.step import StepInputs
 from evaluation.arena.race import Series, race
 from evaluation.arrays import Floats, Ints
 from evaluation.experiments.experiment import Claim, Experiment, Figure, Job, Plain, ReportSection, Results, Table
+from evaluation.prose import text_beside
 from evaluation.scenes.scenarios import RATE_HZ, WARM_UP_FRAMES, Course, steady
 from evaluation.scenes.views import Gaze, build_views
 from evaluation.stage.camera import Entrant
@@ -237,7 +238,21 @@ def section(results: Results, _folder: Path) -> ReportSection:
         rows.append([scenario, str(delay), *map(str, case.bad), *worth])
     columns = ["scenario", "delay", *(f"bad: {lap}" for lap in LAPS), *(f"worth: {lap}" for lap in LAPS)]
     parts: list[Table | Figure] = [Table("Bad frames, all scenes together, and mean worth of a frame.", columns, rows)]
-    return ReportSection(_SETTING, list(_claims(results)), parts)
+    return ReportSection(
+        text_beside(
+            __file__,
+            seconds=FRAMES / RATE_HZ,
+            speed_m_s=SPEED_M_S,
+            rate_hz=RATE_HZ,
+            later=LATER,
+            second_share=(0.5 + LATER) / 1.5,
+            spread_m=SPREAD_M,
+            wrong_m=WRONG_M,
+            bad=BAD,
+        ),
+        list(_claims(results)),
+        parts,
+    )
 
 
 def _claims(results: Results) -> Iterator[Claim]:
@@ -277,16 +292,5 @@ def data(results: Results) -> Plain:
             rows += [{"judge": judge, **base, "value": value} for judge, value in values]
     return {"default_policy": DEFAULT_POLICY, "better": dict(BETTER), "results": rows}
 
-
-_SETTING = f"""\
-The default policy drives a lap of {FRAMES / RATE_HZ:g} s at {SPEED_M_S:g} m/s and {RATE_HZ:g} Hz: through the shade of
-trees, then twice into the dark and out again, 8 and 6 stops down, within 1 s (`tunnel`, as the arena's), 0.25 s
-(`underpass`) or 0.06 s (`door`); or it turns past a window and back (`window`). It is followed by a second lap with
-the same speed and other noise, in {LATER:.2g} of the light (past the window {(0.5 + LATER) / 1.5:.2g}), which looks up
-to two degrees aside of where the first one looked. It is told what the first one saw, by a place that is wrong by
-{SPREAD_M:g} m (standard deviation, wandering within half a second); or is told what it saw {WRONG_M:g} m further on.
-Delay: frames from a decision until a frame shows it; 2 for most cameras, 8 for slow ones. A frame is bad when it is
-worth less than {BAD:g} of what the best exposure gives. Scenes are of those that judge the arena, with other seeds;
-constants were chosen on twelve others."""
 
 EXPERIMENT = Experiment("second-lap", "Light that was seen before (ours)", jobs, section, data)  # Not in the papers

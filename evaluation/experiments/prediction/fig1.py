@@ -19,6 +19,7 @@ from evaluation.experiments.prediction.still_life import (
     plateau_centre,
 )
 from evaluation.experiments.statistics import Interval, mean_interval
+from evaluation.prose import text_beside
 
 LUX = 50.0  # As in the paper
 DARK_STOPS = 1.0  # Frames at least this far below the best exposure are dark
@@ -32,18 +33,6 @@ _VIEW_NAMES = {
     "shrunk": "360x270, no median",
     "raw": "720x540, nothing done",
 }
-
-_SETTING = """\
-The paper took a static room of about 50 lux with one FLIR BFS-U3-16S2M, at many pairs of exposure time and gain, and
-computed M_g for delta 0.06 and 0.30. Ours is a simulated sensor with 22000 electrons full well and 3 electrons read
-noise at 50 lux, in front of furnished rooms and painted stills that do not move; times of 20 to 7500 us with gains of
-0 to 48 dB in steps of 6, so up to nine pairs make one level. Gain amplifies both signal and read noise, as in a
-camera: at one level, more gain means less light and more noise.
-
-Gain dependence is the difference between the largest and the smallest metric at one level over all gains, as a share
-of the curve's peak. The paper is not consistent about what is done to a frame before it is measured: its text has a
-median filter, its published code computes one and then measures the frame without it, and its frames elsewhere went
-through a gamma of 0.3. So all of these are shown. The verdicts are for frames as the daemon's control sees them."""
 
 
 def jobs(quick: bool) -> list[Job]:
@@ -68,7 +57,7 @@ def section(results: Results, folder: Path) -> ReportSection:
     _draw(measured[0], f"{results[0][0]['scene']}, seed {results[0][0]['seed']}", folder / "fig1.png")
     shifts = [_best(rows, 0.30) - _best(rows, 0.06) for rows in measured]
     return ReportSection(
-        _SETTING,
+        text_beside(__file__),
         [_weak_threshold(measured), _strong_threshold(measured), _same_optimum(shifts)],
         [
             Figure("fig1.png", "Each dot is one pair of time and gain; its colour is the gain. Left delta 0.06, right "

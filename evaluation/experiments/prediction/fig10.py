@@ -23,6 +23,7 @@ from evaluation.experiments.prediction.still_life import (
     measure_step,
 )
 from evaluation.experiments.statistics import Interval, mean_interval
+from evaluation.prose import text_beside
 from evaluation.stage.camera import CameraResponse
 
 BEFORE_LUX = 1.0
@@ -34,22 +35,6 @@ QUICK_FRAMES, SLOW_FRAMES = 30, 70
 LARGE_FACTOR = 3.0  # Half of the paper's 100 over 15
 A_WAY_TO_GO = 8  # Frames: four steps at a delay of two. In fewer, feedback can make no difference.
 SAME_LEVEL_STOPS = 0.25
-
-_SETTING = f"""\
-The paper switched the light from about 1 to about 150 lux in a static room and ran its algorithm live at 60 Hz, with
-and without saturation feedback, and Shim's law by gamma curves. Ours is one step of light from 1 lux in virtual time,
-with rooms and painted stills in front of the simulated camera (20 to 7500 us, 0 to 30 dB), after half a second at rest.
-The laws are the daemon's: `begin2022`; the same without feedback (it does not learn which decision a frame realises, so
-r of eq. 21 is 0); for gamma curves `mehta2020`, whose code the paper ran, and `shim2018`. A decision on frame k takes
-effect in frame k + 2, as in the paper's published code; with "delay 1" in the next frame, as eq. (22) is written.
-
-Two things are in that code but not in the text. Its table for one stop less turns grey 254 into 209, a response of
-about exposure^0.3: it includes the gamma of 0.3 that the paper applies to its frames. So our main camera is
-`linear^0.3` (Gamma node at 0.3), with a linear one for comparison. And after an image of mean grey above 245 or below
-10 the code goes 2 stops down or up, whatever the prediction; this is "rule" below.
-
-Converged: from then on within {BAND_STOPS} stop of the median of the last {END_FRAMES} frames of {FRAMES}, with at
-least {USEFUL_SHARE:.0%} of the best metric there. A law that stays at a white image is stuck, not converged."""
 
 
 def jobs(quick: bool) -> list[Job]:
@@ -81,7 +66,7 @@ def section(results: Results, folder: Path) -> ReportSection:
     papers = _of(results, THE_PAPERS, THE_PAPERS_RISE)
     _draw(results, folder / "fig10.png")
     return ReportSection(
-        _SETTING,
+        text_beside(__file__, band_stops=BAND_STOPS, end_frames=END_FRAMES, frames=FRAMES, useful_share=USEFUL_SHARE),
         [_feedback_is_faster(results, papers), _gamma_is_as_fast(papers), _gamma_ends_elsewhere(papers)],
         [
             Figure(

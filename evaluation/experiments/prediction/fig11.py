@@ -12,6 +12,7 @@ from evaluation.drawing import COLOURS, panels, save
 from evaluation.experiments.experiment import Claim, Experiment, Figure, Job, ReportSection, Results, Table, Verdict
 from evaluation.experiments.prediction.still_life import LAWS, measure_rest, summary
 from evaluation.experiments.statistics import Interval, mean_interval
+from evaluation.prose import text_beside
 from evaluation.stage.camera import CameraResponse
 
 LUX = 50.0
@@ -22,19 +23,6 @@ CAMERAS = (*THE_PAPERS, CameraResponse("gamma"), CameraResponse("s_shaped"))
 # A best level that moves by less from camera to camera varies slightly: gamma curves err by 1 to 3 stops.
 SLIGHT_STOPS = 1.0
 _LAW_NAMES = {"begin2022": "by the response", "shim2018": "by gamma, shim2018", "mehta2020": "by gamma, mehta2020"}
-
-_SETTING = """\
-The paper photographed a static scene at many exposure levels, computed M_g and the gamma* of Shim's method for each,
-and did so for three responses: that of its FLIR camera, and the same with gamma transformations of 0.6 and 0.3 on the
-images. Ours are rooms and painted stills at 50 lux in front of the simulated sensor, linear and with its Gamma node at
-0.6 and 0.3 (which acts before quantisation to 8 bits, not after; `linear^0.6` below), and also with the fake camera's
-gamma and S-shaped responses.
-
-The true best level is the middle of the levels within 1 % of the largest M_g. For each frame the daemon's own laws,
-which know only that frame, say how many stops they want to go: `begin2022` by the response, without feedback, and
-Shim's law by gamma curves as `shim2018` and as `mehta2020`. A law comes to rest where it wants to go up from below and
-down from above: that is the level it considers best, and its bias is the distance from the true one. Of several such
-levels the one nearest to the true best counts, in favour of the law."""
 
 
 def jobs(quick: bool) -> list[Job]:
@@ -71,7 +59,7 @@ def section(results: Results, folder: Path) -> ReportSection:
         folder / "fig11.png",
     )
     return ReportSection(
-        _SETTING,
+        text_beside(__file__),
         [_underestimates(found), _steady_optimum(found, scenes), _closer(found)],
         [
             Figure(

@@ -12,6 +12,7 @@ from evaluation.drawing import COLOURS, panels, save
 from evaluation.experiments.experiment import Claim, Experiment, Figure, Job, ReportSection, Results, Table, Verdict
 from evaluation.experiments.prediction.still_life import gamma_curve, measure_changes
 from evaluation.experiments.statistics import Interval, mean_interval
+from evaluation.prose import text_beside
 from evaluation.stage.camera import FAKE_CAMERAS, CameraResponse
 from imaging.response import prediction_table
 
@@ -23,17 +24,6 @@ EXACT_GREY = 1.0  # A prediction with a smaller error (rms, grey levels) is as g
 FAR_GREY = 4.0  # A prediction with a larger error is off by more than the noise of most frames
 _SHOWN = (-2.0, -1.0, 1.0, 2.0)
 _SHOTS = 16
-
-_SETTING = """\
-The paper shows the response of its FLIR camera, found by calibration on a static scene, the transformations g_exp that
-follow from it, and gamma curves for comparison; it measures no error. We ask how far both are from the truth, which a
-simulation knows: a still scene at 50 lux is photographed at one level and again 0.5 to 2 stops brighter and darker,
-with noise averaged out over shots. There are three cameras, with the responses that the fake camera can have (linear;
-gamma 1/2.2; S-shaped over a power law). The predicting response is the sensor's own, as an error-free calibration
-would find it; for the error of a real calibration, see docs/calibration-method.md.
-
-The gamma curve is given every advantage: for each change of exposure, camera and scene it is the one with the smallest
-error, chosen with knowledge of the outcome. In use, nothing says which gamma stands for which change."""
 
 
 def jobs(quick: bool) -> list[Job]:
@@ -64,7 +54,7 @@ def section(results: Results, folder: Path) -> ReportSection:
     gamma = {camera: _over_all(found, "gamma_rms") for camera, found in by_camera.items()}
     brighter = {camera: _at(found, 1.0, "gamma").value for camera, found in by_camera.items()}
     return ReportSection(
-        _SETTING,
+        text_beside(__file__),
         [
             Claim(
                 "B&H 2.1, Fig. 3",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -131,26 +132,28 @@ class ExposingRobot:
         return images
 
 
-def taught_maps(
-    path: ParkPath,
-    renderer: Renderer,
-    camera: SimulatedCamera,
-    *,
-    maps: int,
-    entrants: Sequence[Entrant] = ENTRANTS,
-    first: int = 0,
-) -> dict[Part, dict[str, list[Features]]]:
-    """Features of each of `maps` maps from the `first`, by part of the image and entrant. The robot rests at each
-    before its image is taken."""
+@dataclass(frozen=True, slots=True)
+class Stretch:
+    """A part of a path: how many maps, from which one on, and who drives there."""
+
+    path: ParkPath
+    maps: int
+    first: int = 0
+    entrants: Sequence[Entrant] = ENTRANTS
+
+
+def taught_maps(stretch: Stretch, renderer: Renderer, camera: SimulatedCamera) -> dict[Part, dict[str, list[Features]]]:
+    """Features of each map of a stretch, by part of the image and entrant. The robot rests at each before its image is
+    taken."""
     detector = OrbPyramid()
     taught: dict[Part, dict[str, list[Features]]] = {
-        "top half": {one.name: [] for one in entrants},
-        "whole image": {one.name: [] for one in entrants},
+        "top half": {one.name: [] for one in stretch.entrants},
+        "whole image": {one.name: [] for one in stretch.entrants},
     }
     robot: ExposingRobot | None = None
-    for index in range(first, first + maps):
-        radiance = renderer.render(path.taught(index)[None], TEACHING.lux(0.0))
-        robot = robot or ExposingRobot(camera, radiance, entrants)
+    for index in range(stretch.first, stretch.first + stretch.maps):
+        radiance = renderer.render(stretch.path.taught(index)[None], TEACHING.lux(0.0))
+        robot = robot or ExposingRobot(camera, radiance, stretch.entrants)
         for _ in range(STILL_FRAMES):
             images = robot.step(radiance)
         for part, features in taught.items():
@@ -159,13 +162,13 @@ def taught_maps(
     return taught
 
 
-def frames(path: ParkPath, light: str, maps: int, first: int = 0) -> Iterator[tuple[int, Floats, float]]:
-    """The frames of one replay of `maps` maps from the `first`: number, pose and light (lux)."""
+def frames(stretch: Stretch, light: str) -> Iterator[tuple[int, Floats, float]]:
+    """The frames of one replay: number, pose and light (lux)."""
     daylight, number = REPLAYS[light], 1 + list(REPLAYS).index(light)
-    for frame in range(maps * IMAGES_PER_MAP * FRAMES_PER_IMAGE):
-        distance = (first + frame / (IMAGES_PER_MAP * FRAMES_PER_IMAGE) - 0.5) * path.spacing_m
+    for frame in range(stretch.maps * IMAGES_PER_MAP * FRAMES_PER_IMAGE):
+        distance = (stretch.first + frame / (IMAGES_PER_MAP * FRAMES_PER_IMAGE) - 0.5) * stretch.path.spacing_m
         progress = frame / (MAPS * IMAGES_PER_MAP * FRAMES_PER_IMAGE)
-        yield frame, path.repeated(number, distance), daylight.lux(progress)
+        yield frame, stretch.path.repeated(number, distance), daylight.lux(progress)
 
 
 def image_of(frame: int) -> int | None:
@@ -174,20 +177,13 @@ def image_of(frame: int) -> int | None:
 
 
 def replayed(
-    path: ParkPath,
-    renderer: Renderer,
-    camera: SimulatedCamera,
-    *,
-    light: str,
-    maps: int,
-    entrants: Sequence[Entrant] = ENTRANTS,
-    first: int = 0,
+    stretch: Stretch, renderer: Renderer, camera: SimulatedCamera, light: str
 ) -> Iterator[tuple[int, Floats, dict[str, Image], ExposingRobot]]:
     """The images of one replay: the nearest map (from 0), pose, image by entrant, and the robot."""
     robot: ExposingRobot | None = None
-    for frame, pose, lux in frames(path, light, maps, first):
+    for frame, pose, lux in frames(stretch, light):
         radiance = renderer.render(pose[None], lux)
-        robot = robot or ExposingRobot(camera, radiance, entrants)
+        robot = robot or ExposingRobot(camera, radiance, stretch.entrants)
         images = robot.step(radiance)
         index = image_of(frame)
         if index is not None:
@@ -201,9 +197,9 @@ def measure(seed: int, tilt_deg: float, light: str, maps: int) -> Plain:
     policy: exposure level, mean of the top half and of the whole (0 to 1), share of saturated pixels. `views`: one
     image by policy from the middle of the drive, a small JPEG in base 64."""
     path = ParkPath(seed, tilt_deg)
-    surfaces = park(seed, TEACHING)
+    stretch, surfaces = Stretch(path, maps), park(seed, TEACHING)
     truth = TrueShifts(surfaces)
-    taught = taught_maps(path, Renderer(surfaces, CAMERA), SimulatedCamera(2 * seed, 2 * seed), maps=maps)
+    taught = taught_maps(stretch, Renderer(surfaces, CAMERA), SimulatedCamera(2 * seed, 2 * seed))
     detector = OrbPyramid()
     where: list[int] = []
     shift: list[float] = []
@@ -211,10 +207,8 @@ def measure(seed: int, tilt_deg: float, light: str, maps: int) -> Plain:
     votes: dict[str, dict[str, list[int]]] = {way: {name: [] for name in POLICIES} for way in WAYS}
     looks: dict[str, list[list[float]]] = {name: [] for name in POLICIES}
     views: dict[str, str] = {}
-    renderer = Renderer(park(seed, REPLAYS[light]), CAMERA)
-    for index, pose, images, robot in replayed(
-        path, renderer, SimulatedCamera(2 * seed + 1, 2 * seed + 1), light=light, maps=maps
-    ):
+    renderer, camera = Renderer(park(seed, REPLAYS[light]), CAMERA), SimulatedCamera(2 * seed + 1, 2 * seed + 1)
+    for index, pose, images, robot in replayed(stretch, renderer, camera, light):
         if len(where) == maps * IMAGES_PER_MAP // 2:
             views = {name: _small(image) for name, image in images.items()}
         where.append(index)

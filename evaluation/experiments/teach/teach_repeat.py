@@ -38,6 +38,7 @@ from evaluation.experiments.teach.judge import (
 )
 from evaluation.experiments.teach.park import MAPS, REPLAYS
 from evaluation.experiments.teach.replay import POLICIES, WAYS, measure, measure_sweep
+from evaluation.prose import text_beside
 
 
 def shares_table(cases: Mapping[Case, Mapping[str, Errors]]) -> Table:
@@ -276,29 +277,9 @@ def section(results: Results, folder: Path) -> ReportSection:
             ),
             sweeps_table(sweeps),
         ]
-    return ReportSection(_SETTING, claims(cases, sweeps), parts)
-
-
-_SETTING = f"""\
-A robot is taught a closed path of {MAPS} local maps and replays it, with eight images per map, near the path but not on
-it. Each image is registered with the nearest map: 500 ORB features of the top half of each image, Lowe's ratio, and a
-vote on the horizontal shift by histogram. The paper has SURF with an adaptive threshold, which OpenCV's wheels lack; to
-the same end, ORB takes the 500 best of all corners. The truth is not annotated by hand but comes from the renderer: the
-shift that would win the vote if everything upright were matched correctly.
-
-The park is rendered in perspective: trunks, shrubs, a small building, a wood with the sky above it, and a meadow with
-sun and shadow. The map is taught early in the afternoon by `{STANDARD}`, the paper's default; the paper does not say by
-which policy it was. It is replayed on other days, when half of the leaves have moved. Late in the afternoon the light
-is steady: under a `clear` sky, where shadows have moved and what faces the sun is almost as bright as the sky, or under
-an `overcast` one, 3 to 4 stops brighter than the trees. After `sunset` only the sky gives light, 2 stops less at the
-end of the drive than at its beginning. The radiance of sky and surfaces is physical; its parameters were chosen on
-other parks. The camera looks level (sky in the upper half of the view), 12 degrees up (sky beyond it, into the lower
-half), or 14 degrees down (sky hardly seen).
-
-All policies see the same frames, at 30 a second, each with its own exposure; a decision applies two frames later. They
-start from the operator's exposure, a mean of 0.5 in the first view, which `fixed` keeps. `begin2022` and
-`{DEFAULT_POLICY}` run too, though the paper makes no claim about them. One policy is better than another where
-Student's paired test says so (p < 0.05) and the interval of the difference, which draws maps, excludes 0."""
+    return ReportSection(
+        text_beside(__file__, maps=MAPS, standard=STANDARD, default_policy=DEFAULT_POLICY), claims(cases, sweeps), parts
+    )
 
 
 EXPERIMENT = Experiment("teach", "Teach and repeat under a bright sky (Majer et al. 2018, 4.2)", jobs, section)

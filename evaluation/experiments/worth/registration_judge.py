@@ -17,6 +17,7 @@ from evaluation.experiments.teach.park import MAPS as PATH_MAPS
 from evaluation.experiments.teach.park import REPLAYS, TEACHING, Daylight, ParkPath, park
 from evaluation.experiments.teach.replay import (
     DELAY_FRAMES,
+    Stretch,
     TrueShifts,
     at_half,
     frames,
@@ -73,6 +74,10 @@ class ParkReplay:
         """Where the robot goes."""
         return ParkPath(self.seed, TILTS[self.sky])
 
+    def stretch(self, entrants: Sequence[Entrant] = ()) -> Stretch:
+        """Its part of the path, and who drives there."""
+        return Stretch(self.path, self.maps, self.first, entrants)
+
     def renderers(self) -> tuple[Renderer, Renderer]:
         """The park when the path is taught, and when it is replayed."""
         before, after = (Renderer(_built(self.seed, day), CAMERA) for day in (TEACHING, REPLAYS[self.light]))
@@ -83,7 +88,7 @@ class ParkReplay:
         truth, path = TrueShifts(_built(self.seed, TEACHING)), self.path
         return [
             ReplayLook(index, pose, lux, truth.shift(path.taught(self.first + index), pose))
-            for frame, pose, lux in frames(path, self.light, self.maps, self.first)
+            for frame, pose, lux in frames(self.stretch(), self.light)
             if (index := image_of(frame)) is not None
         ]
 
@@ -141,16 +146,9 @@ STOPS = range(-4, 2)
 Levels = list[int]  # Exposure levels, whole stops
 
 
-@dataclass(frozen=True, slots=True)
-class RegistrationShares:
-    """Shares of registrations within 5 px, mean over repeats: on one's own maps, and on the foreign ones."""
-
-    own: float
-    foreign: float
-
-
-def bounds(course: ParkReplay, foreign: Sequence[Features]) -> dict[str, RegistrationShares]:
-    """Both bounds, chosen with one noise and scored with others. `fixed-in-hindsight` keeps one exposure while it
+def bounds(course: ParkReplay, foreign: Sequence[Features]) -> dict[str, tuple[float, float]]:
+    """Shares of registrations within 5 px on one's own maps and on the foreign ones, mean over repeats, of both bounds.
+    They are chosen with one noise and scored with others. `fixed-in-hindsight` keeps one exposure while it
     teaches and while it replays; on foreign maps only the latter matters. `oracle-per-frame` has for each image the
     exposure with most votes, and has taught each of its maps with that which gives its images most votes. `foreign`:
     features of each foreign map."""
@@ -162,7 +160,7 @@ def bounds(course: ParkReplay, foreign: Sequence[Features]) -> dict[str, Registr
         ORACLE_PER_FRAME: _free(choice, taught, seen),
     }
     return {
-        name: RegistrationShares(
+        name: (
             float(np.mean([sight.share(sight.own(maps, images)) for sight in scoring])),
             float(np.mean([sight.share(sight.on_foreign(others)) for sight in scoring])),
         )
@@ -277,14 +275,10 @@ def measure_bounds(*, replay: dict[str, Any]) -> list[dict[str, Any]]:
     """Rows of `fixed-in-hindsight` and `oracle-per-frame`."""
     course = ParkReplay(**replay)
     before, _ = course.renderers()
-    foreign = taught_maps(
-        course.path, before, course.camera(0, SCORING[0]), maps=course.maps, entrants=[_entrant(policy(TEACHER))],
-        first=course.first,
-    )  # fmt: skip
+    foreign = taught_maps(course.stretch([_entrant(policy(TEACHER))]), before, course.camera(0, SCORING[0]))
     found: list[dict[str, Any]] = []
-    for name, outcome in bounds(course, foreign["top half"][TEACHER]).items():
-        found += [_row("registration-own", course, name, outcome.own)]
-        found += [_row("registration-foreign", course, name, outcome.foreign)]
+    for name, shares in bounds(course, foreign["top half"][TEACHER]).items():
+        found += [_row(judge, course, name, share) for judge, share in zip(JUDGES, shares, strict=False)]
     return found
 
 
@@ -292,14 +286,14 @@ def run(course: ParkReplay, contenders: Sequence[Contender]) -> list[dict[str, A
     """Rows of contenders, each with its mean exposure level."""
     carried = {contender.name: _entrant(contender) for contender in (*contenders, policy(TEACHER))}
     before, after = course.renderers()
-    stretch: dict[str, Any] = {"maps": course.maps, "entrants": list(carried.values()), "first": course.first}
-    taught = taught_maps(course.path, before, course.camera(0, SCORING[0]), **stretch)["top half"]
+    stretch = course.stretch(list(carried.values()))
+    taught = taught_maps(stretch, before, course.camera(0, SCORING[0]))["top half"]
     detector = OrbPyramid()
     own: dict[str, list[bool]] = {name: [] for name in carried}
     foreign: dict[str, list[bool]] = {name: [] for name in carried}
     saturated: dict[str, list[float]] = {name: [] for name in carried}
     levels: dict[str, list[float]] = {name: [] for name in carried}
-    replay = replayed(course.path, after, course.camera(1, SCORING[0]), light=course.light, **stretch)
+    replay = replayed(stretch, after, course.camera(1, SCORING[0]), course.light)
     for look, (index, _, images, robot) in zip(course.looks(), replay, strict=True):
         for contender in contenders:
             name, image = contender.name, images[contender.name]

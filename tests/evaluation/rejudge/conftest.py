@@ -10,7 +10,7 @@ from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.parameters import Bracketing
 from autoexpose_daemon.control.step import StepInputs
 from autoexpose_daemon.recording.file import RecordingFile, Step
-from evaluation.experiments.rejudge.rehearsal import simulated_geometries, simulated_setup
+from evaluation.experiments.rejudge import simulated_geometries, simulated_setup
 from evaluation.odometry.tracking import odometry_stage
 from evaluation.stage.camera import DelayedLoop
 from evaluation.stage.rendering import Stage

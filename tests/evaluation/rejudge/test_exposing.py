@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
-from evaluation.experiments.rejudge.rehearsal import OFFSETS, measure_still
+from evaluation.experiments.rejudge import OFFSETS, measure_still
 from evaluation.rejudge.camera import Exposer, SeenLight
 from imaging.exposure import ExposureSetting
 from imaging.frames import Frame

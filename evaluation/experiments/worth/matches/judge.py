@@ -248,15 +248,16 @@ def rows(
 START = ExposureSetting(1000.0, 0.0)
 
 
-def run(course: MatchesCourse, contender: Contender) -> list[dict[str, Any]]:
-    """Rows of a contender, with the medians of its settings over the scored frames."""
-    film = course.film()
-    rig = MatchesRig(film, course.eyes, SCORING_SEEDS[0])
-    loop, scorer = enter(contender, course), Scorer(course, film)
-    for number in range(course.frames):
+def measure_contender(*, course: dict[str, Any], contender: str) -> list[dict[str, Any]]:
+    """Rows of one of `CONTENDERS`, with the medians of its settings over the scored frames."""
+    given = MatchesCourse(**course)
+    film = given.film()
+    rig = MatchesRig(film, given.eyes, SCORING_SEEDS[0])
+    loop, scorer = enter(CONTENDERS[contender], given), Scorer(given, film)
+    for number in range(given.frames):
         film.go_to(number)
         scorer.look(loop.step(rig.take).frames["left"])
-    return rows(course, contender.name, scorer.means(), dict.fromkeys(JUDGES, medians(scorer.settings)))
+    return rows(given, contender, scorer.means(), dict.fromkeys(JUDGES, medians(scorer.settings)))
 
 
 def enter(contender: Contender, course: MatchesCourse) -> DelayedLoop:
@@ -346,9 +347,6 @@ def _score_pairs(film: Film, rigs: Sequence[MatchesRig], firsts: Sequence[int], 
     return totals
 
 
-__all__ = ["JUDGES", "jobs_of"]
-
-
 def jobs_of(name: str, quick: bool) -> list[Job]:
     """The jobs of the tuning or the report set: for each course its bounds, and each contender."""
     courses = some_of(courses_of(name)) if quick else courses_of(name)
@@ -363,8 +361,3 @@ def contender_jobs(courses: Sequence[MatchesCourse], contenders: Sequence[str]) 
         for course in courses
         for one in contenders
     ]
-
-
-def measure_contender(*, course: dict[str, Any], contender: str) -> list[dict[str, Any]]:
-    """Rows of one of `CONTENDERS`."""
-    return run(MatchesCourse(**course), CONTENDERS[contender])

@@ -1,6 +1,6 @@
 """The picture in docs/ of what the policy `belief` knows and decides by, as a window comes into view.
 
-python -m evaluation.belief_picture docs/images/belief.png"""
+python -m tools.belief_picture docs/images/belief.png"""
 
 from __future__ import annotations
 

@@ -1,1 +1,0 @@
-"""Whether a drive that was recorded in brackets ranks policies as driving with them does."""
