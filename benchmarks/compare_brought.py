@@ -20,7 +20,7 @@ from evaluation.experiments.navigation.seasons import ParkScene
 from evaluation.experiments.teach.park import ParkPath
 from evaluation.experiments.teach.replay import ExposingRobot
 from evaluation.stage.camera import Entrant, SimulatedCamera
-from navigation.views.detectors import FINDERS, AdaptiveFinder
+from navigation.views.features import FINDERS, AdaptiveFinder
 from navigation.views.registration import register
 
 POLICIES = (DEFAULT_POLICY, "majer2018-standard")

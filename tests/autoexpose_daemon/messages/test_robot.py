@@ -17,7 +17,8 @@ from autoexpose_daemon.messages.inputs import (
     twist_stamped,
 )
 from autoexpose_daemon.messages.read import DamagedMessageError
-from navigation.drive.steering import STANDSTILL, Pose, Velocity
+from navigation.drive.robot import Pose
+from navigation.maps.path import STANDSTILL, Velocity
 
 velocities = st.builds(
     Velocity, st.floats(-FASTEST_M_S, FASTEST_M_S), st.floats(-FASTEST_TURN_RAD_S, FASTEST_TURN_RAD_S)
