@@ -15,6 +15,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
+from autoexpose_daemon.cli.signals import set_from_handler
 from autoexpose_daemon.messages.keys import (
     LAST_ROS2_DOMAIN,
     LOOPBACK,
@@ -230,16 +231,8 @@ def _source(rig: str, connect: list[str] | None, robot: list[str] | None, keys: 
 
 
 def _stop_on_signals() -> threading.Event:
-    """An event set by signals that end a program, also by a closed terminal: a robot that drives must be told to stop.
-
-    It is set on another thread: the interrupted one may be holding its lock.
-    """
+    """An event set by signals that end a program, a closed terminal too: a robot that drives must be told to stop."""
     stop = threading.Event()
-
-    def end(*_: object) -> None:
-        if not stop.is_set():  # if it is set, this process may be ending, and can start no thread
-            threading.Thread(target=stop.set).start()
-
     for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGQUIT):
-        signal.signal(number, end)
+        signal.signal(number, lambda *_: set_from_handler(stop))
     return stop

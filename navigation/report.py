@@ -48,18 +48,12 @@ class Findings:
 
     Attributes
     ----------
-    plan_m
-        The path from above as it was taught, float64, (n, 2); the start is at 0, ahead is up.
-    marks_m
-        The local maps on it, float64, (places, 2).
-    runs
-        All drives that repeated the path.
+    plan_m, marks_m
+        The path from above as it was taught, and its local maps, float64, (n, 2); the start is at 0, ahead is up.
     seen_share
-        Share of the features of each local map seen in each of them, float64, (runs, places); NaN: not registered.
-    taught, kept
-        Features that were taught, and those of them still there after each run, (runs,).
-    total
-        All features after each run, (runs,).
+        Share of the features of each local map seen in each repetition, float64, (runs, places); NaN: not registered.
+    taught, kept, total
+        Features that were taught, those of them still there after each run, and all after each run, (runs,).
     foretold
         By model; empty with too few drives.
     """

@@ -149,14 +149,10 @@ def bins_of_day(history: FeatureHistory) -> Predict:
     return lambda time_s: shares[int(_bin_of_day(np.array([time_s]))[0])]
 
 
-MODELS: MappingProxyType[str, Callable[[FeatureHistory], Predict]] = MappingProxyType({
-    "fremen": fremen,
-    "harmonic": harmonic,
-    "mean": mean,
-    "score-sum": score_sum,
-    "moving-average": moving_average,
-    "bins-of-day": bins_of_day,
-})  # fmt: skip
+_LEARNERS: tuple[Callable[[FeatureHistory], Predict], ...] = (
+    fremen, harmonic, mean, score_sum, moving_average, bins_of_day
+)  # fmt: skip
+MODELS = MappingProxyType({learn.__name__.replace("_", "-"): learn for learn in _LEARNERS})
 """By name."""
 
 

@@ -102,7 +102,10 @@ def connect(path: Path, *, writable: bool) -> sqlite3.Connection:
 
 
 def lock(path: Path) -> BinaryIO:
-    """Keep other writers out while this file is open; close it after the connection, whose own locks end with it."""
+    """Keep other writers out while this file is open; raises `MapError` if there is one.
+
+    It is to be closed after the connection, whose own locks end with it.
+    """
     file = open_regular(path)
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Final, Literal, Protocol
+from typing import Final, Literal
 
 import cv2
 import numpy as np
@@ -147,28 +147,6 @@ _SIFT_LAYERS = 3
 """Scales per octave, OpenCV's default; its contrast threshold is this times the least response."""
 
 
-class Detector(Protocol):
-    """Finds and describes keypoints, none nearer than `border_px` to the border of a picture.
-
-    The threshold of the first picture, the least one, and the step between responses (0: continuous) are in their unit.
-    """
-
-    border_px: int
-    first: float
-    least: float
-    step: float
-
-    def detect(self, image: NDArray[np.uint8], threshold: float) -> Sequence[cv2.KeyPoint]:
-        """Keypoints with a response of at least `threshold`, each place once."""
-        ...
-
-    def describe(
-        self, image: NDArray[np.uint8], points: Sequence[cv2.KeyPoint]
-    ) -> NDArray[np.uint8] | NDArray[np.float32]:
-        """One descriptor per keypoint."""
-        ...
-
-
 class FastOrb:
     """FAST corners at one scale; the response is the highest threshold at which a corner still is one (grey levels)."""
 
@@ -213,6 +191,11 @@ class UprightSift:
     def describe(self, image: NDArray[np.uint8], points: Sequence[cv2.KeyPoint]) -> NDArray[np.float32]:
         """SIFT descriptors, float32, (n, 128)."""
         return np.asarray(self._sift.compute(image, points)[1] if points else np.empty((0, 128)), np.float32)
+
+
+Detector = FastOrb | UprightSift
+"""Finds and describes keypoints, each place once, none nearer than `border_px` to the border of a picture. Threshold
+of the `first` picture, `least` threshold, and `step` between responses (0: continuous) are in the unit of these."""
 
 
 class AdaptiveFinder:
