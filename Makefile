@@ -105,7 +105,7 @@ soak: $(VENV)/dev.stamp ## endurance: a day in virtual time, ten minutes of demo
 	@mkdir -p out
 	$(PY) -m tests.soak --hours $${SOAK_HOURS:-24} $${SOAK_SEED:+--seed $$SOAK_SEED}
 	$(VENV)/bin/autoexpose demo --seconds 600 --policy neves2009 --summary out/soak.json
-	REPLUG_CYCLES=50 $(VENV)/bin/pytest tests/accept/test_replug.py tests/accept/test_replug_usb3.py
+	REPLUG_CYCLES=50 $(VENV)/bin/pytest tests/accept/test_replug.py tests/accept/test_on_usb3.py -k replug
 
 $(VENV)/fuzz.stamp: $(VENV)/dev.stamp pyproject.toml
 	@./tools/install-python $(PY) fuzz

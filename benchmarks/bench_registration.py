@@ -20,7 +20,7 @@ import cv2
 import numpy as np
 
 from autoexpose_daemon.demo.reference_step import ReferenceStep
-from navigation.views.detectors import AdaptiveFinder, FastOrb
+from navigation.views.features import AdaptiveFinder, FastOrb
 from navigation.views.registration import RULES, expansion, register
 
 SHIFT_PX = 23

@@ -109,9 +109,7 @@ class ExposureLimits:
 
     def clamp_level(self, level: float) -> float:
         """The exposure level within these limits nearest to `level` (stops)."""
-        darkest = math.log2(self.min_time_us) + self.min_gain_db / DB_PER_STOP
-        brightest = math.log2(self.max_time_us) + self.max_gain_db / DB_PER_STOP
-        return min(max(level, darkest), brightest)
+        return min(max(level, self.darkest.level), self.brightest.level)
 
     def within(self, other: ExposureLimits) -> ExposureLimits:
         """The range common to both, with the coarser increments of the two, counted from their own minimum.
@@ -169,12 +167,9 @@ class ExposureLimits:
 
     def _gain_for(self, level: float, exposure_time_us: float) -> float:
         gain_db = (level - math.log2(exposure_time_us)) * DB_PER_STOP
-        if self.gains_db:
-            return self._taken_gain(gain_db, exposure_time_us)
-        return _quantise(gain_db, self.min_gain_db, self.max_gain_db, self.gain_step_db)
-
-    def _taken_gain(self, gain_db: float, exposure_time_us: float) -> float:
-        """The nearest of the gains that it takes whose difference the time can make up for."""
+        if not self.gains_db:
+            return _quantise(gain_db, self.min_gain_db, self.max_gain_db, self.gain_step_db)
+        # The nearest of the gains that it takes whose difference the time can make up for.
         longest_db = math.log2(self.max_time_us / exposure_time_us) * DB_PER_STOP
         shortest_db = math.log2(self.min_time_us / exposure_time_us) * DB_PER_STOP
 

@@ -106,9 +106,7 @@ def _table(response: ResponseFunction, shift: int, stops: float, bits: Bits, dit
 
     For 8 bits with dither, in 1/256 of a grey level.
     """
-    black, saturation = response.black_level, response.saturation
-    greys = np.arange(black, saturation + 1, dtype=np.float64)
-    light = response.light(greys)
+    greys, light = _scale(response)
     codes = np.arange(256 << shift)
     own = response.light(greys_of_codes(codes, 8 + shift)) * exp2(-stops)
     if bits == 16:
@@ -118,21 +116,29 @@ def _table(response: ResponseFunction, shift: int, stops: float, bits: Bits, dit
         table, unknown = np.interp(own, light, greys), own > light[-2] * _ROUNDING
         table *= (1 << _FRACTION_BITS) if dither else 1
     wide = bits == 16 or dither
-    table[unknown | (codes >> shift >= saturation)] = 65535 if wide else 255
-    rounded = np.rint(table)
-    return np.asarray(rounded, np.uint16) if wide else np.asarray(rounded, np.uint8)
+    return _rounded(table, unknown | (codes >> shift >= response.saturation), wide)
 
 
 @lru_cache(maxsize=4)
 def _greys(response: ResponseFunction, dither: bool) -> Pixels:
     """The output in 8 bits for each code of 16 bits; with dither, in 1/256 of a grey level."""
-    greys = np.arange(response.black_level, response.saturation + 1, dtype=np.float64)
-    light = response.light(greys)
+    greys, light = _scale(response)
     codes = np.arange(1 << 16)
     table = np.interp(codes / WHITE_16, light, greys) * ((1 << _FRACTION_BITS) if dither else 1)
-    table[(codes > math.ceil(light[-2] * WHITE_16)) | (codes > _LAST_16)] = 65535 if dither else 255
+    return _rounded(table, (codes > math.ceil(light[-2] * WHITE_16)) | (codes > _LAST_16), dither)
+
+
+def _scale(response: ResponseFunction) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The grey levels from black to saturation, and the light behind each."""
+    greys = np.arange(response.black_level, response.saturation + 1, dtype=np.float64)
+    return greys, response.light(greys)
+
+
+def _rounded(table: NDArray[np.float64], unknown: NDArray[np.bool_], wide: bool) -> Pixels:
+    """The whole numbers of a table of 16 bits if `wide`, else of 8; the highest where light is unknown."""
+    table[unknown] = 65535 if wide else 255
     rounded = np.rint(table)
-    return rounded.astype(np.uint16) if dither else rounded.astype(np.uint8)
+    return rounded.astype(np.uint16) if wide else rounded.astype(np.uint8)
 
 
 @lru_cache(maxsize=4)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import partial
 from typing import Any, Final, Literal, cast
 
 import numpy as np
@@ -170,45 +171,31 @@ def _groups(data: memoryview, group_bytes: int) -> NDArray[np.uint8]:
     return np.frombuffer(bytes(data) + bytes(missing) if missing else data, np.uint8).reshape(-1, group_bytes)
 
 
-def _lsb_10(data: memoryview) -> Pixels:
-    """Four pixels in five bytes: one stream of bits, the lowest first."""
-    groups = _groups(data, 5)
-    pixels = np.empty((len(groups), 4), np.uint16)
-    for place in range(4):
+def _lsb(data: memoryview, bits: int) -> Pixels:
+    """Four pixels of 10 bits in five bytes, or two of 12 in three: one stream of bits, the lowest first."""
+    places = 8 // (bits - 8)
+    groups = _groups(data, places + 1)
+    pixels = np.empty((len(groups), places), np.uint16)
+    for place in range(places):
+        shift = (bits - 8) * place
         high = groups[:, place + 1].astype(np.uint16)
-        high <<= 8 - 2 * place
-        pixels[:, place] = (high | groups[:, place] >> np.uint8(2 * place)) & 0x3FF
+        high <<= 8 - shift
+        pixels[:, place] = (high | groups[:, place] >> np.uint8(shift)) & (1 << bits) - 1
     return pixels.reshape(-1)
 
 
-def _lsb_12(data: memoryview) -> Pixels:
-    """Two pixels in three bytes: one stream of bits, the lowest first."""
-    groups = _groups(data, 3)
-    pixels = np.empty((len(groups), 2), np.uint16)
-    middle = groups[:, 1].astype(np.uint16)
-    pixels[:, 0] = groups[:, 0] | (middle & 0xF) << 8
-    pixels[:, 1] = middle >> 4 | groups[:, 2].astype(np.uint16) << 4
-    return pixels.reshape(-1)
-
-
-def _gige_10(data: memoryview) -> Pixels:
+def _gige(data: memoryview, bits: int) -> Pixels:
     """Two pixels in three bytes, as GigE Vision packs them: the upper bits in the outer bytes."""
-    groups = _groups(data, 3)
+    groups, lower = _groups(data, 3), bits - 8
     pixels = np.empty((len(groups), 2), np.uint16)
     middle = groups[:, 1]
-    pixels[:, 0] = groups[:, 0].astype(np.uint16) << 2 | middle & 0x3
-    pixels[:, 1] = groups[:, 2].astype(np.uint16) << 2 | middle >> 4 & 0x3
+    for place, low in enumerate((middle, middle >> 4)):
+        pixels[:, place] = groups[:, 2 * place].astype(np.uint16) << lower | low & (1 << lower) - 1
     return pixels.reshape(-1)
 
 
-def _gige_12(data: memoryview) -> Pixels:
-    """Two pixels in three bytes, as GigE Vision packs them: the upper bits in the outer bytes."""
-    groups = _groups(data, 3)
-    pixels = np.empty((len(groups), 2), np.uint16)
-    middle = groups[:, 1]
-    pixels[:, 0] = groups[:, 0].astype(np.uint16) << 4 | middle & 0xF
-    pixels[:, 1] = groups[:, 2].astype(np.uint16) << 4 | middle >> 4
-    return pixels.reshape(-1)
+_LSB_10, _LSB_12 = partial(_lsb, bits=10), partial(_lsb, bits=12)
+_GIGE_10, _GIGE_12 = partial(_gige, bits=10), partial(_gige, bits=12)
 
 
 class PixelFormat(StrEnum):
@@ -240,42 +227,42 @@ class PixelFormat(StrEnum):
     MONO12 = "Mono12", 0x01100005, 12, "grey", _words
     MONO14 = "Mono14", 0x01100025, 14, "grey", _words
     MONO16 = "Mono16", 0x01100007, 16, "grey", _words
-    MONO10P = "Mono10p", 0x010A0046, 10, "grey", _lsb_10
-    MONO12P = "Mono12p", 0x010C0047, 12, "grey", _lsb_12
-    MONO10_PACKED = "Mono10Packed", 0x010C0004, 10, "grey", _gige_10
-    MONO12_PACKED = "Mono12Packed", 0x010C0006, 12, "grey", _gige_12
+    MONO10P = "Mono10p", 0x010A0046, 10, "grey", _LSB_10
+    MONO12P = "Mono12p", 0x010C0047, 12, "grey", _LSB_12
+    MONO10_PACKED = "Mono10Packed", 0x010C0004, 10, "grey", _GIGE_10
+    MONO12_PACKED = "Mono12Packed", 0x010C0006, 12, "grey", _GIGE_12
     BAYER_RG8 = "BayerRG8", 0x01080009, 8, "RGGB", _bytes
     BAYER_RG10 = "BayerRG10", 0x0110000D, 10, "RGGB", _words
     BAYER_RG12 = "BayerRG12", 0x01100011, 12, "RGGB", _words
     BAYER_RG16 = "BayerRG16", 0x0110002F, 16, "RGGB", _words
-    BAYER_RG10P = "BayerRG10p", 0x010A0058, 10, "RGGB", _lsb_10
-    BAYER_RG12P = "BayerRG12p", 0x010C0059, 12, "RGGB", _lsb_12
-    BAYER_RG10_PACKED = "BayerRG10Packed", 0x010C0027, 10, "RGGB", _gige_10
-    BAYER_RG12_PACKED = "BayerRG12Packed", 0x010C002B, 12, "RGGB", _gige_12
+    BAYER_RG10P = "BayerRG10p", 0x010A0058, 10, "RGGB", _LSB_10
+    BAYER_RG12P = "BayerRG12p", 0x010C0059, 12, "RGGB", _LSB_12
+    BAYER_RG10_PACKED = "BayerRG10Packed", 0x010C0027, 10, "RGGB", _GIGE_10
+    BAYER_RG12_PACKED = "BayerRG12Packed", 0x010C002B, 12, "RGGB", _GIGE_12
     BAYER_GR8 = "BayerGR8", 0x01080008, 8, "GRBG", _bytes
     BAYER_GR10 = "BayerGR10", 0x0110000C, 10, "GRBG", _words
     BAYER_GR12 = "BayerGR12", 0x01100010, 12, "GRBG", _words
     BAYER_GR16 = "BayerGR16", 0x0110002E, 16, "GRBG", _words
-    BAYER_GR10P = "BayerGR10p", 0x010A0056, 10, "GRBG", _lsb_10
-    BAYER_GR12P = "BayerGR12p", 0x010C0057, 12, "GRBG", _lsb_12
-    BAYER_GR10_PACKED = "BayerGR10Packed", 0x010C0026, 10, "GRBG", _gige_10
-    BAYER_GR12_PACKED = "BayerGR12Packed", 0x010C002A, 12, "GRBG", _gige_12
+    BAYER_GR10P = "BayerGR10p", 0x010A0056, 10, "GRBG", _LSB_10
+    BAYER_GR12P = "BayerGR12p", 0x010C0057, 12, "GRBG", _LSB_12
+    BAYER_GR10_PACKED = "BayerGR10Packed", 0x010C0026, 10, "GRBG", _GIGE_10
+    BAYER_GR12_PACKED = "BayerGR12Packed", 0x010C002A, 12, "GRBG", _GIGE_12
     BAYER_GB8 = "BayerGB8", 0x0108000A, 8, "GBRG", _bytes
     BAYER_GB10 = "BayerGB10", 0x0110000E, 10, "GBRG", _words
     BAYER_GB12 = "BayerGB12", 0x01100012, 12, "GBRG", _words
     BAYER_GB16 = "BayerGB16", 0x01100030, 16, "GBRG", _words
-    BAYER_GB10P = "BayerGB10p", 0x010A0054, 10, "GBRG", _lsb_10
-    BAYER_GB12P = "BayerGB12p", 0x010C0055, 12, "GBRG", _lsb_12
-    BAYER_GB10_PACKED = "BayerGB10Packed", 0x010C0028, 10, "GBRG", _gige_10
-    BAYER_GB12_PACKED = "BayerGB12Packed", 0x010C002C, 12, "GBRG", _gige_12
+    BAYER_GB10P = "BayerGB10p", 0x010A0054, 10, "GBRG", _LSB_10
+    BAYER_GB12P = "BayerGB12p", 0x010C0055, 12, "GBRG", _LSB_12
+    BAYER_GB10_PACKED = "BayerGB10Packed", 0x010C0028, 10, "GBRG", _GIGE_10
+    BAYER_GB12_PACKED = "BayerGB12Packed", 0x010C002C, 12, "GBRG", _GIGE_12
     BAYER_BG8 = "BayerBG8", 0x0108000B, 8, "BGGR", _bytes
     BAYER_BG10 = "BayerBG10", 0x0110000F, 10, "BGGR", _words
     BAYER_BG12 = "BayerBG12", 0x01100013, 12, "BGGR", _words
     BAYER_BG16 = "BayerBG16", 0x01100031, 16, "BGGR", _words
-    BAYER_BG10P = "BayerBG10p", 0x010A0052, 10, "BGGR", _lsb_10
-    BAYER_BG12P = "BayerBG12p", 0x010C0053, 12, "BGGR", _lsb_12
-    BAYER_BG10_PACKED = "BayerBG10Packed", 0x010C0029, 10, "BGGR", _gige_10
-    BAYER_BG12_PACKED = "BayerBG12Packed", 0x010C002D, 12, "BGGR", _gige_12
+    BAYER_BG10P = "BayerBG10p", 0x010A0052, 10, "BGGR", _LSB_10
+    BAYER_BG12P = "BayerBG12p", 0x010C0053, 12, "BGGR", _LSB_12
+    BAYER_BG10_PACKED = "BayerBG10Packed", 0x010C0029, 10, "BGGR", _GIGE_10
+    BAYER_BG12_PACKED = "BayerBG12Packed", 0x010C002D, 12, "BGGR", _GIGE_12
     RGB8 = "RGB8", 0x02180014, 8, "RGB", _bytes
     BGR8 = "BGR8", 0x02180015, 8, "BGR", _bytes
     YUV422_8 = "YUV422_8", 0x02100032, 8, "YUYV", _bytes

@@ -15,6 +15,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
+from autoexpose_daemon.cli.daemon import set_from_handler
 from autoexpose_daemon.messages.keys import (
     LAST_ROS2_DOMAIN,
     LOOPBACK,
@@ -23,13 +24,13 @@ from autoexpose_daemon.messages.keys import (
     check_key_expression,
     check_rig_name,
 )
+from calibration.report import EXTRA
 from imaging.python310 import UTC
 from navigation.drive.repeat import Repeater, repeat
 from navigation.drive.robot import Progress, RobotKeys, Source
 from navigation.drive.teach import Teacher, teach
 from navigation.maps.adaptation import Strategy
-from navigation.report.page import write_report
-from navigation.store import MapError, MapFile, Place
+from navigation.store import MapError, MapFile, Place, write
 
 map_app = typer.Typer(help="Inspect the map of a taught path.", no_args_is_help=True, add_completion=False)
 
@@ -50,6 +51,11 @@ def info(file: File) -> None:
 @map_app.command()
 def report(file: File, page: Annotated[Path, typer.Argument(help="The HTML file to write.")]) -> None:
     """Write a page: path, features seen again and kept over the drives, and what models of time foretold about them."""
+    try:
+        from navigation.report import write_report  # noqa: PLC0415  extras, which only reports need
+    except ImportError as error:
+        package = EXTRA.get(str(error.name), error.name)
+        raise MapError(f"{package} is missing: pip install 'autoexpose-daemon[calibration]'") from error
     with MapFile(file) as map_file:
         write_report(map_file, _facts(map_file), page)
     typer.echo(f"report: {page}")
@@ -98,14 +104,10 @@ def export(file: File, folder: Annotated[Path, typer.Argument(help="A new folder
             raise MapError(f"{folder} cannot be created: {error.strerror}") from error
         places = map_file.places()
         for index, place in enumerate(places):
-            picture = _drawn(map_file, place)
-            if not cv2.imwrite(str(folder / f"{index:04}.png"), picture):
-                raise MapError(f"{folder / f'{index:04}.png'} cannot be written: is the disk full?")
-            features = folder / f"{index:04}.json"
-            try:
-                features.write_text(json.dumps(_plain(place), indent=1) + "\n", encoding="utf-8")
-            except OSError as error:
-                raise MapError(f"{features} cannot be written: {error.strerror}") from error
+            png = cv2.imencode(".png", _drawn(map_file, place))[1].tobytes()
+            features = (json.dumps(_plain(place), indent=1) + "\n").encode()
+            for kind, content in (("png", png), ("json", features)):
+                write(folder / f"{index:04}.{kind}", content)
     typer.echo(f"{len(places)} local maps written to {folder}")
 
 
@@ -198,9 +200,7 @@ def repeat_command(
     command: Annotated[str, typer.Option(help="Key of the Twist that the robot obeys.")] = "",
     drive: Annotated[bool, typer.Option("--drive/--dry-run", help="Steer the robot; otherwise only show how.")] = False,
     stamped: Annotated[bool, typer.Option("--stamped", help="Send TwistStamped.")] = False,
-    adapt: Annotated[
-        Literal["static", "adaptive", "plastic", "summary"], typer.Option(help="How local maps change when passed.")
-    ] = "static",
+    adapt: Annotated[Strategy, typer.Option(help="How local maps change when passed.")] = "static",
     predict: Annotated[
         Literal["fremen", "harmonic", "mean", "score-sum", "moving-average", "bins-of-day"] | None,
         typer.Option(help="Look only for the 500 features of a local map that this model foretells for now."),
@@ -215,11 +215,10 @@ def repeat_command(
         raise typer.BadParameter("--drive needs --command, the key that the robot obeys")
     if "*" in command:
         raise typer.BadParameter(f"--command {command}: commands go to one key: name it without *")
-    strategy: Strategy = adapt
     keys = RobotKeys(odometry, command=command if drive else "", stamped=stamped, ros2_domain=ros2_domain)
     source = _source(rig, connect, robot, keys)
     with MapFile(file, writable=True) as map_file:
-        typer.echo(repeat(Repeater(map_file, strategy, predict), source, _stop_on_signals(), Progress(Console())))
+        typer.echo(repeat(Repeater(map_file, adapt, predict), source, _stop_on_signals(), Progress(Console())))
 
 
 def _source(rig: str, connect: list[str] | None, robot: list[str] | None, keys: RobotKeys) -> Source:
@@ -232,16 +231,8 @@ def _source(rig: str, connect: list[str] | None, robot: list[str] | None, keys: 
 
 
 def _stop_on_signals() -> threading.Event:
-    """An event set by signals that end a program, also by a closed terminal: a robot that drives must be told to stop.
-
-    It is set on another thread: the interrupted one may be holding its lock.
-    """
+    """An event set by signals that end a program, a closed terminal too: a robot that drives must be told to stop."""
     stop = threading.Event()
-
-    def end(*_: object) -> None:
-        if not stop.is_set():  # if it is set, this process may be ending, and can start no thread
-            threading.Thread(target=stop.set).start()
-
     for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGQUIT):
-        signal.signal(number, end)
+        signal.signal(number, lambda *_: set_from_handler(stop))
     return stop

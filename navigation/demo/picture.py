@@ -12,8 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from autoexpose_daemon.demo.analysis import StepLog
-from navigation.demo.lessons import Lap
-from navigation.demo.robot import LENGTH_M, RADIUS_M
+from navigation.demo.robot import LENGTH_M, RADIUS_M, Lap
 
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7")
 

@@ -11,7 +11,6 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
 from typing import Any, NamedTuple
 
 import zenoh
@@ -33,12 +32,10 @@ _LAST_ANSWERS_S = 2.0
 
 
 class ControlLine:
-    """Sends orders while its context is entered, and does not wait for answers.
+    """Sends orders to the control socket of a camera while its context is entered, and does not wait for answers.
 
-    Attributes
-    ----------
-    refused
-        What the camera said about an order that it refused; empty: it has refused none.
+    `refused` is what the camera said about an order that it refused; empty: it has refused none. Entering the context
+    raises AutoexposeError if no fake camera takes orders there.
     """
 
     def __init__(self, path: Path) -> None:
@@ -56,9 +53,7 @@ class ControlLine:
         self._reader.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         with contextlib.suppress(OSError):
             self._socket.shutdown(socket.SHUT_WR)
         self._reader.join(_LAST_ANSWERS_S)
@@ -125,15 +120,7 @@ class Pose2D(NamedTuple):
 
 
 class Vehicle:
-    """A robot on wheels.
-
-    Attributes
-    ----------
-    place
-        Where it really is.
-    believed
-        Where it is according to its odometry.
-    """
+    """A robot on wheels; `place` is where it really is, `believed` where it is according to its odometry."""
 
     def __init__(self) -> None:
         self.place = self.believed = Pose2D.at_start()
@@ -144,7 +131,7 @@ class Vehicle:
         self.place, self._errs = place, errs
 
     def drive(self, forward_m_s: float, turn_rad_s: float, seconds: float) -> None:
-        """Drive for some time."""
+        """Drive for some seconds."""
         way_m, turned_rad = forward_m_s * seconds, turn_rad_s * seconds
         drift_rad = DRIFT_RAD_PER_M * way_m if self._errs else 0.0
         self.place = self.place.driven(way_m, turned_rad + drift_rad)
@@ -171,19 +158,40 @@ class RobotSample:
     place: Pose2D
 
 
+@dataclass(frozen=True, slots=True)
+class Lap:
+    """How a lap went; `said` is what `repeat` printed at its end."""
+
+    light: str
+    policy: str
+    completed: bool
+    steps: Sequence[RobotSample]
+    views: Sequence[RegisteredView]
+    said: str
+
+    @property
+    def errors_m(self) -> list[float]:
+        """Distances from the taught lap."""
+        return [step.place.aside_m for step in self.steps]
+
+    def figures(self) -> dict[str, float | str | bool]:
+        """The figures for the summary; the share is that of the frames looked at."""
+        registered = sum(view.shift_px is not None for view in self.views)
+        return {
+            "light": self.light,
+            "policy": self.policy,
+            "completed": self.completed,
+            "mean_error_m": round(sum(self.errors_m) / max(len(self.errors_m), 1), 4),
+            "max_error_m": round(max(self.errors_m, default=0.0), 4),
+            "registered_share": round(registered / max(len(self.views), 1), 4),
+        }
+
+
 class DemoRobot:
     """Drives while its context is entered, as it is commanded or by its joystick.
 
-    Parameters
-    ----------
-    endpoint
-        Where it listens for zenoh.
-    daemon
-        Where the daemon listens.
-    lines
-        The control sockets of its cameras.
-    rig
-        The rig whose registrations it receives.
+    It listens for zenoh at `endpoint`, moves its cameras over their `lines`, and receives the registrations of a rig
+    from where the `daemon` listens.
 
     Attributes
     ----------
@@ -211,9 +219,7 @@ class DemoRobot:
         self._daemon_session.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._stop.set()
         self._daemon_session.close()
         self._thread.join()

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import math
+import signal
 import socket
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 
 from rich.console import Console
@@ -26,8 +30,117 @@ from autoexpose_daemon.runtime.daemon import Daemon
 from autoexpose_daemon.runtime.setup import openers
 from autoexpose_daemon.service.service import Service, add_outlets
 from imaging.errors import AutoexposeError
-from navigation.demo.lessons import LIGHTS, Lap, Lessons
-from navigation.demo.robot import LENGTH_M, ControlLine, DemoRobot
+from navigation.demo.robot import (
+    ASIDE_M,
+    COMMAND,
+    JOYSTICK,
+    LENGTH_M,
+    ODOMETRY,
+    RADIUS_M,
+    STANDSTILL,
+    TURNED_RAD,
+    ControlLine,
+    DemoRobot,
+    Lap,
+    Pose2D,
+)
+
+TAUGHT_LUX = 150.0
+
+FOCAL_LENGTH_PX = 860.0
+"""The focal length of the fake cameras."""
+
+STARTS_S, STANDS_S = 15.0, 2.0
+"""A command has started to drive within this time, and has given up if the robot stands still for this long."""
+
+_TURN_S = 0.02
+_AUTOEXPOSE = [sys.executable, "-c", "from autoexpose_daemon.cli import main; main()"]
+
+Light = Callable[[float], float]
+"""From the share of the lap that is behind the robot (0..1) to lux."""
+
+LIGHTS: dict[str, Light] = {
+    "as taught": lambda _progress: TAUGHT_LUX,
+    "dusk": lambda _progress: TAUGHT_LUX / 100,
+    "off and on": lambda progress: TAUGHT_LUX / 300 if 1 / 3 <= progress < 2 / 3 else TAUGHT_LUX,
+}
+"""The lights in which the lap is repeated; the last one goes out for the middle third."""
+
+
+class Lessons:
+    """Teaches a lap by `autoexpose teach` and repeats it by `autoexpose repeat`, until `stop` is set.
+
+    `endpoints` are the options that tell the commands where the daemon and the robot are.
+    """
+
+    def __init__(self, robot: DemoRobot, endpoints: Sequence[str], forward_m_s: float, stop: threading.Event) -> None:
+        self._robot, self._endpoints, self._forward_m_s, self._stop = robot, endpoints, forward_m_s, stop
+
+    def teach(self, file: Path) -> None:
+        """Drive the lap once, exactly; raises AutoexposeError if that is interrupted, or nothing was taught."""
+        robot = self._robot
+        robot.light(TAUGHT_LUX)
+        robot.joystick = STANDSTILL
+        robot.put(Pose2D.at_start(), errs=False)
+        focal_length = ["--focal-length-px", str(FOCAL_LENGTH_PX)]
+        with self._command("teach", str(file), "--velocity", JOYSTICK, *focal_length) as teach:
+            self._wait_for(file)
+            robot.joystick = self._forward_m_s, self._forward_m_s / RADIUS_M
+            if self._stop.wait(LENGTH_M / self._forward_m_s):
+                raise AutoexposeError("interrupted while a lap was taught")
+            robot.joystick = STANDSTILL
+            teach.send_signal(signal.SIGINT)
+            said, errors = teach.communicate(timeout=STARTS_S)
+        if teach.returncode != 0 or not file.exists():
+            raise AutoexposeError(f"autoexpose teach failed: {errors.strip() or said.strip()}")
+
+    def repeat(self, file: Path, light: str, policy: str) -> Lap:
+        """Drive the lap again from beside the start, by what the cameras see, in one of `LIGHTS`.
+
+        Raises
+        ------
+        AutoexposeError
+            When it is interrupted.
+        """
+        robot, lux_at = self._robot, LIGHTS[light]
+        robot.light(lux := lux_at(0.0))
+        robot.joystick = None
+        robot.put(Pose2D.at_start(ASIDE_M, TURNED_RAD), errs=True)
+        with self._command("repeat", str(file), "--command", COMMAND, "--drive") as repeat:
+            gives_up_s, last = time.monotonic() + STARTS_S, robot.place
+            while repeat.poll() is None and time.monotonic() < gives_up_s and not self._stop.wait(_TURN_S):
+                place = robot.place
+                if place != last:
+                    gives_up_s, last = time.monotonic() + STANDS_S, place
+                wanted = lux_at(place.progress if place.progress < 0.98 else 0.0)
+                if wanted != lux:
+                    robot.light(lux := wanted)
+            if self._stop.is_set():
+                raise AutoexposeError(f"interrupted while `{policy}` repeated the lap in the light `{light}`")
+            completed = repeat.poll() == 0
+            repeat.terminate()
+            said, _ = repeat.communicate(timeout=STARTS_S)
+        steps = [step for step in robot.steps if step.place != robot.steps[0].place]
+        return Lap(light, policy, completed, steps, list(robot.views), said.strip().splitlines()[-1] if said else "")
+
+    def _wait_for(self, file: Path) -> None:
+        deadline_s = time.monotonic() + STARTS_S
+        while not file.exists():
+            if self._stop.wait(_TURN_S) or time.monotonic() > deadline_s:
+                raise AutoexposeError("autoexpose teach was interrupted, or did not begin in time")
+
+    @contextmanager
+    def _command(self, name: str, *arguments: str) -> Iterator[subprocess.Popen[str]]:
+        command = [*_AUTOEXPOSE, name, *arguments, "--odometry", ODOMETRY, *self._endpoints]
+        process = subprocess.Popen(
+            command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+        )  # Ctrl-C is for the demo
+        with process:
+            try:
+                yield process
+            finally:
+                process.kill()
+
 
 OTHER_POLICY = "fixed"
 
@@ -45,26 +158,17 @@ _RIG = "rig"
 @contextmanager
 def running(service: Service) -> Iterator[None]:
     """Run a service on a thread, and raise what ended it."""
-    stop, failed = threading.Event(), list[BaseException]()
-
-    def run() -> None:
+    stop = threading.Event()
+    with ThreadPoolExecutor(1, "daemon") as pool:
+        ended = pool.submit(service.run, stop, lambda _status: None)
         try:
-            service.run(stop, lambda _status: None)
-        except BaseException as error:
-            failed.append(error)
-
-    thread = threading.Thread(target=run, name="daemon")
-    thread.start()
-    try:
-        yield
-    finally:
-        stop.set()
-        thread.join()
-    if failed:
-        raise failed[0]
+            yield
+        finally:
+            stop.set()
+    ended.result()
 
 
-@dataclasses.dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True)
 class Part:
     """A policy's part: the run of the daemon, and its laps."""
 
@@ -88,7 +192,7 @@ def navigate(options: DemoOptions, cameras: FakeCameras, folder: Path, stop: thr
     if options.publish:
         daemon_at = LOOPBACK
     config = configuration(options, rate_hz)
-    policies = compared(options.policy)
+    policies = list(dict.fromkeys((options.policy, OTHER_POLICY)))  # each once: a map is not taught twice
     commands = len(policies) * (1 + len(LIGHTS))
     lap_s = (options.seconds - len(policies) * BEGINS_S - commands * WAITS_S) / commands
     forward_m_s = min(LENGTH_M / max(lap_s, 1.0), FASTEST_M_S)
@@ -108,17 +212,11 @@ def navigate(options: DemoOptions, cameras: FakeCameras, folder: Path, stop: thr
     _report(options, rate_hz, cameras, parts, console)
 
 
-def compared(policy: str) -> list[str]:
-    """The policies that drive the lap, each once: a map is not taught twice."""
-    return list(dict.fromkeys((policy, OTHER_POLICY)))
-
-
 def _part(config: Config, lessons: Lessons, file: Path, say: Callable[[str], None]) -> Part:
     policy, step_log = config.control.policy, StepLog(math.inf)
     began_s, cpu_s = time.monotonic(), time.process_time()
     service = Service(
-        config,
-        lambda config, begin: add_outlets(Daemon(config, openers(config), begin, [step_log]), config),
+        config, lambda config, begin: add_outlets(Daemon(config, openers(config), begin, [step_log]), config)
     )
     with running(service):
         say(f"{policy}: teaching a lap of {LENGTH_M:.1f} m ...")
@@ -136,10 +234,9 @@ def _report(
     part = parts[options.policy]
     laps = [lap for one in parts.values() for lap in one.laps]
     pulses = pulses_in_window(read_pulses(cameras.truths), part.service.daemon.tally)
-    reference_ms = reference_step_ms(REFERENCE_REPEATS)
     run = DemoRun(
         options, rate_hz, part.service.daemon, cameras.both, pulses, part.step_log, part.took_s,
-        sum(one.took_s for one in parts.values()), part.cpu_s, reference_ms,
+        sum(one.took_s for one in parts.values()), part.cpu_s, reference_step_ms(REFERENCE_REPEATS),
     )  # fmt: skip
     steps = light_steps(run.pulses, run.step_log.steps)
     result = figures(run, steps) | {"laps": [lap.figures() for lap in laps]}
@@ -157,16 +254,14 @@ def _report(
 
 def laps_in_words(laps: Sequence[Lap]) -> Table:
     """A line for each lap."""
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    for head in ("repeated", "policy"):
-        table.add_column(head)
-    for head in ("frames registered", "aside, mean", "most"):
-        table.add_column(head, justify="right")
-    table.add_column("came to the end")
+    heads = ("repeated", "policy", "frames registered", "aside, mean", "most", "came to the end")
+    table = Table(*heads, box=None, pad_edge=False, header_style="bold")
+    for column in table.columns[2:5]:
+        column.justify = "right"
     for lap in laps:
         said = lap.figures()
         table.add_row(
-            lap.light, lap.policy, f"{lap.registered_share:.0%}", f"{said['mean_error_m']:.2f} m",
+            lap.light, lap.policy, f"{said['registered_share']:.0%}", f"{said['mean_error_m']:.2f} m",
             f"{said['max_error_m']:.2f} m", "yes" if lap.completed else "no",
         )  # fmt: skip
     return table

@@ -11,19 +11,16 @@ import numpy as np
 
 from autoexpose_daemon.client import ReceivedPair, StereoClient
 from autoexpose_daemon.client.status_client import StatusClient
-from autoexpose_daemon.control.light_ahead import LightSeries
 from autoexpose_daemon.control.policies.ids import REMOVED
 from autoexpose_daemon.messages.inputs import RegisteredView
 from autoexpose_daemon.publish.session import Endpoints
-from navigation.drive.lesson import LightTrail
-from navigation.drive.repetition import PathView, Repetition
+from navigation.drive.repetition import PathView, Repetition, Stop
 from navigation.drive.robot import Progress, Robot, Source, newest_pair
-from navigation.drive.steering import STANDSTILL, Stop, Velocity
 from navigation.maps.adaptation import Passing, Strategy, best
-from navigation.maps.path import LightMemory
+from navigation.maps.path import STANDSTILL, LightMemory, LightTrail, Velocity
 from navigation.maps.temporal import MODELS
 from navigation.store import MapDrive, MapError, MapFile, newest_of_hour
-from navigation.views.detectors import FINDERS
+from navigation.views.features import FINDERS
 
 NEAR_END_M = 1.0
 """A drive that came this near to the end of the path saw its light."""
@@ -40,16 +37,14 @@ class RepeatTally:
 
 
 class Repeater:
-    """Repeats the path of a map file, which remembers what it saw.
+    """Repeats the path of a writable map file, which remembers what it saw.
 
-    Parameters
-    ----------
-    file
-        The map, writable.
-    strategy
-        How local maps change.
-    predict
-        One of `MODELS`: in each local map, only the features that it foretells for now are looked for; None: all.
+    With one of `MODELS` to `predict`, only the features of a local map that it foretells for now are looked for.
+
+    Raises
+    ------
+    MapError
+        When the map has nothing to repeat; in all methods, when it cannot be written.
     """
 
     def __init__(self, file: MapFile, strategy: Strategy, predict: str | None = None) -> None:
@@ -61,19 +56,17 @@ class Repeater:
         if not path.forward_m_s.any():
             raise MapError(f"{file.path} has no speeds to drive at: teach it again, with the right --velocity")
         finder = FINDERS[file.info.detector]()
-        sought = None
-        if predict is not None:
-            now_s = time.time()
-            sought = [best(MODELS[predict](file.history(place))(now_s)) for place in places]
+        now_s = time.time()
+        sought = None if predict is None else [best(MODELS[predict](file.history(place))(now_s)) for place in places]
         self.repetition = Repetition(file.info, path, places, finder, strategy, sought=sought)
-        self._light = self._remembered_light()
+        self.light = self._remembered_light()
         # On a drive that gets the light of an earlier one, exposures lead the light, and would lead it more each time.
-        self._trail = LightTrail() if self._light is None else None
+        self._trail = LightTrail() if self.light is None else None
         self._run: MapDrive | None = None
         self._start_m: float | None = None
 
     def look(self, pair: ReceivedPair, driven_m: float) -> PathView:
-        """Register a frame."""
+        """Register a frame; raises MapError if it has another size than the map's pictures."""
         image, info = pair.left.grey8(), self._file.info
         if image.shape != (info.height, info.width):
             raise MapError(
@@ -93,10 +86,7 @@ class Repeater:
         return view
 
     def misfit(self, policy: str) -> str:
-        """A warning if the daemon exposes with a different policy than when the path was taught; empty: it is the same.
-
-        With different policies the same place can show different features.
-        """
+        """A warning if the daemon exposes by another policy than was taught with: then places show other features."""
         taught = self._file.info.policy
         if taught in ("", policy):
             return ""
@@ -108,10 +98,6 @@ class Repeater:
         self._remember(self.repetition.end())
         if self._trail is not None and self._run is not None:
             self._file.add_light(self._run, self._trail.new_rows(ended=True))
-
-    def light_ahead(self, distance_m: float, speed_m_s: float) -> LightSeries | None:
-        """What an earlier drive saw of the light around a place; None if it is not known, or the robot hardly moves."""
-        return None if self._light is None else self._light.series(distance_m, speed_m_s)
 
     def _remember(self, passed: tuple[int, Passing] | None) -> None:
         if passed is not None and self._run is not None:
@@ -136,6 +122,11 @@ def repeat(repeater: Repeater, source: Source, stop: threading.Event, progress: 
     """Repeat until the end of the path, or until `stop` is set; returns how it went, in words.
 
     The robot is commanded if `source.robot.command` names a key, and is told to stand still however this ends.
+
+    Raises
+    ------
+    MapError
+        When the map cannot be written, or frames have another size than its pictures.
     """
     drives = bool(source.robot.command)
     tally, repetition = repeater.tally, repeater.repetition
@@ -150,8 +141,12 @@ def repeat(repeater: Repeater, source: Source, stop: threading.Event, progress: 
         try:
             while not stop.is_set() and tally.stop is not Stop.END:
                 pair = newest_pair(client)
-                view = None if pair is None or robot.odometry_ns is None else repeater.look(pair, robot.distance_m)
-                driven_m = repeater.from_start_m(robot.distance_m)
+                view = (
+                    None
+                    if pair is None or robot.odometry_ns is None
+                    else repeater.look(pair, robot.odometer.distance_m)
+                )
+                driven_m = repeater.from_start_m(robot.odometer.distance_m)
                 velocity, tally.stop = repetition.velocity(driven_m, robot.odometry_ns, time.monotonic_ns())
                 tally.distance_m = driven_m + repetition.correction_m
                 if drives:
@@ -159,9 +154,8 @@ def repeat(repeater: Repeater, source: Source, stop: threading.Event, progress: 
                 if not compared and status.status is not None:
                     compared = True
                     progress.warn(repeater.misfit(status.status.policy))
-                light = repeater.light_ahead(tally.distance_m, robot.speed_m_s)
-                if light is not None:
-                    client.send_light_ahead(light)
+                if repeater.light and (ahead := repeater.light.series(tally.distance_m, robot.speed_m_s)):
+                    client.send_light_ahead(ahead)
                 if pair is not None and view is not None:
                     client.send_registration(_registered(pair, view, repetition, velocity, tally.stop))
                 progress.say(robot.trouble or _line(tally, repetition.length_m, view or repetition.view, velocity))
@@ -181,9 +175,8 @@ def _line(tally: RepeatTally, length_m: float, view: PathView | None, velocity: 
     vote = view.registration.vote
     aside = "not registered" if view.shift_px is None else f"shifted {view.shift_px:+.0f} px"
     matches = f"{vote.votes} of {len(view.registration.matches)} matches agree"
-    drive = (
-        f"stopped: {tally.stop}" if tally.stop else f"{velocity.forward_m_s:.2f} m/s, {velocity.turn_rad_s:+.2f} rad/s"
-    )
+    speed = f"{velocity.forward_m_s:.2f} m/s, {velocity.turn_rad_s:+.2f} rad/s"
+    drive = f"stopped: {tally.stop}" if tally.stop else speed
     return f"{where}, {aside}, {matches}, {drive}"
 
 

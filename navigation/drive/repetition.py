@@ -1,4 +1,4 @@
-"""Repeating a path: where the robot is along it, how far aside, and how to drive on."""
+"""Repeating a path: where the robot is along it, how far aside, how to drive on, and when to stop."""
 
 from __future__ import annotations
 
@@ -9,13 +9,99 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from navigation.drive.steering import STANDSTILL, HeadingControl, Stop, StopRule, Velocity, nearest
+from imaging.python310 import StrEnum
 from navigation.maps.adaptation import Passing, Strategy, adapt
-from navigation.maps.path import TaughtPath
+from navigation.maps.path import STANDSTILL, TaughtPath, Velocity
 from navigation.store import MapInfo, Place
-from navigation.views.detectors import AdaptiveFinder
-from navigation.views.features import Features
-from navigation.views.registration import RULES, Registration, expansion, register
+from navigation.views.features import AdaptiveFinder, Features
+from navigation.views.registration import Registration, expansion, register
+
+CORRECTION_PER_S = 1.5
+"""How fast a heading error is corrected: the share of it per second. The authors turn by 0.001 rad/s per pixel, which
+is 0.7 with a lens of 700 pixels."""
+
+DRIFT_PER_M2 = 1.0
+"""How fast drift is learnt, rad per metre for each radian of shift and metre of way: within a few metres."""
+
+LARGEST_SHIFT_RAD = 0.03
+"""A greater one comes from where the robot began, or from a wrong registration, not from drift."""
+
+LARGEST_DRIFT_RAD_PER_M = 0.1
+
+LONGEST_WAY_M = 0.2
+"""Of a longer way between registrations, only this much counts: the shift in between is not known."""
+
+SILENT_S = 0.5
+"""Without a frame or odometry for this long, the robot stops."""
+
+LOST_M = 2.0
+"""Nor does it drive further than this without a registration."""
+
+
+class Stop(StrEnum):
+    """Why the robot stands still."""
+
+    NO_FRAME = "no frame for half a second"
+    NO_ODOMETRY = "no odometry for half a second"
+    END = "the end of the path"
+    LOST = "two metres without a registration"
+
+
+@dataclass(slots=True)
+class HeadingControl:
+    """Turns towards the map (Majer et al. 2018, 3.1, with the angle of the shift in place of its pixels).
+
+    A view that is shifted to the right of the map comes from a robot turned to the left. A robot that drifts aside as
+    it drives would settle where its correction makes up for that, beside the path: so the drift is learnt, which is
+    how much further to the left the robot turns than it is commanded to.
+    """
+
+    focal_length_px: float
+    drift_rad_per_m: float = 0.0
+
+    def see(self, shift_px: float, way_m: float) -> None:
+        """A view was registered `way_m` after the one before, negative if the robot drove backwards."""
+        shift_rad = _within(math.atan2(shift_px, self.focal_length_px), LARGEST_SHIFT_RAD)
+        drift_rad_per_m = self.drift_rad_per_m + DRIFT_PER_M2 * shift_rad * _within(way_m, LONGEST_WAY_M)
+        self.drift_rad_per_m = _within(drift_rad_per_m, LARGEST_DRIFT_RAD_PER_M)
+
+    def turn_rad_s(self, taught: Velocity, shift_px: float) -> float:
+        """How fast to turn, positive to the left, where `taught` was driven."""
+        correction_rad_s = CORRECTION_PER_S * math.atan2(shift_px, self.focal_length_px)
+        return taught.turn_rad_s - correction_rad_s - self.drift_rad_per_m * taught.forward_m_s
+
+
+def _within(value: float, limit: float) -> float:
+    return min(max(value, -limit), limit)
+
+
+@dataclass(slots=True)
+class StopRule:
+    """Decides whether the robot may drive, by the length of the path and where the last registration was.
+
+    Times are those of the last frame and odometry, in ns of one clock, None before the first; distances are from the
+    start.
+    """
+
+    length_m: float
+    frame_ns: int | None = None
+    odometry_ns: int | None = None
+    registered_m: float = 0.0
+
+    def reason(self, distance_m: float, now_ns: int) -> Stop | None:
+        """Why the robot has to stand still; None: it may drive."""
+        if distance_m >= self.length_m:
+            return Stop.END
+        if _silent(self.odometry_ns, now_ns):
+            return Stop.NO_ODOMETRY
+        if _silent(self.frame_ns, now_ns):
+            return Stop.NO_FRAME
+        return Stop.LOST if distance_m - self.registered_m >= LOST_M else None
+
+
+def _silent(last_ns: int | None, now_ns: int) -> bool:
+    return last_ns is None or now_ns - last_ns >= SILENT_S * 1e9
+
 
 LEAST_VOTES = 20
 """This many matches must agree before they steer the robot. In a simulated park 38 of 40 views of the right place
@@ -39,19 +125,7 @@ LEAST_GROWTH_PER_M = 0.01
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PathView:
-    """A frame, beside the nearest local map.
-
-    Attributes
-    ----------
-    place
-        Index of the local map along the path.
-    distance_m
-        Where it was taken along the path, corrected.
-    features
-        What was found in it.
-    registration
-        How it lies against the local map.
-    """
+    """A frame, beside the nearest local map: the index of that one, and the corrected distance along the path."""
 
     place: int
     distance_m: float
@@ -84,10 +158,8 @@ class Repetition:
 
     Attributes
     ----------
-    places
-        The local maps as they are now.
-    view
-        The last one.
+    places, view, length_m
+        The local maps as they are now, the last view, and the length of the path.
     correction_m
         What to add to the distance driven from the start to get the one along the path.
     obeyed
@@ -105,11 +177,8 @@ class Repetition:
         sought: Sequence[NDArray[np.int64]] | None = None,
     ) -> None:
         self.places = list(places)
-        self._sought = (
-            None
-            if sought is None
-            else [place.map.features.take(which) for place, which in zip(places, sought, strict=True)]
-        )
+        taught = [place.map.features for place in places]
+        self._sought = None if sought is None else [one.take(which) for one, which in zip(taught, sought, strict=True)]
         self.view: PathView | None = None
         self.correction_m = 0.0
         self.obeyed = True
@@ -121,25 +190,21 @@ class Repetition:
         self._distances_m = np.array([place.distance_m for place in places])
         self._nearest_view: PathView | None = None
         self._last_passed = -1
+        self.length_m = path.length_m
         self._rule = StopRule(path.length_m)
-
-    @property
-    def length_m(self) -> float:
-        """Length of the path."""
-        return self._rule.length_m
 
     def look(self, image: NDArray[np.uint8], driven_m: float, now_ns: int) -> tuple[int, Passing] | None:
         """Register a frame, uint8, (height, width), taken after a distance driven from the start.
 
         Returns
         -------
-            The index of a local map that has now been passed, and what the view taken nearest to it showed
-            of it; None while it is still near, and when that view could not be registered.
+        The index of a local map that has now been passed, and what the view taken nearest to it showed of it; None
+        while it is still near, and when that view could not be registered.
         """
         features = self._finder.find(image)
         distance_m = driven_m + self.correction_m
-        place = nearest(self._distances_m, distance_m)
-        registration = self._register(place, features)
+        place = int(np.argmin(np.abs(self._distances_m - distance_m)))
+        registration = register(self._taught(place), features)
         before_px = None if self.view is None else self.view.shift_px
         self.view = PathView(place, distance_m, features, registration)
         self._rule.frame_ns = now_ns
@@ -167,11 +232,8 @@ class Repetition:
         stop = self._rule.reason(distance_m, now_ns)
         if stop is not None or self.view is None:
             return STANDSTILL, stop
-        taught = Velocity(*self._path.at(distance_m))
+        taught = self._path.at(distance_m)
         return Velocity(taught.forward_m_s, self._steering.turn_rad_s(taught, self.view.shift_px or 0.0)), None
-
-    def _register(self, place: int, features: Features) -> Registration:
-        return register(self._taught(place), features, RULES["overlapping"])
 
     def _taught(self, place: int) -> Features:
         return self.places[place].map.features if self._sought is None else self._sought[place]
@@ -191,11 +253,9 @@ class Repetition:
             behind, ahead = max(place - NEIGHBOUR, 0), min(place + NEIGHBOUR, len(self.places) - 1)
             way_m = float(self._distances_m[ahead] - self._distances_m[behind])
             before, after = self._taught(behind), self._taught(ahead)
-            grown = expansion(before, after, register(before, after, RULES["overlapping"]), self._horizon_px)
-            if grown is None or grown <= LEAST_GROWTH_PER_M * way_m or way_m == 0.0:
-                self._growths_per_m[place] = None
-            else:
-                self._growths_per_m[place] = grown / way_m
+            grown = expansion(before, after, register(before, after), self._horizon_px)
+            grows = grown is not None and grown > LEAST_GROWTH_PER_M * way_m and way_m > 0.0
+            self._growths_per_m[place] = grown / way_m if grown is not None and grows else None
         return self._growths_per_m[place]
 
     def _keep_nearest(self, view: PathView) -> tuple[int, Passing] | None:
@@ -209,13 +269,10 @@ class Repetition:
         if view is None or view.shift_px is None or view.place <= self._last_passed:
             return None  # a correction may take the robot back to where it was
         self._last_passed = view.place
-        return view.place, self._passing(view)
-
-    def _passing(self, view: PathView) -> Passing:
         place, registration = self.places[view.place], view.registration
         if self._sought is not None:
-            registration = register(place.map.features, view.features, RULES["overlapping"])
-        return adapt(place.map, view.features, registration, self._strategy, place.next_feature)
+            registration = register(place.map.features, view.features)
+        return view.place, adapt(place.map, view.features, registration, self._strategy, place.next_feature)
 
     def _off(self, view: PathView) -> float:
         return abs(view.distance_m - float(self._distances_m[view.place]))

@@ -11,8 +11,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from types import TracebackType
-from typing import Final
+from typing import Final, NamedTuple
 
 import zenoh
 from rich.console import Console
@@ -32,7 +31,7 @@ from autoexpose_daemon.messages.types import ODOMETRY, TWIST, TWIST_STAMPED
 from autoexpose_daemon.publish.ros2_keys import Attachments, Ros2Node, key_of_topic
 from autoexpose_daemon.publish.session import Endpoints, SessionHolder, reading
 from imaging.python310 import Self
-from navigation.drive.steering import Pose, Velocity
+from navigation.maps.path import Velocity
 
 log = logging.getLogger(__name__)
 
@@ -46,16 +45,19 @@ SPEED_NS = 500_000_000
 """Speed is measured over the last half second."""
 
 
+class Pose(NamedTuple):
+    """Where a robot is by its odometry: x and y (m), and its heading (rad), positive to the left."""
+
+    x_m: float
+    y_m: float
+    heading_rad: float
+
+
 @dataclass(slots=True)
 class Odometer:
-    """Sums up the way between poses.
+    """Sums up the way between poses, in m.
 
-    Attributes
-    ----------
-    distance_m
-        The sum.
-    jumps
-        How many poses began again somewhere else; the way to them is unknown and not counted.
+    `jumps` counts the poses that began again somewhere else; the way to them is unknown, and not part of the sum.
     """
 
     distance_m: float = 0.0
@@ -76,10 +78,10 @@ class Odometer:
         """Take the next pose; `now_ns` is CLOCK_MONOTONIC."""
         if self._last is None or self._counted is None:
             self._counted = pose
-        elif _apart_m(pose, self._last) > JUMP_M:
+        elif math.dist(pose[:2], self._last[:2]) > JUMP_M:
             self.jumps += 1
             self._counted = pose
-        elif (way_m := _apart_m(pose, self._counted)) >= STEP_M:
+        elif (way_m := math.dist(pose[:2], self._counted[:2])) >= STEP_M:
             self.distance_m += way_m
             self._counted = pose
         self._last = pose
@@ -88,28 +90,17 @@ class Odometer:
             self._recent.popleft()
 
 
-def _apart_m(pose: Pose, other: Pose) -> float:
-    return math.hypot(pose.x_m - other.x_m, pose.y_m - other.y_m)
-
-
 _WAITING = 64
 """Messages of odometry or velocity: each adds to the distance, so none may be dropped while a frame is looked at."""
 
 
 @dataclass(frozen=True, slots=True)
 class RobotKeys:
-    """The keys under which a robot is found; an empty one is not used.
+    """Where a robot's messages come from and go to; an empty name is not used.
 
-    Attributes
-    ----------
-    odometry
-        Where `nav_msgs/msg/Odometry` comes from.
-    velocity
-        Where the `Twist` or `TwistStamped` that drives it comes from.
-    command, stamped
-        Where to send a `Twist`, or a `TwistStamped`.
-    ros2_domain
-        ROS_DOMAIN_ID of a robot whose nodes use rmw_zenoh: the names above are its topics; None: they are keys.
+    `odometry` is `nav_msgs/msg/Odometry`, `velocity` the `Twist` or `TwistStamped` that drives it, `command` the
+    `Twist`, or if `stamped` the `TwistStamped`, that is sent to it. The names are zenoh keys, or with the ROS_DOMAIN_ID
+    of a robot whose nodes use rmw_zenoh its topics.
     """
 
     odometry: str
@@ -128,31 +119,25 @@ class RobotKeys:
 class Robot:
     """Listens to a robot, and commands it, while its context is entered.
 
-    Parameters
-    ----------
-    keys, endpoints
-        Where it is.
-    on_velocity
-        Called with each velocity and the distance driven so far, on another thread.
+    `on_velocity` is called with each velocity and the distance driven so far, on another thread.
 
     Attributes
     ----------
     trouble
         Why there is no connection; empty: there is one, or it is still being opened.
-    refused
-        Messages that were not what they should be.
     odometry_ns
         When the last odometry arrived, CLOCK_MONOTONIC; None before the first.
+    odometer
+        How far it has driven since the connection was opened.
     """
 
     def __init__(
         self, keys: RobotKeys, endpoints: Endpoints, on_velocity: Callable[[Velocity, float], None] | None = None
     ) -> None:
         self.trouble = ""
-        self.refused = 0
         self.odometry_ns: int | None = None
         self._keys, self._on_velocity = keys, on_velocity
-        self._odometer = Odometer()
+        self.odometer = Odometer()
         self._turn = threading.Lock()
         self._in_ros2: tuple[str, Attachments] | None = None
         self._holder = SessionHolder("client", endpoints, self._serve, self._on_trouble)
@@ -161,21 +146,9 @@ class Robot:
         self._holder.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         if not self._holder.close():
             log.error("zenoh did not close the session of the robot in time")
-
-    @property
-    def distance_m(self) -> float:
-        """How far it has driven since the connection was opened."""
-        return self._odometer.distance_m
-
-    @property
-    def jumps(self) -> int:
-        """How often odometry began again elsewhere."""
-        return self._odometer.jumps
 
     @property
     def silent(self) -> bool:
@@ -185,9 +158,8 @@ class Robot:
     @property
     def speed_m_s(self) -> float:
         """How fast it drives by its odometry; 0 when that is silent."""
-        silent = self.silent
         with self._turn:
-            return 0.0 if silent else self._odometer.speed_m_s
+            return 0.0 if self.silent else self.odometer.speed_m_s
 
     def command(self, velocity: Velocity) -> None:
         """Have it drive like this, if there is a connection."""
@@ -205,8 +177,8 @@ class Robot:
 
     def _serve(self, session: zenoh.Session) -> None:
         takers = {
-            self._keys.heard(self._keys.odometry, ODOMETRY): reading(read_odometry, self._take_odometry, self._refuse),
-            self._keys.heard(self._keys.velocity): reading(read_velocity, self._take_velocity, self._refuse),
+            self._keys.heard(self._keys.odometry, ODOMETRY): reading(read_odometry, self._take_odometry, lambda: None),
+            self._keys.heard(self._keys.velocity): reading(read_velocity, self._take_velocity, lambda: None),
         }
         for key, take in takers.items():
             if key:
@@ -230,15 +202,12 @@ class Robot:
     def _take_odometry(self, pose: tuple[float, float, float]) -> None:
         now_ns = time.monotonic_ns()
         with self._turn:
-            self._odometer.take(Pose(*pose), now_ns)
+            self.odometer.take(Pose(*pose), now_ns)
         self.odometry_ns = now_ns
 
     def _take_velocity(self, velocity: tuple[float, float]) -> None:
         if self._on_velocity is not None:
-            self._on_velocity(Velocity(*velocity), self.distance_m)
-
-    def _refuse(self) -> None:
-        self.refused += 1
+            self._on_velocity(Velocity(*velocity), self.odometer.distance_m)
 
 
 WAIT_S: Final = 0.05
@@ -247,19 +216,7 @@ WAIT_S: Final = 0.05
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """A daemon and a robot.
-
-    Attributes
-    ----------
-    rig
-        Name of the rig; the left camera's frames are used.
-    connect
-        Endpoints of the daemon, or a router.
-    robot
-        The robot's keys.
-    robot_connect
-        Endpoints of the robot's router.
-    """
+    """A rig, with the endpoints of its daemon or a router, and a robot's keys, with the endpoints of its router."""
 
     rig: str
     connect: tuple[str, ...]
@@ -275,16 +232,12 @@ def newest_pair(client: StereoClient) -> ReceivedPair | None:
     return pair
 
 
-_TURN_S = 0.1
-
-
 class Progress:
     """Shows the progress of a long command, while its context is entered."""
 
     def __init__(self, console: Console) -> None:
         self._console = console
-        self._live = Live(console=console, auto_refresh=False) if console.is_terminal else None
-        self._said_s = 0.0
+        self._live = Live(console=console, refresh_per_second=10) if console.is_terminal else None
         self._words = ""
 
     def __enter__(self) -> Self:
@@ -292,9 +245,7 @@ class Progress:
             self._live.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         if self._live is not None:
             self._live.stop()
 
@@ -305,13 +256,9 @@ class Progress:
 
     def say(self, line: str) -> None:
         """Show the progress; lines that differ only in numbers are one state."""
-        now_s = time.monotonic()
-        if self._live is not None:
-            if now_s - self._said_s >= _TURN_S:
-                self._said_s = now_s
-                self._live.update(Text(line), refresh=True)
-            return
         words = re.sub(r"[+-]?[0-9.]+", "", line)
-        if words != self._words:
+        if self._live is not None:
+            self._live.update(Text(line))
+        elif words != self._words:
             self._words = words
-            self._console.print(line, markup=False, highlight=False, soft_wrap=True)
+            self.warn(line)

@@ -10,25 +10,22 @@ from pathlib import Path
 from autoexpose_daemon.client import ReceivedPair, StereoClient
 from autoexpose_daemon.client.status_client import StatusClient
 from autoexpose_daemon.publish.session import Endpoints
-from navigation.drive.lesson import Lesson, LightTrail
 from navigation.drive.robot import Progress, Robot, Source, newest_pair
-from navigation.drive.steering import Velocity
+from navigation.maps.path import Lesson, LightTrail, Velocity
 from navigation.store import MapDrive, MapError, MapFile, MapInfo
-from navigation.views.detectors import FINDERS
+from navigation.views.features import FINDERS
 
 _SILENT_S = 0.5
 """Cameras may be slower than `newest_pair` waits: only without a frame for this long is one missing."""
 
 
 class Teacher:
-    """Writes a lesson to a map file, which begins with the first frame after the first odometry.
+    """Writes a lesson to a new map file, which begins with the first frame after the first odometry.
 
-    Parameters
-    ----------
-    path
-        The new map.
-    focal_length_px, detector
-        For `MapInfo`.
+    Raises
+    ------
+    MapError
+        When the file exists; in all methods, when it cannot be written.
     """
 
     def __init__(self, path: Path, focal_length_px: float, detector: str) -> None:
@@ -46,7 +43,7 @@ class Teacher:
     @property
     def driven(self) -> bool:
         """Whether the velocity that the robot is driven with has been heard."""
-        return self._lesson.driven
+        return self._lesson.velocity is not None
 
     def drive(self, velocity: Velocity, distance_m: float) -> None:
         """Note that the robot was commanded to drive like this; called on the thread of its connection."""
@@ -87,11 +84,16 @@ class Teacher:
 
 
 def teach(teacher: Teacher, source: Source, stop: threading.Event, progress: Progress) -> str:
-    """Teach until `stop` is set; returns what was taught, in words."""
-    robot_endpoints = Endpoints(connect=source.robot_connect)
+    """Teach until `stop` is set; returns what was taught, in words.
+
+    Raises
+    ------
+    MapError
+        When the map cannot be written, or nothing can repeat it, since no velocity arrived.
+    """
     with (
         StatusClient(source.rig, source.connect) as status,
-        Robot(source.robot, robot_endpoints, teacher.drive) as robot,
+        Robot(source.robot, Endpoints(connect=source.robot_connect), teacher.drive) as robot,
         StereoClient(source.rig, source.connect, name="teach", normalised=True) as client,
         progress,
     ):
@@ -106,20 +108,19 @@ def teach(teacher: Teacher, source: Source, stop: threading.Event, progress: Pro
                     trouble = f": {status.trouble}" if status.trouble else ""
                     progress.say(f"waiting for frames and status of {source.rig}{trouble}")
                 elif pair is not None:
-                    teacher.look(pair, robot.distance_m, status.status.policy)
-                    progress.say(
-                        f"{robot.distance_m:.1f} m driven, {teacher.places} local maps{_missing(robot, teacher)}"
-                    )
+                    way_m = robot.odometer.distance_m
+                    teacher.look(pair, way_m, status.status.policy)
+                    progress.say(f"{way_m:.1f} m driven, {teacher.places} local maps{_missing(robot, teacher)}")
         finally:
             driven = teacher.driven  # the end is a velocity, too
-            length_m = teacher.end(robot.distance_m)
+            length_m = teacher.end(robot.odometer.distance_m)
     if not teacher.places:
         return "nothing was taught: no frame arrived together with odometry"
     taught = f"taught {length_m:.1f} m, {teacher.places} local maps"
     if not driven:
         raise MapError(f"{taught}, but no velocity arrived under {source.robot.velocity}, so nothing can repeat it")
-    if robot.jumps:
-        return f"{taught}; odometry began again elsewhere {robot.jumps} times, and the way to there is missing"
+    if robot.odometer.jumps:
+        return f"{taught}; odometry began again elsewhere {robot.odometer.jumps} times, and the way to there is missing"
     return taught
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from navigation.views.features import BEST, Features, descriptor_norm
 from navigation.views.registration import Registration
 
-Strategy = Literal["static", "plastic", "adaptive", "summary"]
+Strategy = Literal["static", "adaptive", "plastic", "summary"]
 """`static`: nothing changes. `plastic`: the view replaces the map. `adaptive`: the features with the least score are
 exchanged for new ones. `summary`: new ones are added, and of those with the least score only those below 0 are removed;
 it grows, and prediction over time chooses from it."""
@@ -27,16 +27,10 @@ CORRECT, WRONG, UNMATCHED = 1, -1, 0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LocalMap:
-    """What is remembered of a place along the path.
+    """What is remembered of a place along the path: features where they were, or would have been, in its first picture.
 
-    Attributes
-    ----------
-    features
-        Where they were in the picture that was taught; later ones moved to where they would have been.
-    scores
-        Sums of the states at all passings, int64, (n,).
-    ids
-        Numbers that no two features of this map ever share, ascending with time, int64, (n,).
+    `scores` are the sums of their states at all passings, `ids` numbers that no two features of this map ever share,
+    ascending with time; int64, (n,).
     """
 
     features: Features
@@ -55,21 +49,18 @@ class LocalMap:
         """The map with some of its features."""
         return LocalMap(self.features.take(which), self.scores[which], self.ids[which])
 
+    def joined(self, other: LocalMap) -> LocalMap:
+        """Both in one."""
+        scores, ids = np.concatenate([self.scores, other.scores]), np.concatenate([self.ids, other.ids])
+        return LocalMap(self.features.joined(other.features), scores, ids)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Passing:
     """What a passing showed of a map and changed in it.
 
-    Attributes
-    ----------
-    states
-        `CORRECT`, `WRONG` or `UNMATCHED` for each feature of the map before, int8, (n,).
-    after
-        The map from now on.
-    removed
-        Ids of the features that it lost, int64.
-    added
-        Which of its features are new, bool, (len(after),).
+    `states` has `CORRECT`, `WRONG` or `UNMATCHED` for each feature of the map before, int8, (n,). The map `after` it
+    lost the ids that were `removed`, int64, and has the features `added`, bool, (len(after),).
     """
 
     states: NDArray[np.int8]
@@ -81,16 +72,8 @@ class Passing:
 def adapt(before: LocalMap, seen: Features, registration: Registration, strategy: Strategy, next_id: int) -> Passing:
     """A map after it was passed, once per drive. A failed registration changes nothing, not even scores.
 
-    Parameters
-    ----------
-    before
-        The map that the view was registered with.
-    seen
-        The features of the view.
-    registration
-        Registration of the view with all features of the map, in their order.
-    next_id
-        The least number that no feature of this map ever had.
+    `registration` is that of the features `seen` with all features of the map, in their order; `next_id` is the least
+    number that no feature of this map ever had.
     """
     states = states_of(len(before), registration)
     shift_px = registration.vote.shift_px
@@ -106,7 +89,7 @@ def adapt(before: LocalMap, seen: Features, registration: Registration, strategy
     )
     removed = np.setdiff1d(before.ids, before.ids[kept])
     added = np.arange(len(kept) + len(new)) >= len(kept)
-    return Passing(states, _joined(scored.take(kept), fresh), removed, added)
+    return Passing(states, scored.take(kept).joined(fresh), removed, added)
 
 
 def states_of(features: int, registration: Registration) -> NDArray[np.int8]:
@@ -141,14 +124,6 @@ def _unlikeness(candidates: Features, taught: Features) -> NDArray[np.float64]:
         return np.zeros(len(candidates))
     nearest = cv2.BFMatcher(descriptor_norm(taught)).match(candidates.descriptors, taught.descriptors)
     return np.array([match.distance for match in sorted(nearest, key=lambda match: match.queryIdx)])
-
-
-def _joined(one: LocalMap, other: LocalMap) -> LocalMap:
-    return LocalMap(
-        one.features.joined(other.features),
-        np.concatenate([one.scores, other.scores]),
-        np.concatenate([one.ids, other.ids]),
-    )
 
 
 def best(scores: NDArray[np.float64], count: int = BEST) -> NDArray[np.int64]:

@@ -22,86 +22,6 @@ LEAST, MOST = 0.01, 0.99
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Spectrum:
-    """Running sums over passings, for n features and K periods; adding them one by one gives the same as all at once.
-
-    Attributes
-    ----------
-    periods_s
-        float64, (K,).
-    passings, seen
-        How often each feature was looked for, and seen, float64, (n,).
-    all_cos, all_sin
-        Sums of cosine and sine over the times at which it was looked for, float64, (n, K).
-    seen_cos, seen_sin
-        The same over the times at which it was seen.
-    """
-
-    periods_s: NDArray[np.float64]
-    passings: NDArray[np.float64]
-    seen: NDArray[np.float64]
-    all_cos: NDArray[np.float64]
-    all_sin: NDArray[np.float64]
-    seen_cos: NDArray[np.float64]
-    seen_sin: NDArray[np.float64]
-
-    @classmethod
-    def of(
-        cls,
-        times_s: NDArray[np.float64],
-        seen: NDArray[np.float64],
-        passed: NDArray[np.bool_],
-        periods_s: tuple[float, ...] = PERIODS_S,
-    ) -> Self:
-        """From passings at `times_s`, (d,); whether features were `seen` (0 or 1) and looked for (`passed`), (d, n)."""
-        periods, looked_for = np.array(periods_s), passed.astype(np.float64)
-        phases = 2 * np.pi * times_s[:, None] / periods
-        cos, sin = np.cos(phases), np.sin(phases)
-        counted = seen * looked_for
-        return cls(
-            periods, looked_for.sum(axis=0), counted.sum(axis=0),
-            looked_for.T @ cos, looked_for.T @ sin, counted.T @ cos, counted.T @ sin,
-        )  # fmt: skip
-
-    def with_passing(self, time_s: float, seen: NDArray[np.float64], passed: NDArray[np.bool_]) -> Spectrum:
-        """The sums after one more passing; `seen` and `passed` have shape (n,)."""
-        one = Spectrum.of(np.array([time_s]), seen[None], passed[None], tuple(self.periods_s.tolist()))
-        return Spectrum(
-            self.periods_s, self.passings + one.passings, self.seen + one.seen,
-            self.all_cos + one.all_cos, self.all_sin + one.all_sin,
-            self.seen_cos + one.seen_cos, self.seen_sin + one.seen_sin,
-        )  # fmt: skip
-
-    def probability(self, time_s: float, order: int) -> NDArray[np.float64]:
-        """How likely each feature is to be seen at a time, by its mean and `order` strongest periods, float64, (n,)."""
-        count = np.maximum(self.passings, 1.0)[:, None]
-        mean = self.seen[:, None] / count
-        cosine = (self.seen_cos - mean * self.all_cos) / count
-        sine = (self.seen_sin - mean * self.all_sin) / count
-        amplitude = np.hypot(cosine, sine)
-        wave = 2.0 * amplitude * np.cos(2 * np.pi * time_s / self.periods_s - np.arctan2(sine, cosine))
-        strongest = np.argsort(-amplitude, axis=1, kind="stable")[:, :order]
-        sums = mean[:, 0] + np.take_along_axis(wave, strongest, axis=1).sum(axis=1)
-        return np.asarray(sums.clip(LEAST, MOST))
-
-
-Scores = NDArray[np.float64]
-Predict = Callable[[float], Scores]
-"""Scores of all features, float64, (n,), at a time in seconds since 1970."""
-
-TESTED_SHARE = 0.2
-"""The order of a spectrum is the one that foretells the last fifth of the passings best."""
-
-RIDGE = 1.0
-"""Weight, in passings, of the belief that amplitudes are 0."""
-
-MEMORY_S = 12 * 3600.0
-"""Time constant of the moving average."""
-
-BINS_OF_DAY = 6
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class FeatureHistory:
     """When the features of a map were seen.
 
@@ -129,13 +49,59 @@ class FeatureHistory:
         return FeatureHistory(self.times_s[:passings], self.states[:passings], self.passed[:passings])
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Spectrum:
+    """How often features were seen, (n, 1), and the cosine and sine in that of each of `periods_s`, (n, K); float64."""
+
+    periods_s: NDArray[np.float64]
+    mean: NDArray[np.float64]
+    cosine: NDArray[np.float64]
+    sine: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, history: FeatureHistory, periods_s: tuple[float, ...]) -> Self:
+        """The spectrum of all passings."""
+        periods, looked_for = np.array(periods_s), history.passed.astype(np.float64)
+        phases = 2 * np.pi * history.times_s[:, None] / periods
+        count = np.maximum(looked_for.sum(axis=0), 1.0)[:, None]
+        mean = history.seen.sum(axis=0)[:, None] / count
+        waves = [
+            (history.seen.T @ wave - mean * (looked_for.T @ wave)) / count for wave in (np.cos(phases), np.sin(phases))
+        ]
+        return cls(periods, mean, *waves)
+
+    def probability(self, time_s: float, order: int) -> NDArray[np.float64]:
+        """How likely each feature is to be seen at a time, by its mean and `order` strongest periods, float64, (n,)."""
+        amplitude = np.hypot(self.cosine, self.sine)
+        wave = 2.0 * amplitude * np.cos(2 * np.pi * time_s / self.periods_s - np.arctan2(self.sine, self.cosine))
+        strongest = np.argsort(-amplitude, axis=1, kind="stable")[:, :order]
+        sums = self.mean[:, 0] + np.take_along_axis(wave, strongest, axis=1).sum(axis=1)
+        return np.asarray(sums.clip(LEAST, MOST))
+
+
+Scores = NDArray[np.float64]
+Predict = Callable[[float], Scores]
+"""Scores of all features, float64, (n,), at a time in seconds since 1970."""
+
+TESTED_SHARE = 0.2
+"""The order of a spectrum is the one that foretells the last fifth of the passings best."""
+
+RIDGE = 1.0
+"""Weight, in passings, of the belief that amplitudes are 0."""
+
+MEMORY_S = 12 * 3600.0
+"""Time constant of the moving average."""
+
+BINS_OF_DAY = 6
+
+
 def fremen(history: FeatureHistory, order: int | None = None, periods_s: tuple[float, ...] = PERIODS_S) -> Predict:
     """The mean and the strongest periods of a feature's spectrum (FreMEn); None: as many as foretell best.
 
     The paper's experiment has order 1 of one period, a day. The authors' code means to choose the order, too, but
     forgets the best one at each step.
     """
-    spectrum = Spectrum.of(history.times_s, history.seen, history.passed, periods_s)
+    spectrum = Spectrum.of(history, periods_s)
     chosen = _best_order(history, periods_s) if order is None else order
     return lambda time_s: spectrum.probability(time_s, chosen)
 
@@ -147,7 +113,7 @@ def harmonic(history: FeatureHistory) -> Predict:
     penalty[0, 0] = 1e-9  # the mean is free; this little keeps a feature that was never passed solvable
     products = np.einsum("dn,di,dj->nij", history.passed.astype(float), basis, basis) + penalty
     weights = np.linalg.solve(products, (basis.T @ seen).T[..., None])[..., 0]
-    return lambda time_s: np.asarray((weights @ _harmonics(np.array([time_s]))[0]).clip(0.01, 0.99))
+    return lambda time_s: np.asarray((weights @ _harmonics(np.array([time_s]))[0]).clip(LEAST, MOST))
 
 
 def mean(history: FeatureHistory) -> Predict:
@@ -183,14 +149,10 @@ def bins_of_day(history: FeatureHistory) -> Predict:
     return lambda time_s: shares[int(_bin_of_day(np.array([time_s]))[0])]
 
 
-MODELS: MappingProxyType[str, Callable[[FeatureHistory], Predict]] = MappingProxyType({
-    "fremen": fremen,
-    "harmonic": harmonic,
-    "mean": mean,
-    "score-sum": score_sum,
-    "moving-average": moving_average,
-    "bins-of-day": bins_of_day,
-})  # fmt: skip
+_LEARNERS: tuple[Callable[[FeatureHistory], Predict], ...] = (
+    fremen, harmonic, mean, score_sum, moving_average, bins_of_day
+)  # fmt: skip
+MODELS = MappingProxyType({learn.__name__.replace("_", "-"): learn for learn in _LEARNERS})
 """By name."""
 
 
@@ -198,8 +160,7 @@ def _best_order(history: FeatureHistory, periods_s: tuple[float, ...]) -> int:
     learnt = len(history.times_s) - math.ceil(TESTED_SHARE * len(history.times_s))
     if learnt < 1:
         return 0
-    early = history.until(learnt)
-    spectrum = Spectrum.of(early.times_s, early.seen, early.passed, periods_s)
+    spectrum = Spectrum.of(history.until(learnt), periods_s)
     seen, counts = history.seen[learnt:], history.passed[learnt:]
 
     def error(order: int) -> float:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import sqlite3
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import astuple
 from pathlib import Path
-from types import TracebackType
 from typing import Any, BinaryIO
 
 import numpy as np
@@ -16,7 +16,7 @@ from documents.text import readable
 from imaging.exposure import ExposureSetting
 from imaging.python310 import Self
 from navigation.maps.adaptation import CORRECT, LocalMap, Passing
-from navigation.maps.path import LightRow, TaughtPath
+from navigation.maps.path import LightRow, TaughtPath, TaughtPlace
 from navigation.maps.temporal import FeatureHistory
 from navigation.store.rows import (
     MapDrive,
@@ -25,7 +25,6 @@ from navigation.store.rows import (
     Place,
     RowError,
     RunKind,
-    TaughtPlace,
     connect,
     create,
     feature_rows,
@@ -46,14 +45,7 @@ _NOW = "removed IS NULL"
 class MapFile:
     """A map on disk. Each call that writes is one transaction: after SIGKILL or a power cut it is there, or not at all.
 
-    Parameters
-    ----------
-    path
-        The file.
-    info
-        For a new map; None: the file exists.
-    writable
-        Whether to write to it; only one process at a time can.
+    With `info` a new one is made. Only one process at a time can have a map `writable`.
 
     Raises
     ------
@@ -74,7 +66,7 @@ class MapFile:
             if writable or info is not None:
                 self._lock = lock(path)
             if info is not None:
-                self._write("INSERT INTO meta VALUES (?, ?, ?, ?, ?)", *_values(info))
+                self._write("INSERT INTO meta VALUES (?, ?, ?, ?, ?)", *astuple(info))
             self.info = self._read_info()
         except BaseException:
             self.close()
@@ -83,9 +75,7 @@ class MapFile:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def close(self) -> None:
@@ -107,13 +97,7 @@ class MapFile:
         with self._transaction() as connection:
             place = connection.execute(
                 "INSERT INTO place (distance_m, exposure_time_us, gain_db, next_feature, jpeg) VALUES (?, ?, ?, ?, ?)",
-                (
-                    taught.distance_m,
-                    taught.setting.exposure_time_us,
-                    taught.setting.gain_db,
-                    len(taught.features),
-                    taught.jpeg,
-                ),
+                (taught.distance_m, *astuple(taught.setting), len(taught.features), taught.jpeg),
             ).lastrowid
             assert place is not None
             self._insert(connection, place, LocalMap.taught(taught.features), run)
@@ -158,13 +142,13 @@ class MapFile:
             connection.executemany(
                 "UPDATE feature SET score = ? WHERE place = ? AND id = ?",
                 [
-                    (int(score), place.number, int(number))
-                    for score, number in zip(after.scores, after.ids, strict=True)
+                    (score, place.number, number)
+                    for score, number in zip(after.scores.tolist(), after.ids.tolist(), strict=True)
                 ],
             )
             connection.executemany(
                 "UPDATE feature SET removed = ? WHERE place = ? AND id = ?",
-                [(run.number, place.number, int(number)) for number in passing.removed],
+                [(run.number, place.number, number) for number in passing.removed.tolist()],
             )
             self._insert(connection, place.number, added, run)
             connection.execute("UPDATE place SET next_feature = ? WHERE id = ?", (next_feature, place.number))
@@ -172,20 +156,14 @@ class MapFile:
         return Place(place.number, place.distance_m, place.setting, next_feature, after)
 
     def forget_all_runs_but(self, newest: int) -> int:
-        """Drop what is known of all but the newest drives, and features removed before.
-
-        Returns
-        -------
-            How many observations, features and light levels are gone.
-        """
+        """Drop what is known of all but the newest drives, and features removed before; returns how many rows went."""
         numbers = [run.number for run in self.runs()]
         if newest >= len(numbers):
             return 0
         first_kept = numbers[-newest] if newest else numbers[-1] + 1
         with self._transaction() as connection:
-            gone = connection.execute("DELETE FROM observation WHERE run < ?", (first_kept,)).rowcount
-            gone += connection.execute("DELETE FROM feature WHERE removed < ?", (first_kept,)).rowcount
-            gone += connection.execute("DELETE FROM light WHERE run < ?", (first_kept,)).rowcount
+            old = ("observation WHERE run", "feature WHERE removed", "light WHERE run")
+            gone = sum(connection.execute(f"DELETE FROM {rows} < ?", (first_kept,)).rowcount for rows in old)
         self._write("VACUUM")
         self._write("PRAGMA wal_checkpoint(TRUNCATE)")
         return gone
@@ -301,10 +279,6 @@ class MapFile:
         except (TypeError, ValueError) as error:
             what = readable(str(error)) if isinstance(error, RowError) else "a value that no map of ours has"
             raise MapError(f"{self.path} is damaged, it has {what}: restore a copy, or teach it again") from error
-
-
-def _values(info: MapInfo) -> tuple[object, ...]:
-    return (info.width, info.height, info.focal_length_px, info.detector, info.policy)
 
 
 def _insert_speeds(connection: sqlite3.Connection, speeds: Sequence[SpeedRow]) -> None:

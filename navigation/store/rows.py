@@ -59,6 +59,14 @@ class MapError(AutoexposeError):
     """A map file cannot be used; the message names it and says why."""
 
 
+def write(path: Path, content: bytes) -> None:
+    """Write what a map is exported to; raises `MapError` if that fails."""
+    try:
+        path.write_bytes(content)
+    except OSError as error:
+        raise MapError(f"{path} cannot be written: {readable(str(error.strerror))}") from error
+
+
 def create(path: Path) -> sqlite3.Connection:
     """A new database; raises `MapError`, also if the file exists."""
     try:
@@ -94,7 +102,10 @@ def connect(path: Path, *, writable: bool) -> sqlite3.Connection:
 
 
 def lock(path: Path) -> BinaryIO:
-    """Keep other writers out while this file is open; close it after the connection, whose own locks end with it."""
+    """Keep other writers out while this file is open; raises `MapError` if there is one.
+
+    It is to be closed after the connection, whose own locks end with it.
+    """
     file = open_regular(path)
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -163,18 +174,9 @@ class RowError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class MapInfo:
-    """What holds for a whole map.
+    """What holds for a whole map: its pictures, the lens, one of `DESCRIPTORS`, and the exposure policy.
 
-    Attributes
-    ----------
-    width, height
-        Of its pictures (pixels).
-    focal_length_px
-        Of the lens.
-    detector
-        One of `DESCRIPTORS`.
-    policy
-        The exposure policy while it was taught; empty if unknown.
+    The policy is that of the lesson, and empty if it is not known.
     """
 
     width: int
@@ -224,10 +226,7 @@ def newest_of_hour(runs: Iterable[MapDrive], now_s: float) -> MapDrive | None:
 class Place:
     """A local map: how far along the path (m), what its picture was taken with, and its features.
 
-    Attributes
-    ----------
-    next_feature
-        The least number that none of its features ever had.
+    `next_feature` is the least number that none of its features ever had.
     """
 
     number: int
@@ -241,16 +240,6 @@ class Place:
             raise RowError(f"a local map at {self.distance_m:g} m")
         if not self.setting.is_physical:
             raise RowError(f"an exposure of {self.setting.exposure_time_us:g} us and {self.setting.gain_db:g} dB")
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class TaughtPlace:
-    """A local map as taught: distance along the path (m), its JPEG picture, and the picture's setting and features."""
-
-    distance_m: float
-    jpeg: bytes
-    setting: ExposureSetting
-    features: Features
 
 
 def taught_path(rows: Iterable[tuple[float, float, float]]) -> TaughtPath:
@@ -291,14 +280,10 @@ def local_map(rows: list[FeatureRow], info: MapInfo) -> LocalMap:
 
 def feature_rows(taken: LocalMap, detector: str) -> list[FeatureRow]:
     """The rows of a map's features."""
-    dtype, _ = DESCRIPTORS[detector]
-    features, descriptors = taken.features, taken.features.descriptors.astype(dtype, copy=False)
-    return [
-        (int(number), float(x), float(y), float(response), descriptor.tobytes(), int(score))
-        for number, (x, y), response, descriptor, score in zip(
-            taken.ids, features.positions, features.responses, descriptors, taken.scores, strict=True
-        )
-    ]
+    features, dtype = taken.features, DESCRIPTORS[detector][0]
+    blobs = [descriptor.tobytes() for descriptor in features.descriptors.astype(dtype, copy=False)]
+    numbers = (taken.ids, *features.positions.T, features.responses)
+    return list(zip(*(column.tolist() for column in numbers), blobs, taken.scores.tolist(), strict=True))
 
 
 def states_of_blob(blob: bytes, features: int) -> NDArray[np.int8]:

@@ -51,15 +51,7 @@ RULES = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Vote:
-    """What shifts agree on.
-
-    Attributes
-    ----------
-    shift_px
-        The mean of the correct shifts; None when too few are.
-    correct
-        Which shifts are, bool, (n,).
-    """
+    """What shifts agree on: the mean of those that are `correct`, bool, (n,); None when too few are."""
 
     shift_px: float | None
     correct: NDArray[np.bool_]
@@ -72,16 +64,10 @@ class Vote:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Registration:
-    """Where a view lies against a local map.
+    """Where a view lies against a local map: how far it is shifted to the right, the paper's delta with the other sign.
 
-    Attributes
-    ----------
-    vote
-        How far the view is shifted to the right of the map, which is the paper's delta with the other sign.
-    matches
-        Index into the map and index into the view of each match that voted, int64, (n, 2), in the order of the vote.
-    shifts_px
-        How far each is shifted to the right of the map, (n,).
+    `matches` has the index into the map and the index into the view of each match that voted, int64, (n, 2), and
+    `shifts_px` how far each is shifted, (n,).
     """
 
     vote: Vote

@@ -3,23 +3,17 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
-
-AUTOEXPOSE = [sys.executable, "-c", "from autoexpose_daemon.cli import main; main()"]
+from tests.accept.commands import output
+from tests.autoexpose_daemon.service.service_process import AUTOEXPOSE
 
 
 def autoexpose(*arguments: object) -> str:
-    command = [*AUTOEXPOSE, *(str(argument) for argument in arguments)]
-    result = subprocess.run(command, text=True, capture_output=True, timeout=500, check=False)
-    print(result.stdout, result.stderr)
-    assert result.returncode == 0
-    return result.stdout
+    return output(*AUTOEXPOSE, *arguments, timeout_s=500)
 
 
 @pytest.mark.parametrize("transport", ["gige", "usb3"])

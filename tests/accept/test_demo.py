@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
+
+from tests.accept.commands import output
+from tests.autoexpose_daemon.service.service_process import AUTOEXPOSE
 
 FULL = (
     "A fake camera takes up to 45 % of a core while it renders, and the daemon 27 %: on two cores of which another "
@@ -27,11 +28,8 @@ STEADY = "light: [{at_s: 0, lux: 150}]"
 
 def demo(tmp_path: Path, seconds: int, *options: str) -> dict[str, Any]:
     summary = tmp_path / "summary.json"
-    command = [sys.executable, "-c", "from autoexpose_daemon.cli import main; main()", "demo"]
-    command += ["--seconds", str(seconds), "--summary", str(summary), *options]
-    result = subprocess.run(command, text=True, capture_output=True, timeout=300 + seconds, check=False)
-    print(result.stdout, result.stderr)
-    assert result.returncode == 0
+    command = [*AUTOEXPOSE, "demo", "--seconds", seconds, "--summary", summary, *options]
+    print(output(*command, timeout_s=300 + seconds))
     figures: dict[str, Any] = json.loads(summary.read_text())
     assert figures["triggers"] == figures["pairs"] + sum(figures["lost"].values())
     return figures

@@ -25,6 +25,7 @@ from autoexpose_daemon.runtime.setup import Tuning
 from autoexpose_daemon.status.counters import unusual_counts
 from autoexpose_daemon.status.states import Expectation, judge
 from calibration.response.file import ResponseFile
+from drivers.triggers.outcomes import LossReason
 from fake_camera.device.faults import Fault
 from imaging.errors import ConfigurationError
 from imaging.response import ResponseFunction
@@ -171,11 +172,25 @@ def test_frames_from_another_address(run: Run) -> None:
     assert 5000 <= new["refused_packets"] <= 6000
 
 
-def test_frame_truncated(run: Run) -> None:
-    with only(run, "incomplete") as new:
-        run.left.inject(Fault.TRUNCATE, count=40)
-        wait_for_state(run, "degraded: left camera: all its frames arrive incomplete: check its cable")
-    assert new["incomplete"] == pytest.approx(40, abs=NOISE)
+NO_METADATA = "frames_without_exposure_metadata"
+SPOILT_FRAMES = {
+    Fault.TRUNCATE: ("incomplete", "all its frames arrive incomplete: check its cable"),
+    Fault.NO_CHUNKS: (  # USB sends whole payloads
+        ("incomplete", "all its frames arrive incomplete") if ON_USB
+        else (NO_METADATA, "its frames no longer say how they were taken")
+    ),
+    Fault.NAN_CHUNKS: (NO_METADATA, "its frames no longer say how they were taken"),
+}  # fmt: skip
+"""What is counted of them, and what is told."""
+
+
+@pytest.mark.parametrize("fault", SPOILT_FRAMES)
+def test_frames_spoilt(run: Run, fault: Fault) -> None:
+    counted, told = SPOILT_FRAMES[fault]
+    with only(run, counted, "incomplete") as new:
+        run.left.inject(fault, count=40)
+        wait_for_state(run, f"degraded: left camera: {told}")
+    assert new[counted] == pytest.approx(40, abs=NOISE)
 
 
 @pytest.mark.usb3_only  # of USB endpoints
@@ -190,38 +205,20 @@ def test_transfer_stalled(run: Run, caplog: pytest.LogCaptureFixture) -> None:
     assert new["reconnects"] == 1
 
 
-def test_chunk_missing(run: Run) -> None:
-    with only(run, "frames_without_exposure_metadata", "incomplete") as new:
-        run.left.inject(Fault.NO_CHUNKS, count=40)
-        told = "all its frames arrive incomplete" if ON_USB else "its frames no longer say how they were taken"
-        wait_for_state(run, f"degraded: left camera: {told}")
-    lost = "incomplete" if ON_USB else "frames_without_exposure_metadata"  # USB sends whole payloads
-    assert new[lost] == pytest.approx(40, abs=NOISE)
-
-
-def test_chunks_that_are_no_numbers(run: Run) -> None:
-    with only(run, "frames_without_exposure_metadata") as new:
-        run.left.inject(Fault.NAN_CHUNKS, count=40)
-        wait_for_state(run, "degraded: left camera: its frames no longer say how they were taken")
-    assert new["frames_without_exposure_metadata"] == pytest.approx(40, abs=NOISE)
-
-
-def test_node_refuses(run: Run) -> None:
+@pytest.mark.parametrize(
+    ("fault", "count", "asked_us", "told"),
+    [
+        (Fault.REFUSE_WRITES, 20, 1000, ("left camera: 1000 us, 0.0 dB was refused", "could not set ExposureTime")),
+        (Fault.STICK, 40, 3000, ("node ExposureTime was set to 3000 us and reads back 2000 us",)),
+    ],
+)
+def test_writes_refused(run: Run, fault: Fault, count: int, asked_us: float, told: tuple[str, ...]) -> None:
     with only(run, "refused_writes", "late_writes", "mismatched_pairs") as new:
-        run.left.inject(Fault.REFUSE_WRITES, count=20)
-        ask(run, 1000)
-        wait_for_state(run, "degraded: left camera: 1000 us, 0.0 dB was refused: camera ", "could not set ExposureTime")
-        wait_for_taken(run, 1000)
-    assert 1 <= new["refused_writes"] <= 20
-
-
-def test_node_sticks(run: Run) -> None:
-    with only(run, "refused_writes", "late_writes", "mismatched_pairs") as new:
-        run.left.inject(Fault.STICK, count=40)
-        ask(run, 3000)
-        wait_for_state(run, "node ExposureTime was set to 3000 us and reads back 2000 us")
-        wait_for_taken(run, 3000)
-    assert 1 <= new["refused_writes"] <= 40
+        run.left.inject(fault, count=count)
+        ask(run, asked_us)
+        wait_for_state(run, "degraded: ", *told)
+        wait_for_taken(run, asked_us)
+    assert 1 <= new["refused_writes"] <= count
 
 
 def test_node_clips(run: Run, caplog: pytest.LogCaptureFixture) -> None:
@@ -320,3 +317,17 @@ def test_replaced_by_another_serial(run: Run) -> None:
         alone = len(run.seen)
         run.wait_until(lambda: len(run.seen) > alone + 30, "the other camera's frames going on")
         assert run.daemon.telemetry.counts.reconnects == reconnects
+
+
+@pytest.mark.gige_only  # over USB a killed camera's place is not taken by the next
+def test_killed_and_back(run: Run) -> None:
+    run.left.kill()
+    run.wait_until(lambda: len(run.seen[-1][0].frames) < 2, "frames of the other camera alone")
+    alone = len(run.seen)
+    run.wait_until(lambda: len(run.seen) > alone + 60, "the other camera's frames going on")
+    truth = run.truths[0].with_name("again.jsonl")
+    with START_CAMERA(run.left.serial, line0=run.left.line0, options=["--truth", str(truth)]):
+        run.truths.append(truth)
+        run.wait_for_pairs(30)
+        assert run.daemon.tally.lost[LossReason.CAMERA_GONE] > 0
+        assert run.daemon.telemetry.counts.reconnects == 1

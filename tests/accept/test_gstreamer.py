@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import os
-import subprocess
 from pathlib import Path
 
 import pytest
 
 from fake_camera.bench.cameras import gige_camera
+from tests.accept.commands import output
 
 FRAMES = 8
 PIXELS = 720 * 540
@@ -23,22 +23,20 @@ FORMATS = {
 """What `aravissrc` 0.8.26 calls a format, and its bytes per pixel."""
 
 
-def pipeline(address: str, caps: str, file: Path) -> subprocess.CompletedProcess[str]:
-    listed = subprocess.run(["arv-tool-0.8"], text=True, capture_output=True, timeout=30, check=True).stdout
+def run_pipeline(address: str, caps: str, file: Path) -> None:
+    listed = output("arv-tool-0.8", timeout_s=30)
     name = next(line.split(" (")[0] for line in listed.splitlines() if address in line)
     source = ["aravissrc", f"camera-name={name}", f"num-buffers={FRAMES}", "packet-resend=true"]
     # As root, Aravis would take a packet socket, which receives nothing on loopback (docs/fake-camera.md).
     without = ["setpriv", "--bounding-set=-net_raw", "--inh-caps=-net_raw"] if os.geteuid() == 0 else []
-    command = [*without, "gst-launch-1.0", *source, "!", caps, "!", "filesink", f"location={file}"]
-    return subprocess.run(command, text=True, capture_output=True, timeout=60, check=False)
+    output(*without, "gst-launch-1.0", *source, "!", caps, "!", "filesink", f"location={file}", timeout_s=60)
 
 
 @pytest.mark.parametrize("pixel_format", FORMATS)
 def test_a_pipeline_gets_whole_frames(pixel_format: str, tmp_path: Path) -> None:
     caps, sample_bytes = FORMATS[pixel_format]
     with gige_camera(options=["--pixel-format", pixel_format]) as camera:
-        result = pipeline(camera.address, caps, tmp_path / "frames")
-    assert result.returncode == 0, result.stderr
+        run_pipeline(camera.address, caps, tmp_path / "frames")
     written = (tmp_path / "frames").read_bytes()
     assert len(written) == FRAMES * sample_bytes * PIXELS
     last = written[-sample_bytes * PIXELS :]

@@ -4,24 +4,18 @@ from __future__ import annotations
 
 import json
 import os
-import subprocess
 from pathlib import Path
 
 import pytest
 
 from tests import REPOSITORY
+from tests.accept.commands import output
 
 pytestmark = [
     pytest.mark.timeout(1800),
     pytest.mark.needs("runc", "umoci"),
     pytest.mark.skipif(os.geteuid() != 0, reason="making a root file system and starting a container need root"),
 ]
-
-
-def output(*command: str | Path, folder: Path = REPOSITORY) -> str:
-    result = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
-    assert result.returncode == 0, result.stdout + result.stderr
-    return result.stdout
 
 
 @pytest.fixture(scope="module")

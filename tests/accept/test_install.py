@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from tests import REPOSITORY
+from tests.accept.commands import output
 from tests.calibration.made_up_camera import MadeUpCamera
 from tests.calibration.test_commands import write_images
 from tests.systemd.test_install import FILES, OF_THE_PROGRAM
@@ -17,13 +16,6 @@ from tests.systemd.test_install import FILES, OF_THE_PROGRAM
 CONFIG = "cameras: {left: {serial: MINE}}\n"
 
 pytestmark = pytest.mark.timeout(300)
-
-
-def output(*command: str | Path) -> str:
-    environment = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "VIRTUAL_ENV")}
-    result = subprocess.run(command, cwd=REPOSITORY, env=environment, capture_output=True, text=True, check=False)
-    assert result.returncode == 0, result.stdout + result.stderr
-    return result.stdout
 
 
 @pytest.fixture(scope="module")
@@ -95,11 +87,8 @@ def test_every_compiled_library_still_loads(robot: Path) -> None:
     assert len(libraries) > 50
     for library in libraries:
         output("ldd", library)
-    output(
-        robot / "opt/autoexpose/bin/python",
-        "-c",
-        "import numpy.linalg, cv2, zenoh, cyclonedds.domain, matplotlib.figure",
-    )
+    imports = "import numpy.linalg, cv2, zenoh, cyclonedds.domain, matplotlib.figure"
+    output(robot / "opt/autoexpose/bin/python", "-c", imports)
 
 
 def test_the_debian_package_holds_the_tree(robot: Path, tmp_path: Path) -> None:

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import json
-import os
 import re
-import subprocess
 from pathlib import Path
 
 import pytest
 
 from autoexpose_daemon.config.document import PublishConfig
 from tests import REPOSITORY
+from tests.accept.commands import output
 from tests.autoexpose_daemon.publish.steps import endpoint, publishing
 from tools.stage_package import ROOMS
 
@@ -39,26 +38,14 @@ print(sorted(heavy & {*sys.modules}))
 
 
 def run(*command: str | Path, folder: Path, status: int = 0) -> str:
-    environment = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "VIRTUAL_ENV")}
-    environment |= {"CC": "false", "CXX": "false"}
-    result = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
-    assert result.returncode == status, result.stdout + result.stderr
-    return result.stdout
+    """What a command prints where there is no compiler."""
+    return output(*command, folder=folder, status=status, environment={"CC": "false", "CXX": "false"})
 
 
 @pytest.fixture(scope="module")
 def wheels(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("dist")
-    environment = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
-    done = subprocess.run(
-        ["make", "wheels", f"DIST={folder}"],
-        cwd=REPOSITORY,
-        env=environment,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0, done.stdout + done.stderr
+    output("make", "wheels", f"DIST={folder}", environment={"PYTHONDONTWRITEBYTECODE": ""})
     return folder
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import subprocess
 import threading
 from pathlib import Path
 
@@ -12,6 +11,7 @@ from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
+from tests.accept.commands import output
 from tests.autoexpose_daemon.service.service_process import AUTOEXPOSE, running_service
 from tests.autoexpose_daemon.stereo import stereo_cameras
 
@@ -30,11 +30,10 @@ def test_ten_seconds_open_elsewhere_and_are_replayed(tmp_path: Path) -> None:
     opened_by_rosbags(path)
     print(f"{path.stat().st_size / seconds / 1e6:.1f} MB/s")
 
-    replay = subprocess.run([*AUTOEXPOSE, "replay", str(path)], capture_output=True, text=True, check=False)
-    print(replay.stdout, replay.stderr)
-    assert replay.returncode == 0
-    steps = re.search(rf"^(\d+) steps of {DEFAULT_POLICY}; missing: 0 dropped", replay.stdout, re.MULTILINE)
-    replayed = re.search(r"^replayed: (\d+), of which \1 are bit for bit as recorded", replay.stdout, re.MULTILINE)
+    said = output(*AUTOEXPOSE, "replay", path)
+    print(said)
+    steps = re.search(rf"^(\d+) steps of {DEFAULT_POLICY}; missing: 0 dropped", said, re.MULTILINE)
+    replayed = re.search(r"^replayed: (\d+), of which \1 are bit for bit as recorded", said, re.MULTILINE)
     assert steps is not None
     assert replayed is not None
     assert int(replayed[1]) == int(steps[1]) - 1 >= 100

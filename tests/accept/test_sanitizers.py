@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
 import shutil
-import subprocess
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -13,6 +11,7 @@ import pytest
 
 from fake_camera.usb3.run import CAMERAS_VARIABLE
 from tests import REPOSITORY
+from tests.accept.commands import output
 from tools.stage_package import ROOMS
 
 pytestmark = pytest.mark.timeout(590)
@@ -30,12 +29,7 @@ def sanitizers() -> list[str]:
     """The compiler's libraries, which must be loaded before any other; skips where it has none."""
     if shutil.which("gcc") is None:
         pytest.skip("gcc is not installed")
-    paths = [
-        subprocess.run(
-            ["gcc", f"-print-file-name={name}.so"], capture_output=True, text=True, check=True
-        ).stdout.strip()
-        for name in ("libasan", "libubsan")
-    ]
+    paths = [output("gcc", f"-print-file-name={name}.so").strip() for name in ("libasan", "libubsan")]
     missing = [path for path in paths if not Path(path).is_file()]  # gcc then prints the name alone
     if missing:
         pytest.skip(f"the compiler has no {' and no '.join(missing)}: on Debian they are part of libgcc-*-dev")
@@ -53,22 +47,22 @@ def build(tmp_path_factory: pytest.TempPathFactory) -> Path:
         else:
             shutil.copy(REPOSITORY / part, place)
     (place / "tests/accept").rename(place / "left_out")
-    ended = subprocess.run(
-        [sys.executable, "setup.py", "build_ext", "--inplace"],
-        cwd=place,
-        env=os.environ | {"CFLAGS": FLAGS, "LDFLAGS": FLAGS},
-        capture_output=True,
-        text=True,
-        check=False,
+    said = output(
+        sys.executable,
+        "setup.py",
+        "build_ext",
+        "--inplace",
+        folder=place,
+        environment={"CFLAGS": FLAGS, "LDFLAGS": FLAGS},
     )
     built = list(place.glob("autoexpose_daemon/control/_native.*")) + list(place.glob("fake_camera/usb3/_shim.*"))
-    assert sum(path.suffix == ".so" for path in built) == 2, ended.stdout + ended.stderr
+    assert sum(path.suffix == ".so" for path in built) == 2, said
     return place
 
 
 def run(build: Path, tests: Sequence[str], preloaded: Sequence[str] = (), cameras: str = "") -> None:
     """Run tests of the copy; all must pass."""
-    environment = os.environ | {
+    environment = {
         "PYTHONPATH": str(build),
         "PYTHONMALLOC": "malloc",  # else Python's small objects share blocks, in which nothing is seen
         "LD_PRELOAD": ":".join([*sanitizers(), *preloaded]),
@@ -76,10 +70,10 @@ def run(build: Path, tests: Sequence[str], preloaded: Sequence[str] = (), camera
         "UBSAN_OPTIONS": "print_stacktrace=1",
         CAMERAS_VARIABLE: cameras,
     }
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *tests]
-    ended = subprocess.run(command, cwd=build, env=environment, capture_output=True, text=True, check=False)
-    assert ended.returncode == 0, ended.stdout + ended.stderr
-    assert " passed" in ended.stdout
+    said = output(
+        sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *tests, folder=build, environment=environment
+    )
+    assert " passed" in said
 
 
 def test_native_parts_mind_their_memory(build: Path) -> None:

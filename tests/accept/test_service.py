@@ -5,7 +5,6 @@ tests/autoexpose_daemon/service/test_service.py shows the same on cameras that d
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -18,7 +17,7 @@ from calibration.response.file import Origin, ResponseFile
 from fake_camera.device.faults import Fault
 from imaging.pixels import PixelFormat
 from imaging.response import ResponseFunction
-from tests.autoexpose_daemon.service.service_process import PATIENCE_S, ServiceProcess, running_service
+from tests.autoexpose_daemon.service.service_process import ServiceProcess, running_service
 from tests.autoexpose_daemon.stereo import stereo_cameras
 from tests.fakes import FakeCamera
 
@@ -125,15 +124,3 @@ def test_sighup_takes_what_can_be_and_says_why_not(rig: Rig, file: Path) -> None
         service.wait_for("READY=1")
         wait_for_exposing(service)
         assert service.log.count(", ready") == opened + 2
-
-
-@pytest.mark.parametrize(("sections", "why"), [IMPOSSIBLE[0], IMPOSSIBLE[-1]])
-def test_a_start_that_cannot_be_is_clear_and_is_not_worth_another(
-    rig: Rig, file: Path, sections: dict[str, Any], why: str
-) -> None:
-    configure(file, rig, **sections)
-    with running_service(file) as service:
-        assert why in service.wait_for("STATUS=failed: ")
-        assert service.process.wait(PATIENCE_S) == os.EX_CONFIG
-        assert service.log.splitlines()[-1].startswith("autoexpose: ")
-        assert "Traceback" not in service.log

@@ -1,4 +1,4 @@
-"""The daemon paused and killed, in real time on fake cameras; test_signals_usb3.py does it over USB3 Vision."""
+"""The daemon paused and killed, in real time on fake cameras; test_on_usb3.py does it over USB3 Vision."""
 
 from __future__ import annotations
 

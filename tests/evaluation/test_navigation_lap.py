@@ -8,7 +8,8 @@ import pytest
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from evaluation.experiments.navigation.laps import LapRepeater, Taught, Wanderer, taught
 from evaluation.experiments.teach.park import ParkPath
-from navigation.drive.steering import Stop, Velocity
+from navigation.drive.repetition import Stop
+from navigation.maps.path import Velocity
 
 SEED = 31
 LENGTH_M = 3.0

@@ -12,7 +12,8 @@ from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from autoexpose_daemon.messages.inputs import light_ahead, odometry, registration, tracked_cells, twist, twist_stamped
 from imaging.exposure import ExposureSetting
 from navigation.maps.adaptation import adapt
-from navigation.store import MapFile, MapInfo, TaughtPlace
+from navigation.maps.path import TaughtPlace
+from navigation.store import MapFile, MapInfo
 from navigation.views.features import Features
 from navigation.views.registration import register
 from tests.autoexpose_daemon.messages.registered_view import registered_view

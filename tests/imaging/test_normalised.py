@@ -15,7 +15,7 @@ from imaging.errors import ConfigurationError
 from imaging.exposure import ExposureSetting
 from imaging.frames import Frame
 from imaging.normalised import WHITE_16, Bits, normalised
-from imaging.pixels import Pixels
+from imaging.pixels import Layout, Pixels
 from imaging.response import ResponseFunction
 
 LINEAR = ResponseFunction.linear()
@@ -120,20 +120,20 @@ def test_each_sample_of_a_colour_is_brought_there_by_itself(dither: bool) -> Non
     assert np.array_equal(same.reshape(6, 24), normalised(flat, linear, darker, dither=dither))
 
 
-def test_luminance_and_chroma_are_refused() -> None:
-    frame = Frame(np.zeros((6, 8, 2), np.uint8), 8, 1, 1, 1, 1, ExposureSetting(TIME_US, 0.0), layout="YUYV")
-    with pytest.raises(ConfigurationError, match="YUV422_8 cannot be brought to another exposure"):
-        normalised(frame, ResponseFunction.linear(), 10.0)
-
-
 @pytest.mark.parametrize(
-    ("reference", "bits", "words"),
-    [(10.0, 12, "images of 12 bits"), (np.nan, 16, "a reference of nan"), (1e6, 8, "a reference of 1000000.0 stops")],
+    ("layout", "reference", "bits", "words"),
+    [
+        ("YUYV", 10.0, 8, "YUV422_8 cannot be brought to another exposure"),
+        ("grey", 10.0, 12, "images of 12 bits"),
+        ("grey", np.nan, 16, "a reference of nan"),
+        ("grey", 1e6, 8, "a reference of 1000000.0 stops"),
+    ],
 )
-def test_what_nobody_means_is_refused(reference: float, bits: Bits, words: str) -> None:
-    frame = Frame(np.zeros((6, 8), np.uint8), 8, 1, 1, 1, 1, ExposureSetting(TIME_US, 0.0))
+def test_what_nobody_means_is_refused(layout: Layout, reference: float, bits: Bits, words: str) -> None:
+    shape = (6, 8, 2) if layout == "YUYV" else (6, 8)
+    frame = Frame(np.zeros(shape, np.uint8), 8, 1, 1, 1, 1, ExposureSetting(TIME_US, 0.0), layout=layout)
     with pytest.raises(ConfigurationError, match=words):
-        normalised(frame, ResponseFunction.linear(), reference, bits=bits)
+        normalised(frame, LINEAR, reference, bits=bits)
 
 
 @pytest.mark.parametrize("dither", [False, True])

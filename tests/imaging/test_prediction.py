@@ -17,34 +17,26 @@ def curved(seed: int, black_level: int = 5, saturation: int = 250) -> ResponseFu
     return ResponseFunction(np.cumsum(steps), black_level, saturation)
 
 
-def slow_prediction(response: ResponseFunction, grey: int, delta: float) -> float:
-    """f(f^-1(I) + dE) by search and straight line, before rounding."""
+def slow_prediction(response: ResponseFunction, delta: float) -> list[float]:
+    """f(f^-1(I) + dE) of every grey level by search and straight line, before rounding."""
     greys = range(response.black_level, response.saturation + 1)
     curve = [float(response.log2_exposure[g]) for g in greys]
-    bounded = min(max(grey, response.black_level), response.saturation)
-    x = curve[bounded - response.black_level] + delta
-    if x <= curve[0]:
-        return response.black_level
-    if x >= curve[-1]:
-        return response.saturation
-    right = bisect.bisect_right(curve, x)
-    share = (x - curve[right - 1]) / (curve[right] - curve[right - 1])
-    return greys[right - 1] + share
+    predicted = []
+    for grey in range(256):
+        x = curve[min(max(grey - response.black_level, 0), len(curve) - 1)] + delta
+        right = min(max(bisect.bisect_right(curve, x), 1), len(curve) - 1)
+        share = (x - curve[right - 1]) / (curve[right] - curve[right - 1])
+        predicted.append(greys[right - 1] + min(max(share, 0.0), 1.0))
+    return predicted
 
 
 @given(st.integers(0, 2**32 - 1), st.floats(-8, 8).filter(lambda delta: delta != 0))
-def test_tables_follow_the_definition(seed: int, delta: float) -> None:
+def test_tables_follow_the_definition_and_are_monotone(seed: int, delta: float) -> None:
     response = curved(seed)
-    table = prediction_table(response, delta)
-    for grey in (*range(0, 256, 17), 5, 250):
-        expected = slow_prediction(response, grey, delta)
-        if response.log2_exposure[max(grey, 5)] + delta > response.log2_exposure[5]:  # below that f is flat
-            assert abs(table[grey] - expected) <= 0.5 + 1e-6
-
-
-@given(st.integers(0, 2**32 - 1), st.floats(-8, 8))
-def test_tables_are_monotone(seed: int, delta: float) -> None:
-    assert (np.diff(prediction_table(curved(seed), delta).astype(int)) >= 0).all()
+    table = prediction_table(response, delta).astype(int)
+    assert (np.diff(table) >= 0).all()
+    defined = response.log2_exposure[np.arange(256).clip(5, 250)] + delta > response.log2_exposure[5]  # below f is flat
+    assert (np.abs(table - slow_prediction(response, delta))[defined] <= 0.5 + 1e-6).all()
 
 
 @given(st.integers(0, 2**32 - 1))
@@ -52,14 +44,9 @@ def test_no_change_is_exactly_the_identity(seed: int) -> None:
     assert np.array_equal(prediction_table(curved(seed), 0.0), np.arange(256))
 
 
-def test_more_exposure_never_darkens() -> None:
-    tables = prediction_tables(curved(3), np.linspace(-4, 4, 33).tolist()).astype(int)
-    assert (np.delete(np.diff(tables, axis=0), [15, 16], axis=0) >= 0).all()  # the identity keeps greys below black
-
-
 @pytest.mark.parametrize("stops", [1, 2, 3])
 def test_saturation_is_predicted_exactly_upwards(stops: int) -> None:
-    table = prediction_table(ResponseFunction.linear(), stops)
+    table = prediction_tables(ResponseFunction.linear(), [stops])[0]
     greys = np.arange(1, 256)
     assert np.array_equal(table[1:], np.minimum(255, greys * 2**stops))
 

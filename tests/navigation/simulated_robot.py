@@ -6,7 +6,6 @@ import math
 import threading
 import time
 from dataclasses import replace
-from types import TracebackType
 
 import numpy as np
 import zenoh
@@ -23,7 +22,8 @@ from autoexpose_daemon.runtime.inputs import ForetoldLight
 from imaging.frames import SIDES, Frame, StereoPair
 from imaging.python310 import Self
 from imaging.response import ResponseFunction
-from navigation.drive.steering import STANDSTILL, Pose, Velocity
+from navigation.drive.robot import Pose
+from navigation.maps.path import STANDSTILL, Velocity
 from tests.autoexpose_daemon.publish.steps import DECISION, SETTING
 from tests.autoexpose_daemon.statuses import EXPOSING
 from tests.navigation.texture import HEIGHT, WIDTH, texture
@@ -34,20 +34,9 @@ ODOMETRY, VELOCITY, COMMAND = "odom", "cmd_vel_joystick", "cmd_vel"
 
 
 class SimulatedRobot:
-    """Lives while its context lasts, at 50 steps a second of real time.
+    """Lives while its context lasts, at 50 steps a second of real time; without a joystick it obeys commands.
 
-    Attributes
-    ----------
-    joystick
-        What somebody drives it with; None: it obeys commands.
-    commands
-        All that came.
-    blind
-        Whether its daemon is silent.
-    light
-        What its daemon is told of the light ahead.
-    daemon_at
-        Where that listens.
+    While it is `blind`, its daemon is silent; `light` is what that is told of the light ahead.
     """
 
     def __init__(self, robot_at: str, daemon_at: str, heading_rad: float = 0.0, policy: str = DEFAULT_POLICY) -> None:
@@ -69,12 +58,10 @@ class SimulatedRobot:
         self._thread.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._stop.set()
         self._thread.join()
-        self._publisher.__exit__(kind, error, traceback)
+        self._publisher.__exit__(None, None, None)
 
     def _live(self) -> None:
         with open_session("peer", Endpoints(listen=[self._robot_at])) as session:

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from imaging.exposure import ExposureSetting
 from imaging.frames import Frame
 from imaging.response import ResponseFunction
-from navigation.drive.lesson import MOST_WAITING, LightTrail
-from navigation.maps.path import LIGHT_EVERY_M, SLOWEST_M_S, SPREAD_M, LightMemory
+from navigation.maps.path import LIGHT_EVERY_M, MOST_WAITING, SLOWEST_M_S, SPREAD_M, LightMemory, LightTrail
 from navigation.store import MapDrive, MapFile, newest_of_hour
 from navigation.store.rows import DAY_S, HOUR_S
 from tests.navigation.test_store import INFO, START_S

@@ -7,9 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from navigation.views.detectors import AdaptiveFinder, Detector, FastOrb, UprightSift
-from navigation.views.features import Features, OrbPyramid, Part
-from navigation.views.registration import LEAST_VOTES, RULES, Registration, VoteRule, register, vote
+from navigation.views.features import AdaptiveFinder, Detector, FastOrb, Features, OrbPyramid, Part, UprightSift
+from navigation.views.registration import RULES, Registration, VoteRule, register, vote
 from tests.navigation.texture import FINDERS, WIDTH, picture, texture
 
 MAJER2018, OURS = RULES["majer2018"], RULES["overlapping"]
@@ -28,11 +27,6 @@ def matched(moves: Sequence[tuple[float, float]], rule: VoteRule) -> Registratio
 
 def across(shifts: Sequence[float], rule: VoteRule = MAJER2018) -> Registration:
     return matched([(shift, 0.0) for shift in shifts], rule)
-
-
-def test_the_numbers_are_the_authors() -> None:
-    expected = VoteRule(ratio=0.7, gate_px=50.0, bin_px=20.0, every_px=20.0, bins=41, correct_px=30.0)
-    assert expected == MAJER2018 and LEAST_VOTES == 3
 
 
 def test_the_first_of_equally_full_bins_wins() -> None:

@@ -18,15 +18,14 @@ from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from imaging.frames import Frame, Side
 from imaging.response import ResponseFunction
 from navigation.commands import _stop_on_signals, repeat_command
-from navigation.drive.lesson import EVERY_M, Lesson
 from navigation.drive.repeat import Repeater
-from navigation.drive.repetition import FURTHEST_M, Repetition
-from navigation.drive.robot import Odometer
-from navigation.drive.steering import STANDSTILL, Pose, Stop, Velocity
+from navigation.drive.repetition import FURTHEST_M, Repetition, Stop
+from navigation.drive.robot import Odometer, Pose
 from navigation.drive.teach import Teacher
+from navigation.maps.path import EVERY_M, STANDSTILL, Lesson, Velocity
 from navigation.maps.temporal import MODELS
 from navigation.store import MapError, MapFile, MapInfo
-from navigation.views.detectors import FINDERS
+from navigation.views.features import FINDERS
 from tests.autoexpose_daemon.publish.steps import DECISION, SETTING
 from tests.navigation.texture import WIDTH, texture
 
@@ -45,20 +44,24 @@ def pair(image: NDArray[np.uint8], number: int = 1) -> ReceivedPair:
     return ReceivedPair(left, None, 0, number, number, None, 0, responses)
 
 
-@pytest.fixture
-def taught(tmp_path: Path) -> Path:
-    """Five local maps of the same wall, a metre in all."""
-    path = tmp_path / "lap.map"
+def teach_wall(path: Path, length_m: float, velocity: Velocity, every_m: float = 0.05) -> Path:
+    """Teach a path along which the same wall is seen from everywhere."""
     lesson = Lesson(FINDERS["fast-orb"]())
     with MapFile(path, MapInfo(720, 540, 600.0, "fast-orb", DEFAULT_POLICY)) as file:
         run = file.begin_run("teach", 0.0)
-        lesson.drive(Velocity(0.5, 0.0), 0.0)
-        for centimetre in range(0, 100, 5):
-            place = lesson.look(view(), SETTING, centimetre / 100)
+        lesson.drive(velocity, 0.0)
+        for number in range(round(length_m / every_m)):
+            place = lesson.look(view(), SETTING, number * every_m)
             if place is not None:
                 file.add_place(run, place, lesson.new_speeds())
-        file.add_speeds([(1.0, 0.0, 0.0)])
+        file.add_speeds([(length_m, 0.0, 0.0)])
     return path
+
+
+@pytest.fixture
+def taught(tmp_path: Path) -> Path:
+    """Five local maps, a metre in all."""
+    return teach_wall(tmp_path / "lap.map", 1.0, Velocity(0.5, 0.0))
 
 
 def test_a_lesson_has_a_local_map_at_even_distances(taught: Path) -> None:
@@ -121,6 +124,11 @@ def test_frames_of_another_size_are_refused_in_a_sentence(taught: Path) -> None:
             repeater.look(pair(view()[:100]), 0.0)
 
 
+def test_a_lesson_is_not_added_to_a_map(taught: Path) -> None:
+    with pytest.raises(MapError, match=r"lap\.map exists"):
+        Teacher(taught, 600.0, "fast-orb")
+
+
 def test_a_map_without_places_is_refused_in_a_sentence(tmp_path: Path) -> None:
     info = MapInfo(720, 540, 600.0, "sift", "")
     with MapFile(tmp_path / "new.map", info) as file, pytest.raises(MapError, match="has no local maps"):
@@ -128,13 +136,9 @@ def test_a_map_without_places_is_refused_in_a_sentence(tmp_path: Path) -> None:
 
 
 def test_a_map_without_speeds_is_refused_in_a_sentence(tmp_path: Path) -> None:
-    path = tmp_path / "lap.map"
-    place = Lesson(FINDERS["fast-orb"]()).look(view(), SETTING, 0.0)
-    assert place is not None
-    with MapFile(path, MapInfo(720, 540, 600.0, "fast-orb", "")) as file:
-        file.add_place(file.begin_run("teach", 0.0), place, [(0.0, 0.0, 0.5)])
-        with pytest.raises(MapError, match="has no speeds to drive at"):
-            Repeater(file, "static")
+    path = teach_wall(tmp_path / "lap.map", 1.0, Velocity(0.0, 0.5))
+    with MapFile(path, writable=True) as file, pytest.raises(MapError, match="has no speeds to drive at"):
+        Repeater(file, "static")
 
 
 def test_a_lesson_that_begins_while_the_robot_rolls_has_its_speed_from_the_start(tmp_path: Path) -> None:
@@ -155,15 +159,7 @@ def test_a_lesson_that_begins_while_the_robot_rolls_has_its_speed_from_the_start
 def test_a_single_view_that_seems_right_does_not_keep_a_lost_robot_driving(
     tmp_path: Path, registered: set[int], stop: Stop | None
 ) -> None:
-    path = tmp_path / "lap.map"
-    lesson = Lesson(FINDERS["fast-orb"]())
-    with MapFile(path, MapInfo(720, 540, 600.0, "fast-orb", "")) as file:
-        run = file.begin_run("teach", 0.0)
-        for number in range(20):
-            place = lesson.look(view(), SETTING, number * EVERY_M + 0.01)
-            assert place is not None
-            file.add_place(run, place, [(number * EVERY_M, 0.5, 0.0)])
-        file.add_speeds([(4.0, 0.0, 0.0)])
+    with MapFile(teach_wall(tmp_path / "lap.map", 4.0, Velocity(0.5, 0.0)), writable=True) as file:
         repeater = Repeater(file, "static")
         blank = np.full_like(view(), 128)
         for number in range(13):
@@ -184,12 +180,8 @@ def test_corrections_do_not_take_a_lost_robot_further(taught: Path, monkeypatch:
 
 @pytest.mark.parametrize("forward_m_s", [-0.5, 0.5])
 def test_drift_is_learnt_along_the_way_that_is_driven(tmp_path: Path, forward_m_s: float) -> None:
-    path = tmp_path / "lap.map"
-    place = Lesson(FINDERS["fast-orb"]()).look(view(), SETTING, 0.0)
-    assert place is not None
-    with MapFile(path, MapInfo(720, 540, 600.0, "fast-orb", "")) as file:
-        file.add_place(file.begin_run("teach", 0.0), place, [(0.0, forward_m_s, 0.0)])
-        file.add_speeds([(1.0, 0.0, 0.0)])
+    path = teach_wall(tmp_path / "lap.map", 1.0, Velocity(forward_m_s, 0.0), every_m=1.0)
+    with MapFile(path, writable=True) as file:
         repetition = Repeater(file, "static").repetition
         turns_rad_s = []
         for driven_m in (0.0, 0.2, 0.4):
@@ -252,8 +244,7 @@ def test_a_drive_is_told_of_an_earlier_one_at_that_hour_or_is_remembered(
         for number in range(21):
             repeater.look(replace(pair(view(), number), decision=DECISION), number / 20)
         repeater.end()
-        assert (repeater.light_ahead(0.5, 0.5) is not None) == told
-        assert repeater.light_ahead(0.5, 0.0) is None
+        assert (repeater.light is not None) == told
         assert (len(file.light(file.runs()[-1])) == 0) == told
 
 

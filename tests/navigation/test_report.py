@@ -12,16 +12,12 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from navigation.commands import map_app
-from navigation.drive.lesson import Lesson
 from navigation.drive.repeat import Repeater
-from navigation.drive.steering import Velocity
-from navigation.report.findings import Findings, findings
+from navigation.maps.path import Velocity
+from navigation.report import Findings, findings
 from navigation.store import MapError, MapFile, MapInfo
-from navigation.views.detectors import FINDERS
-from tests.autoexpose_daemon.publish.steps import SETTING
-from tests.navigation.test_repetition import pair, view
+from tests.navigation.test_repetition import pair, teach_wall, view
 
 LENGTH_M, DRIVES = 2.0, 6
 
@@ -29,16 +25,8 @@ LENGTH_M, DRIVES = 2.0, 6
 @pytest.fixture(scope="module")
 def driven(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A quarter of a circle of 2 m, driven six times; from the second drive on its end looks different."""
-    path = tmp_path_factory.mktemp("maps") / "lap.map"
-    lesson = Lesson(FINDERS["fast-orb"]())
-    with MapFile(path, MapInfo(720, 540, 600.0, "fast-orb", DEFAULT_POLICY)) as file:
-        run = file.begin_run("teach", 0.0)
-        lesson.drive(Velocity(0.5, 0.5 * math.pi / 2 / LENGTH_M), 0.0)
-        for centimetre in range(0, 200, 5):
-            place = lesson.look(view(), SETTING, centimetre / 100)
-            if place is not None:
-                file.add_place(run, place, lesson.new_speeds())
-        file.add_speeds([(LENGTH_M, 0.0, 0.0)])
+    turn_rad_s = 0.5 * math.pi / 2 / LENGTH_M
+    path = teach_wall(tmp_path_factory.mktemp("maps") / "lap.map", LENGTH_M, Velocity(0.5, turn_rad_s))
     for drive in range(DRIVES):
         with MapFile(path, writable=True) as file:
             repeater = Repeater(file, "adaptive")
@@ -114,10 +102,10 @@ def test_an_export_to_a_full_disk_ends_in_a_sentence(
     def full_disk(*_: object, **__: object) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr(Path, "write_text", full_disk)
+    monkeypatch.setattr(Path, "write_bytes", full_disk)
     result = CliRunner().invoke(map_app, ["export", str(driven), str(tmp_path / "out")])
     assert isinstance(result.exception, MapError)
-    assert str(result.exception).endswith("0000.json cannot be written: No space left on device")
+    assert str(result.exception).endswith("0000.png cannot be written: No space left on device")
 
 
 def test_a_map_that_was_never_repeated_has_a_page_too(tmp_path: Path) -> None:

@@ -12,8 +12,8 @@ from autoexpose_daemon.messages.inputs import odometry, read_velocity, twist
 from autoexpose_daemon.messages.types import ODOMETRY, TWIST
 from autoexpose_daemon.publish.ros2_keys import Ros2Node
 from autoexpose_daemon.publish.session import Endpoints, open_session
-from navigation.drive.robot import Robot, RobotKeys
-from navigation.drive.steering import STANDSTILL, Pose, Velocity
+from navigation.drive.robot import Pose, Robot, RobotKeys
+from navigation.maps.path import STANDSTILL, Velocity
 from tests.autoexpose_daemon.publish.steps import PATIENCE_S, endpoint, wait_until
 
 pytestmark = pytest.mark.wire

@@ -7,13 +7,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from navigation.drive.steering import (
+from navigation.drive.repetition import (
     LOST_M,
     HeadingControl,
     Stop,
     StopRule,
     Velocity,
-    nearest,
 )
 from navigation.maps.path import TaughtPath
 
@@ -89,11 +88,6 @@ def test_the_speeds_of_a_path_hold_until_the_next() -> None:
     assert PATH.length_m == 3.0
     assert [PATH.at(distance) for distance in (-1.0, 0.0, 0.99)] == [(0.5, 0.0)] * 3
     assert PATH.at(1.0) == PATH.at(2.9) == (0.3, 0.2)
-
-
-def test_the_nearest_map_is_found() -> None:
-    distances = np.array([0.0, 0.2, 0.4])
-    assert [nearest(distances, distance) for distance in (-3.0, 0.09, 0.11, 0.31, 9.0)] == [0, 0, 1, 2, 2]
 
 
 def driving() -> StopRule:

@@ -15,7 +15,7 @@ import pytest
 from autoexpose_daemon.client.status_client import StatusClient
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from navigation.drive.repetition import LEAST_VOTES
-from navigation.drive.steering import STANDSTILL, Velocity
+from navigation.maps.path import STANDSTILL, Velocity
 from navigation.store import MapFile
 from tests.autoexpose_daemon.publish.steps import PATIENCE_S, SETTING, endpoint, wait_until
 from tests.navigation.simulated_robot import (
@@ -151,12 +151,3 @@ def test_a_robot_stops_when_its_daemon_falls_silent_and_at_sigterm(lap: Path) ->
         process.send_signal(signal.SIGTERM)
         said(process)
         assert robot.commands[-1] == STANDSTILL
-
-
-def test_files_that_cannot_be_used_are_refused_in_a_sentence(lap: Path, tmp_path: Path) -> None:
-    with command("repeat", str(tmp_path / "none.map"), "--odometry", ODOMETRY) as process:
-        output, _ = process.communicate(timeout=PATIENCE_S)
-    assert process.returncode != 0 and "none.map cannot be read: No such file or directory" in output
-    with command("teach", str(lap), "--odometry", "o", "--velocity", "v", "--focal-length-px", "600") as process:
-        output, _ = process.communicate(timeout=PATIENCE_S)
-    assert process.returncode != 0 and "exists: a lesson is not added to a map" in output

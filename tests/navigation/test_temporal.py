@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from navigation.maps.adaptation import best, drawn
-from navigation.maps.temporal import DAY_S, MODELS, FeatureHistory, Spectrum, fremen, mean
+from navigation.maps.temporal import DAY_S, MODELS, FeatureHistory, fremen, mean
 
 START_S = 1_700_000_000.0
 HOUR_S = 3600.0
@@ -23,20 +23,6 @@ def some_history(seed: int, passings: int = 40, features: int = 7) -> FeatureHis
     times_s = START_S + np.sort(random.uniform(0, 60 * DAY_S, passings))
     states = random.integers(-1, 2, (passings, features)).astype(np.int8)
     return FeatureHistory(times_s, states, random.random((passings, features)) < 0.8)
-
-
-@given(st.integers(0, 10_000))
-@settings(max_examples=20)
-def test_passings_one_by_one_give_the_spectrum_of_all(seed: int) -> None:
-    history = some_history(seed)
-    whole = Spectrum.of(history.times_s, history.seen, history.passed)
-    grown = Spectrum.of(history.times_s[:0], history.seen[:0], history.passed[:0])
-    for time_s, seen, passed in zip(history.times_s, history.seen, history.passed, strict=True):
-        grown = grown.with_passing(time_s, seen, passed)
-    for order in range(6):
-        for hour in (0, 7, 13):
-            time_s = START_S + 70 * DAY_S + hour * HOUR_S
-            assert np.abs(whole.probability(time_s, order) - grown.probability(time_s, order)).max() < 1e-9
 
 
 @given(st.integers(0, 10_000))

@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from navigation.views.detectors import (
+from navigation.views.features import (
+    BEST,
     FITTED,
-    OVERSHOOT,
     WANTED,
     AdaptiveFinder,
     Detector,
@@ -20,14 +20,9 @@ from navigation.views.detectors import (
     UprightSift,
     next_threshold,
 )
-from navigation.views.features import BEST
 from tests.navigation.texture import picture, texture
 
 LEAST = 0.01
-
-
-def test_the_numbers_are_the_papers() -> None:
-    assert BEST == 500 and round(BEST * (1 + OVERSHOOT)) == WANTED == 650 and FITTED == 10
 
 
 def test_with_too_many_features_it_is_the_response_of_the_first_superfluous_one() -> None:
@@ -102,7 +97,7 @@ def counts_of(finder: AdaptiveFinder, pictures: list[NDArray[np.uint8]], monkeyp
         assert threshold >= least
         return threshold
 
-    monkeypatch.setattr("navigation.views.detectors.next_threshold", counted)
+    monkeypatch.setattr("navigation.views.features.next_threshold", counted)
     for image in pictures:
         assert len(finder.find(image)) == min(counts[-1], BEST)
     return counts

@@ -6,8 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from navigation.views.detectors import AdaptiveFinder, FastOrb, UprightSift
-from navigation.views.features import OrbPyramid
+from navigation.views.features import AdaptiveFinder, FastOrb, OrbPyramid, UprightSift
 
 HEIGHT, WIDTH = 540, 720
 

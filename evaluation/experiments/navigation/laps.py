@@ -18,13 +18,12 @@ from evaluation.experiments.teach.park import REPLAYS, TEACHING, Daylight, ParkP
 from evaluation.experiments.teach.replay import ExposingRobot
 from evaluation.scenes.views import CAMERA
 from evaluation.stage.camera import Entrant, Radiance, SimulatedCamera
-from navigation.drive.lesson import Lesson
-from navigation.drive.repetition import Repetition
-from navigation.drive.steering import Stop, Velocity
+from navigation.drive.repetition import Repetition, Stop
 from navigation.maps.adaptation import LocalMap
+from navigation.maps.path import Lesson, Velocity
 from navigation.maps.path import TaughtPath as TaughtSpeeds
 from navigation.store import MapInfo, Place
-from navigation.views.detectors import FINDERS
+from navigation.views.features import FINDERS
 
 SPEED_M_S, PERIOD_S = 0.4, 0.1  # The robot looks and steers ten times a second, every 4 cm
 # Of its odometry and of its turns: 2 % of the distance, and a degree a metre.

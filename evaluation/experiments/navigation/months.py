@@ -17,8 +17,7 @@ from evaluation.experiments.teach.replay import ExposingRobot, TrueShifts
 from evaluation.stage.camera import Entrant, Image, SimulatedCamera
 from navigation.maps.adaptation import LocalMap, Strategy, adapt, best, drawn, states_of
 from navigation.maps.temporal import MODELS, FeatureHistory, Predict, fremen
-from navigation.views.detectors import AdaptiveFinder, FastOrb
-from navigation.views.features import Features
+from navigation.views.features import AdaptiveFinder, FastOrb, Features
 from navigation.views.registration import RULES, Registration, VoteRule, register
 
 EXPOSURE = "majer2018-standard"  # The paper's, with which it made its maps

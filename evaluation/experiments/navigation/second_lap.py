@@ -29,8 +29,7 @@ from fake_camera.world.lighting import Change, LightScript
 from imaging.exposure import ExposureLimits, ExposureSetting
 from imaging.frames import StereoPair
 from imaging.response import ResponseFunction
-from navigation.drive.lesson import LightTrail
-from navigation.maps.path import SPREAD_M, LightMemory
+from navigation.maps.path import SPREAD_M, LightMemory, LightTrail
 
 # Seconds that the light takes to fall or rise where a robot drives in or out.
 MOUTHS: Final[dict[str, float]] = {"tunnel": 1.0, "underpass": 0.25, "door": 0.06}

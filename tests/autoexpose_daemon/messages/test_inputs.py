@@ -24,7 +24,8 @@ from autoexpose_daemon.messages.inputs import (
     twist,
     twist_stamped,
 )
-from navigation.drive.steering import STANDSTILL, Pose, Velocity
+from navigation.drive.robot import Pose
+from navigation.maps.path import STANDSTILL, Velocity
 from tests.autoexpose_daemon.messages.registered_view import registered_view
 
 finite = st.floats(allow_nan=False, allow_infinity=False, width=32)

@@ -15,10 +15,9 @@ from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from autoexpose_daemon.demo.analysis import StepLog
 from autoexpose_daemon.demo.options import DemoOptions
 from imaging.errors import AutoexposeError, ConfigurationError
-from navigation.demo.lessons import LIGHTS, TAUGHT_LUX, Lap
 from navigation.demo.picture import draw
-from navigation.demo.robot import LENGTH_M, RADIUS_M, SCALE, ControlLine, DemoRobot, Pose2D, RobotSample, Vehicle
-from navigation.demo.run import compared, laps_in_words
+from navigation.demo.robot import LENGTH_M, RADIUS_M, SCALE, ControlLine, DemoRobot, Lap, Pose2D, RobotSample, Vehicle
+from navigation.demo.run import LIGHTS, TAUGHT_LUX, laps_in_words
 from tests.autoexpose_daemon.messages.registered_view import registered_view
 
 
@@ -119,11 +118,6 @@ def test_figures_words_and_picture_of_laps(tmp_path: Path) -> None:
     assert said.strip().endswith("no")
     draw(tmp_path / "laps.txt", laps, {DEFAULT_POLICY: StepLog(1.0), "fixed": StepLog(1.0)})
     assert (tmp_path / "laps.txt").stat().st_size > 10_000
-
-
-def test_each_policy_teaches_one_map() -> None:
-    assert compared(DEFAULT_POLICY) == [DEFAULT_POLICY, "fixed"]
-    assert compared("fixed") == ["fixed"]
 
 
 def test_options_that_do_not_go_together_are_named() -> None:

@@ -1,1 +1,0 @@
-"""What a map went through, as a page: `autoexpose map report`."""
