@@ -173,8 +173,8 @@ def _driven(name: str, card: Card, serial: str, line: str | None) -> Outcome:
         outcome.settled_after = watched.settled_after()
         if watched.camera is not None and watched.failure is None:
             _judge_gain(outcome, watched, watched.camera, card)
-        if watched.failure is None and outcome.trouble is None and daemon.telemetry.troubles:
-            outcome.trouble = "; ".join(daemon.telemetry.troubles.values())
+        if watched.failure is None and outcome.trouble is None and daemon.telemetry.cameras.troubles:
+            outcome.trouble = "; ".join(daemon.telemetry.cameras.troubles.values())
     if isinstance(watched.failure, AutoexposeError):
         outcome.refusal = watched.failure
     elif watched.failure is not None:

@@ -9,7 +9,7 @@ import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future
-from contextlib import AbstractContextManager, ExitStack, nullcontext
+from contextlib import AbstractContextManager, ExitStack
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -20,7 +20,7 @@ from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.config.request import Request
 from autoexpose_daemon.control.decision import Grounds
 from autoexpose_daemon.control.loop import ControlLoop
-from autoexpose_daemon.runtime.inputs import ForetoldLight, Tracking
+from autoexpose_daemon.runtime.inputs import Source
 from autoexpose_daemon.runtime.rig_control import Outlet, RigControl
 from autoexpose_daemon.runtime.setup import Tuning
 from autoexpose_daemon.status.inputs import Answer
@@ -80,7 +80,7 @@ class Daemon:
         self.outlets = self._control.outlets
         self.outlets += outlets
         """Opened and closed by `run`, and called at every step."""
-        self._imu: AbstractContextManager[Any] = nullcontext()
+        self._feeds: list[AbstractContextManager[Any]] = []
         self.beat_ns = 0
         """When the control thread last began a turn (CLOCK_MONOTONIC), which it does at least ten times a second."""
 
@@ -99,19 +99,11 @@ class Daemon:
         """The present loop: for observers, which are called on its thread."""
         return self._control.active.loop
 
-    def follow_imu(self, imu: AbstractContextManager[Any], angular_rate: Callable[[], float | None]) -> None:
-        """Have control ask for an angular rate before each decision (rad/s; None: unknown); `run` opens `imu`."""
-        self._imu = imu
-        self._control.sources["angular_rate_rad_s"] = lambda _: angular_rate()
-
-    def follow_light(self, light: ForetoldLight) -> None:
-        """Have control ask for the light ahead before each decision."""
-        self.telemetry.light_ahead, self._control.sources["light_ahead"] = light.tally, light
-
-    def follow_tracking(self, tracking: Tracking) -> None:
-        """Have control ask where consumers track before each decision."""
-        self.telemetry.tracking, self._control.tracking = tracking.tally, tracking
-        self._control.sources["steering"] = tracking
+    def follow(self, name: str, source: Source, feed: AbstractContextManager[Any] | None = None) -> None:
+        """Have control ask a source for this field of `StepInputs` before each decision; `run` opens what feeds it."""
+        self._control.sources[name] = source
+        if feed is not None:
+            self._feeds.append(feed)
 
     def run(self, stop: threading.Event) -> None:
         """Run until `stop` is set, then stop and release the cameras.
@@ -129,7 +121,8 @@ class Daemon:
             for outlet in self.outlets:
                 if isinstance(outlet, AbstractContextManager):
                     outlets.enter_context(outlet)
-            outlets.enter_context(self._imu)
+            for feed in self._feeds:
+                outlets.enter_context(feed)
             come_first()  # and so do the threads of the rig, of streams, too, but not those of outlets
             self._rig.start()
             try:

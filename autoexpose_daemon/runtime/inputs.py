@@ -7,16 +7,19 @@ import math
 import time
 from collections import deque
 from collections.abc import Callable, Collection, Mapping
-from typing import Final
+from typing import Any, Final
 
 from autoexpose_daemon.config.document import ImuConfig
 from autoexpose_daemon.control.light_ahead import LightAhead, LightSeries
+from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.picture.steering import CellExposure, Steering, TrackingMemory
 from autoexpose_daemon.control.picture.tracked_cells import TrackedCells
+from autoexpose_daemon.control.step import StepInputs
+from autoexpose_daemon.messages.frames import Stamp, moment_ns
 from autoexpose_daemon.status.counters import Counts
 from autoexpose_daemon.status.inputs import ImuTally, LightTally, TrackingRefusal, TrackingTally
 from drivers.log_throttle import LogThrottle
-from imaging.frames import Side
+from imaging.frames import Side, StereoPair
 
 log = logging.getLogger(__name__)
 
@@ -30,7 +33,21 @@ _DISTRUST_NS = 60_000_000_000
 """After that, so that the slower turns between are not believed either."""
 
 
-class AngularRate:
+class Source:
+    """Where one of the `StepInputs` besides the pair comes from."""
+
+    def __call__(self, frame_ns: int) -> Any:
+        """What is known at a frame taken at `frame_ns` (CLOCK_MONOTONIC); None: nothing. Asked before each decision."""
+        raise NotImplementedError
+
+    def decided(self, inputs: StepInputs, loop: ControlLoop) -> None:
+        """The loop has decided, given these inputs."""
+
+    def passed_over(self, pair: StereoPair) -> None:
+        """Control had no time for a pair."""
+
+
+class AngularRate(Source):
     """Keeps the newest sample. Samples arrive on one thread, control asks on another; neither waits for the other.
 
     Parameters
@@ -79,8 +96,8 @@ class AngularRate:
         self._refused_last = True
         self.tally.refused += 1
 
-    def __call__(self) -> float | None:
-        """The rate to decide by, rad/s; None: use optical flow. Called once per decision."""
+    def __call__(self, frame_ns: int) -> float | None:
+        """The rate to decide by, rad/s; None: use optical flow."""
         now_ns, newest = self._now_ns(), self._newest
         rate_rad_s = None
         fresh = newest is not None and now_ns - newest[1] <= self._config.max_age_s * 1e9
@@ -130,7 +147,7 @@ OLDEST_LIGHT_S: Final = 0.5
 """Oldest message that counts: a robot that has changed its speed since is elsewhere."""
 
 
-class ForetoldLight:
+class ForetoldLight(Source):
     """Keeps the newest series. Messages arrive on one thread, control asks on another; neither waits for the other.
 
     Parameters
@@ -169,6 +186,10 @@ class ForetoldLight:
         series, came_ns = newest
         return series.in_frames((frame_ns - came_ns) * 1e-9, self._rate_hz)
 
+    def decided(self, inputs: StepInputs, loop: ControlLoop) -> None:
+        """Note how far the series was believed."""
+        self.tally.belief = loop.light_belief
+
 
 OLDEST_REPORT_S: Final = 1.0
 """Longest time from a frame to the report on it."""
@@ -189,7 +210,7 @@ _WORDS = {
 }
 
 
-class Tracking:
+class Tracking(Source):
     """Keeps what consumers report. Reports arrive on one thread, control asks on another; neither waits for the other.
 
     Parameters
@@ -198,6 +219,8 @@ class Tracking:
         The rig's cameras.
     rate_hz
         Rate of the frames.
+    stamp
+        The moment of a frame that reports on it name.
     now_ns
         The clock: CLOCK_MONOTONIC, except in virtual time.
 
@@ -207,9 +230,16 @@ class Tracking:
         For the status.
     """
 
-    def __init__(self, sides: Collection[Side], rate_hz: float, now_ns: Callable[[], int] = time.monotonic_ns) -> None:
+    def __init__(
+        self,
+        sides: Collection[Side],
+        rate_hz: float,
+        stamp: Stamp = "middle",
+        now_ns: Callable[[], int] = time.monotonic_ns,
+    ) -> None:
         self.tally = TrackingTally()
         self._sides = sides
+        self._stamp = stamp
         self._now_ns = now_ns
         self._memory = TrackingMemory()
         self._waiting: deque[tuple[TrackedCells, int]] = deque()
@@ -234,14 +264,20 @@ class Tracking:
         self._seen.append((stamped_ns, exposures))
 
     def __call__(self, frame_ns: int) -> Steering | None:
-        """What is known at a frame taken at `frame_ns` (CLOCK_MONOTONIC); None: nothing. Called once per decision."""
+        """Where consumers track well; None: nobody knows."""
         for _ in range(len(self._waiting)):
             self._judge(*self._waiting.popleft())
         return self._memory.steering(frame_ns * 1e-9)
 
-    def decided(self, steering: Steering | None) -> None:
-        """A decision was made with this steering; None: without any."""
+    def decided(self, inputs: StepInputs, loop: ControlLoop) -> None:
+        """Note who steered, and how the frames were exposed."""
+        steering = inputs.steering if loop.steered else None
         self.tally.by, self.tally.age_s = ((), None) if steering is None else (steering.by, steering.age_s)
+        self.saw(moment_ns(inputs.pair.reference, self._stamp), loop.cell_exposures)
+
+    def passed_over(self, pair: StereoPair) -> None:
+        """Nothing is known of how its frames were exposed."""
+        self.saw(moment_ns(pair.reference, self._stamp), {})
 
     def _judge(self, report: TrackedCells, taken_ns: int) -> None:
         """Take a report into the memory, or refuse it."""

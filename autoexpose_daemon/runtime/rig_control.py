@@ -5,14 +5,13 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future
-from typing import Any, Protocol
+from typing import Protocol
 
-from autoexpose_daemon.config.document import Config, PublishConfig
+from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.config.request import Request
 from autoexpose_daemon.control.step import ControlStep, StepInputs
-from autoexpose_daemon.messages.frames import Stamp, moment_ns
 from autoexpose_daemon.runtime.active_loop import ActiveLoop
-from autoexpose_daemon.runtime.inputs import Tracking
+from autoexpose_daemon.runtime.inputs import Source
 from autoexpose_daemon.runtime.requests import Requests
 from autoexpose_daemon.runtime.rig_health import RigHealth
 from autoexpose_daemon.runtime.setup import Tuning
@@ -84,9 +83,7 @@ class RigControl:
     outlets
         Called with every pair.
     sources
-        By field of `StepInputs`: called before each decision with the time of its frame (CLOCK_MONOTONIC, ns).
-    tracking
-        Given what frames were like, to judge consumers' reports on them; one of the sources.
+        By field of `StepInputs`.
     record
         What became of every trigger and write.
     active
@@ -105,9 +102,7 @@ class RigControl:
     ) -> None:
         self.telemetry = Telemetry(period_s=1.0 / config.trigger.rate_hz)
         self.outlets: list[Outlet] = []
-        self.sources: dict[str, Callable[[int], Any]] = {}
-        self.tracking: Tracking | None = None
-        self._stamp: Stamp = (config.publish or PublishConfig()).stamp
+        self.sources: dict[str, Source] = {}
         mode = config.trigger.mode if config.trigger.mode != "primary" else "external"
         self.record = RigRecord(tuple(config.sides), config.trigger_sources, config.trigger.rate_hz, now_ns(), mode)
         self.active = ActiveLoop(Tuning(config))
@@ -175,8 +170,8 @@ class RigControl:
             self.telemetry.counts.pairs_without_decision += 1
         self.requests.passed_over(pair)
         if pair.trigger > self._last_trigger:
-            if self.tracking is not None:
-                self.tracking.saw(moment_ns(pair.reference, self._stamp), {})
+            for source in self.sources.values():
+                source.passed_over(pair)
             self._deliver(ControlStep(StepInputs(pair)))
 
     def _enter(self, event: RigEvent) -> list[StereoPair]:
@@ -231,21 +226,17 @@ class RigControl:
         arrival_ns = max(frame.arrival_time_ns for frame in pair.frames.values())
         self.telemetry.pairing_ms.add_ns(started_ns - arrival_ns)
         self.telemetry.decision_ms.add_ns(decided_ns - started_ns)
-        self.telemetry.decided(decision, self.active.loop.setup.limits)
-        self.telemetry.flicker_hz = self.active.loop.flicker_hz
-        if self.telemetry.light_ahead is not None:
-            self.telemetry.light_ahead.belief = self.active.loop.light_belief
+        self.telemetry.decided(decision, self.active.loop.setup.limits, self.active.loop.flicker_hz)
         self._health.counted(pair, self.active.loop.uncounted)
         written_to: list[Side] = []
         if decision.setting != self._asked and not self._awaits_shot(decided_ns):
-            self._asked, written_to = decision.setting, self.telemetry.present
+            self._asked, written_to = decision.setting, self.telemetry.cameras.present
             command = self.record.command(decision.setting, arrival_ns, decided_ns)
             self._cameras.write(decision.setting, command.due_ns, command.number)
             self.requests.commanded(command.number)
-        self.requests.decided(decision, written_to, self.telemetry.present)
-        if self.tracking is not None:
-            self.tracking.decided(inputs.steering if self.active.loop.steered else None)
-            self.tracking.saw(moment_ns(pair.reference, self._stamp), self.active.loop.cell_exposures)
+        self.requests.decided(decision, written_to, self.telemetry.cameras.present)
+        for source in self.sources.values():
+            source.decided(inputs, self.active.loop)
         self._deliver(ControlStep(inputs, decision, self.requests.taken()))
 
     def _awaits_shot(self, decided_ns: int) -> bool:

@@ -9,6 +9,7 @@ from collections.abc import Collection, Mapping
 from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.runtime.response_drift import ResponseDrift
 from autoexpose_daemon.runtime.setup import Tuning
+from autoexpose_daemon.status.counters import Counts
 from autoexpose_daemon.status.states import ADJUSTED, START_PATIENCE_NS
 from autoexpose_daemon.status.telemetry import GONE, Telemetry
 from drivers.camera import ClockReading, IncompleteFrame, RefusedPackets
@@ -77,10 +78,10 @@ _NO_METADATA = "its frames no longer say how they were taken: their exposure is 
 
 
 class FrameWatch:
-    """Checks every complete frame; counts in `telemetry`, reports in `troubles`."""
+    """Checks every complete frame; counts, and reports in `troubles`."""
 
-    def __init__(self, telemetry: Telemetry, troubles: Troubles, record: RigRecord, config: Config) -> None:
-        self._telemetry = telemetry
+    def __init__(self, counts: Counts, troubles: Troubles, record: RigRecord, config: Config) -> None:
+        self._counts = counts
         self._troubles = troubles
         self._record = record
         tolerance = HOST_RATE_TOLERANCE if config.trigger.by_host else RATE_TOLERANCE
@@ -99,17 +100,17 @@ class FrameWatch:
         self._troubles.end(side, "incomplete")
         self._troubles.judge(side, "rate", self._rates.frame(side, frame))
         self._troubles.judge(side, "effect", self._effects[side].frame(frame, self._record.history(side)))
-        self._telemetry.counts.frames_off_setting = sum(watch.frames_off_setting for watch in self._effects.values())
+        self._counts.frames_off_setting = sum(watch.frames_off_setting for watch in self._effects.values())
         if frame.setting_source == "chunk":
             self._with_metadata.add(side)
             self._troubles.end(side, "metadata")
         elif side in self._with_metadata:
-            self._telemetry.counts.frames_without_exposure_metadata += 1
+            self._counts.frames_without_exposure_metadata += 1
             self._troubles.begin(side, "metadata", _NO_METADATA)
 
     def report_clock(self, side: Side, trouble: ClockTrouble) -> None:
         """A camera's numbers or time stamps are not believed: told with any complete frame, and once."""
-        self._telemetry.counts.clock_jumps += trouble.kind == "jump"
+        self._counts.clock_jumps += trouble.kind == "jump"
         log.warning("%s camera: %s", side, trouble.sentence)
 
     def incomplete(self, side: Side) -> None:
@@ -199,8 +200,9 @@ class RigHealth:
 
     def __init__(self, config: Config, telemetry: Telemetry, record: RigRecord, triggers: HostTriggers) -> None:
         self._telemetry = telemetry
-        self._troubles = Troubles(telemetry.troubles)
-        self._frame_watch = FrameWatch(telemetry, self._troubles, record, config)
+        self._counts, self._cameras = telemetry.counts, telemetry.cameras
+        self._troubles = Troubles(telemetry.cameras.troubles)
+        self._frame_watch = FrameWatch(telemetry.counts, self._troubles, record, config)
         # By PTP, too, cameras expose only on request, which pauses while their clocks are not synchronised.
         needs_pulses = config.trigger.mode in ("external", "ptp")
         self._stuck = StuckStreams(1.0 / config.trigger.rate_hz, needs_pulses=needs_pulses)
@@ -224,7 +226,7 @@ class RigHealth:
         if frame.clock_trouble is not None:
             self._frame_watch.report_clock(side, frame.clock_trouble)
         if not stale:
-            self._telemetry.last_frame_ns[side] = frame.arrival_time_ns
+            self._cameras.last_frame_ns[side] = frame.arrival_time_ns
             self._frame_watch.frame(side, frame)
 
     def silent(self, side: Side, now_ns: int) -> None:
@@ -237,21 +239,21 @@ class RigHealth:
     def ready(self, event: CameraReady) -> None:
         """A camera is open."""
         side, camera = event.side, event.description
-        self._telemetry.counts.reconnects += side in self._ever_ready
+        self._counts.reconnects += side in self._ever_ready
         self._ever_ready.add(side)
         self._troubles.end(side, GONE)
         log.info("%s camera: %s %s %s, ready", side, camera.vendor, camera.model, camera.serial)
         for limitation in camera.limitations:
             log.warning("%s camera %s: %s", side, camera.serial, limitation)
-        self._telemetry.cameras[side] = f"{camera.model} {camera.serial}"
+        self._cameras.names[side] = f"{camera.model} {camera.serial}"
 
     def gone(self, event: CameraGone, now_ns: int) -> None:
         """A camera is lost; raises its error if it cannot be driven: at the start, or if none is left."""
         side = event.side
-        if self._telemetry.cameras.get(side) != GONE:
+        if self._cameras.names.get(side) != GONE:
             self._troubles.end_all(side)
-        self._telemetry.cameras[side] = GONE
-        self._telemetry.ptp.pop(side, None)
+        self._cameras.names[side] = GONE
+        self._cameras.ptp.pop(side, None)
         self._frame_watch.gone(side)
         if event.final:
             self._out.add(side)
@@ -266,30 +268,30 @@ class RigHealth:
         if write.read_back.agrees_with(write.asked):
             self._troubles.end(write.side, ADJUSTED)
         else:
-            self._telemetry.counts.adjusted_writes += 1
+            self._counts.adjusted_writes += 1
             taken = f"{write.asked} was asked for, the camera took {write.read_back}"
             self._troubles.begin(write.side, ADJUSTED, taken)
 
     def write_failed(self, event: WriteFailed) -> None:
         """A camera refused a setting."""
-        self._telemetry.counts.refused_writes += 1
+        self._counts.refused_writes += 1
         self._frame_watch.refused(event.side)
         self._troubles.begin(event.side, "refused", f"{event.asked} was refused: {event.error}")
 
     def packets_refused(self, side: Side, packets: RefusedPackets) -> None:
         """Packets of somebody else came instead of a camera's."""
-        self._telemetry.counts.refused_packets += packets.count
+        self._counts.refused_packets += packets.count
         if side in self._silent:
             self._troubles.begin(side, "strangers", f"{packets}: {_WHOSE_PACKETS}")
 
     def clock_read(self, side: Side, reading: ClockReading) -> None:
         """A camera says how its clock is synchronised."""
-        self._telemetry.ptp[side] = reading.ptp
+        self._cameras.ptp[side] = reading.ptp
 
     def pair(self, pair: StereoPair) -> None:
         """Look at a pair: do the cameras still respond as calibrated?"""
         self._drift.see(pair)
-        self._telemetry.drift_grey, self._telemetry.misfits = self._drift.residual_grey, self._drift.misfits
+        self._cameras.drift_grey, self._cameras.misfits = self._drift.residual_grey, self._drift.misfits
 
     def counted(self, pair: StereoPair, uncounted: Mapping[Side, str]) -> None:
         """Note which frames of a pair did not count for the decision on it, and why."""
@@ -304,9 +306,9 @@ class RigHealth:
         """To be called at least ten times a second; returns the cameras to reopen, and why."""
         for finding in self._record.findings(now_ns):
             log.warning("%s", finding)
-        for side in self._telemetry.present:
+        for side in self._cameras.present:
             self._troubles.judge(side, "clock", self._triggers.trouble(side, now_ns))
-        return self._stuck.reasons(self._telemetry.cameras, now_ns, self._record.unpaced)
+        return self._stuck.reasons(self._cameras.names, now_ns, self._record.unpaced)
 
     def _starting(self, now_ns: int) -> bool:
         opened_ns = self._telemetry.opened_ns

@@ -6,7 +6,7 @@ import logging
 import threading
 import time
 from collections.abc import Callable
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager
 from functools import partial
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any
@@ -130,9 +130,11 @@ def add_outlets(daemon: Daemon, config: Config, recorder: Recorder | None = None
         daemon.telemetry.publishing = PublishTally(trouble=trouble)
         return daemon
     light = ForetoldLight(config.trigger.rate_hz)
-    daemon.follow_light(light)
-    tracking = Tracking(config.sides, config.trigger.rate_hz)
-    daemon.follow_tracking(tracking)
+    daemon.follow("light_ahead", light)
+    daemon.telemetry.light_ahead = light.tally
+    tracking = Tracking(config.sides, config.trigger.rate_hz, config.publish.stamp)
+    daemon.follow("steering", tracking)
+    daemon.telemetry.tracking = tracking.tally
     publisher = Publisher(
         config.publish,
         len(config.sides),
@@ -151,14 +153,14 @@ def add_outlets(daemon: Daemon, config: Config, recorder: Recorder | None = None
 def _add_imu(daemon: Daemon, config: ImuConfig) -> None:
     rate = AngularRate(config, daemon.telemetry.counts)
     daemon.telemetry.imu = rate.tally
-    subscriber: AbstractContextManager[Any]
+    subscriber: AbstractContextManager[Any] | None = None
     try:
         from autoexpose_daemon.publish.inbound import ImuSubscriber  # noqa: PLC0415  an extra
     except ImportError as error:
-        subscriber, rate.no_source = nullcontext(), _missing(error)
+        rate.no_source = _missing(error)
     else:
         subscriber = ImuSubscriber(config, rate)
-    daemon.follow_imu(subscriber, rate)
+    daemon.follow("angular_rate_rad_s", rate, subscriber)
 
 
 def _missing(error: ImportError) -> str:

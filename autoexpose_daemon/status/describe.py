@@ -110,13 +110,13 @@ def _seconds(duration_ns: int) -> float:
 
 
 def _camera(telemetry: Telemetry, side: Side) -> CameraStatus:
-    camera = telemetry.cameras.get(side, GONE)
+    camera = telemetry.cameras.names.get(side, GONE)
     return CameraStatus(
         camera=None if camera == GONE else camera,
         applied=telemetry.newest.get(side),
-        drift_grey=telemetry.drift_grey.get(side),
-        misfit=telemetry.misfits.get(side),
-        ptp=telemetry.ptp.get(side),
+        drift_grey=telemetry.cameras.drift_grey.get(side),
+        misfit=telemetry.cameras.misfits.get(side),
+        ptp=telemetry.cameras.ptp.get(side),
     )
 
 

@@ -67,16 +67,17 @@ def judge(telemetry: Telemetry, expected: Expectation, now_ns: int) -> Health:
 
 
 def _reasons(telemetry: Telemetry, expected: Expectation, now_ns: int) -> Iterator[str]:
-    cameras = {side: telemetry.cameras.get(side, GONE) for side in expected.sides}
+    seen = telemetry.cameras
+    cameras = {side: seen.names.get(side, GONE) for side in expected.sides}
     gone = [side for side, camera in cameras.items() if camera == GONE]
     present = [side for side in cameras if side not in gone]
-    troubles = telemetry.troubles.copy()  # the control thread changes it
+    troubles = seen.troubles.copy()  # the control thread changes it
     incomplete = [side for side in present if (side, "incomplete") in troubles]
     whole = [side for side in present if side not in incomplete]
-    silent = [side for side in whole if _silent(telemetry.last_frame_ns.get(side), expected, now_ns)]
+    silent = [side for side in whole if _silent(seen.last_frame_ns.get(side), expected, now_ns)]
     # The last frame of one camera before the trigger stops may be lost: it then falls silent a little earlier.
     soon_ns = now_ns + round(expected.silence_ns / 2)
-    if silent and all(_silent(telemetry.last_frame_ns.get(side), expected, soon_ns) for side in whole):
+    if silent and all(_silent(seen.last_frame_ns.get(side), expected, soon_ns) for side in whole):
         silent = whole
     for side in gone:
         yield f"{side} camera gone" + (f": {troubles[side, GONE]}" if (side, GONE) in troubles else "")
@@ -93,7 +94,7 @@ def _reasons(telemetry: Telemetry, expected: Expectation, now_ns: int) -> Iterat
     for (side, kind), trouble in troubles.items():
         if kind not in (GONE, ADJUSTED):
             yield f"{side} camera: {trouble}"
-    for side, misfit in list(telemetry.misfits.items()):  # the control thread adds to it
+    for side, misfit in list(seen.misfits.items()):  # the control thread adds to it
         yield f"calibration of the {side} camera does not fit: {misfit}"
     if telemetry.publishing is not None and telemetry.publishing.trouble:
         yield f"frames are not published: {telemetry.publishing.trouble}"

@@ -124,7 +124,7 @@ _PAUSE_PERIODS = 5.0
 """What has not come for longer than both has stopped."""
 
 GONE = "gone"
-"""In `Telemetry.cameras`: not open."""
+"""In place of a camera's name: not open."""
 
 
 class DurationSamples:
@@ -164,63 +164,89 @@ class RecorderCounts(Protocol):
 
 
 @dataclass(slots=True)
-class Telemetry:
-    """Counts and latest values. Written by the control thread, read by any other.
+class CameraTally:
+    """What is known of the cameras; written by `RigHealth`.
 
     Attributes
     ----------
-    period_s
-        Time between two triggers.
-    opened_ns
-        When the daemon began to open the cameras (CLOCK_MONOTONIC): all counts begin then.
-    failure
-        What ended the daemon, in words; None while it runs.
-    cameras
+    names
         Model and serial of each camera that the daemon tried to open, or `GONE`.
-    last_frame_ns, last_pair_ns
-        Arrival of each camera's newest whole frame, and of the newest complete pair (CLOCK_MONOTONIC).
-    lost
-        Triggers that made no pair, by reason.
+    last_frame_ns
+        Arrival of each camera's newest whole frame (CLOCK_MONOTONIC).
     ptp
         What each open camera says about its PTP clock, in `trigger.mode` ptp.
     troubles
         What is wrong with the cameras now, in words, by camera and kind.
     misfits
         Why a camera's calibration does not fit, in words, for each such camera.
+    drift_grey
+        Error of its response (grey levels rms), for each camera with a verdict.
+    """
+
+    names: dict[Side, str] = field(default_factory=dict)
+    last_frame_ns: dict[Side, int] = field(default_factory=dict)
+    ptp: dict[Side, PtpState] = field(default_factory=dict)
+    troubles: dict[tuple[Side, str], str] = field(default_factory=dict)
+    misfits: dict[Side, str] = field(default_factory=dict)
+    drift_grey: dict[Side, float] = field(default_factory=dict)
+
+    @property
+    def present(self) -> list[Side]:
+        """The cameras that are open."""
+        return [side for side, camera in self.names.items() if camera != GONE]
+
+
+@dataclass(slots=True)
+class Telemetry:
+    """Counts and latest values, read by any thread. Each field, and each of the counts, is written by one party alone.
+
+    `RigControl` writes, through the methods, what has no tally of its own.
+
+    Attributes
+    ----------
+    period_s
+        Time between two triggers.
+    opened_ns, failure
+        When the daemon began to open the cameras (CLOCK_MONOTONIC), with which all counts begin, and what ended it, in
+        words; None before that. By `Daemon`.
+    counts
+        Each by whoever knows: see `Counts`.
+    cameras
+        By `RigHealth`.
+    requests
+        What was requested of control while it runs, by `Requests`.
+    publishing, recorder, imu, light_ahead, tracking
+        Each by what counts there; None without it.
+    lost
+        Triggers that made no pair, by reason.
+    last_pair_ns
+        Arrival of the newest complete pair (CLOCK_MONOTONIC).
     applied, newest
         The setting of the newest frame that control saw, and of the newest frame of each camera, without those that
         have stopped sending while another goes on.
+    decision, flicker_hz
+        The latest decision, and the flicker found in the light; None: none was found, or it is not looked for.
     pairing_ms, decision_ms, held_ms, write_ms, frame_to_node_ms, command_to_effect_ms, skew_ms
         See `DURATIONS`.
-    publishing, recorder
-        Counts of the publisher and of the recorder; None without one.
-    imu
-        How the IMU's samples were used; None without an IMU.
-    light_ahead
-        How the light that `autoexpose repeat` foretold was used; None if nothing is published.
-    tracking
-        How consumers' reports on their tracking were used; None if nothing is published.
-    flicker_hz
-        The flicker found in the light; None: none was found, or it is not looked for.
-    requests
-        What was requested of control while it runs.
     """
 
     period_s: float = 0.0
     opened_ns: int | None = None
     failure: str | None = None
     counts: Counts = field(default_factory=Counts)
+    cameras: CameraTally = field(default_factory=CameraTally)
+    requests: RequestTally = field(default_factory=RequestTally)
+    publishing: PublishTally | None = None
+    recorder: RecorderCounts | None = None
+    imu: ImuTally | None = None
+    light_ahead: LightTally | None = None
+    tracking: TrackingTally | None = None
     lost: dict[LossReason, int] = field(default_factory=dict)
-    cameras: dict[Side, str] = field(default_factory=dict)
-    last_frame_ns: dict[Side, int] = field(default_factory=dict)
     last_pair_ns: int | None = None
-    ptp: dict[Side, PtpState] = field(default_factory=dict)
-    troubles: dict[tuple[Side, str], str] = field(default_factory=dict)
-    misfits: dict[Side, str] = field(default_factory=dict)
     applied: ExposureSetting | None = None
     newest: dict[Side, ExposureSetting] = field(default_factory=dict)
     decision: Decision | None = None
-    drift_grey: dict[Side, float] = field(default_factory=dict)
+    flicker_hz: float | None = None
     pairing_ms: DurationSamples = field(default_factory=DurationSamples)
     decision_ms: DurationSamples = field(default_factory=DurationSamples)
     held_ms: DurationSamples = field(default_factory=DurationSamples)
@@ -228,19 +254,7 @@ class Telemetry:
     frame_to_node_ms: DurationSamples = field(default_factory=DurationSamples)
     command_to_effect_ms: DurationSamples = field(default_factory=DurationSamples)
     skew_ms: DurationSamples = field(default_factory=DurationSamples)
-    publishing: PublishTally | None = None
-    recorder: RecorderCounts | None = None
-    imu: ImuTally | None = None
-    light_ahead: LightTally | None = None
-    tracking: TrackingTally | None = None
-    flicker_hz: float | None = None
-    requests: RequestTally = field(default_factory=RequestTally)
     _recent_ns: deque[int] = field(default_factory=lambda: deque(maxlen=120))
-
-    @property
-    def present(self) -> list[Side]:
-        """The cameras that are open."""
-        return [side for side, camera in self.cameras.items() if camera != GONE]
 
     def failed(self, error: BaseException) -> None:
         """Note the error that ends the daemon."""
@@ -273,7 +287,7 @@ class Telemetry:
         self.applied = pair.reference.setting
         arrival_ns = max(frame.arrival_time_ns for frame in pair.frames.values())
         since_ns = arrival_ns - self._pause_ns
-        going_on = {side: it for side, it in self.newest.items() if self.last_frame_ns.get(side, 0) >= since_ns}
+        going_on = {side: it for side, it in self.newest.items() if self.cameras.last_frame_ns.get(side, 0) >= since_ns}
         self.newest = going_on | {side: frame.setting for side, frame in pair.frames.items()}
         if complete:
             start_ns = pair.reference.host_time_ns
@@ -282,9 +296,9 @@ class Telemetry:
             self._recent_ns.append(start_ns)
             self.last_pair_ns = arrival_ns
 
-    def decided(self, decision: Decision, limits: ExposureLimits) -> None:
-        """Note a decision made within limits."""
-        self.decision = decision
+    def decided(self, decision: Decision, limits: ExposureLimits, flicker_hz: float | None = None) -> None:
+        """Note a decision made within limits, in light that flickers, if it is known to."""
+        self.decision, self.flicker_hz = decision, flicker_hz
         if decision.level <= limits.darkest.level:
             self.counts.decisions_at_darkest_limit += 1
         elif decision.level >= limits.brightest.level:

@@ -113,7 +113,7 @@ def test_the_status_is_told_once_a_second_and_at_the_end() -> None:
             wait_until(lambda: latest(client).state is State.EXPOSING and latest(client).counts.pairs > 0, "pairs")
             status = latest(client)
             assert (status.rig, status.policy, status.ending) == ("scout", "neves2009", False)
-            assert {side: camera.camera for side, camera in status.cameras.items()} == daemon.telemetry.cameras
+            assert {side: camera.camera for side, camera in status.cameras.items()} == daemon.telemetry.cameras.names
             wait_until(lambda: latest(client).command_to_effect_ms.count > 0, "an effect")
             wait_until(lambda: latest(client).rate_hz > 0, "a second pair")
             wait_until(lambda: set(client.responses) == {"left", "right"}, "the responses")

@@ -85,7 +85,7 @@ def test_samples_come_in_and_an_imu_that_was_restarted_is_found_again() -> None:
             before = rate.tally.samples
             with imu_at(at):
                 wait_until(lambda: rate.tally.samples > before + 5, "samples")  # noqa: B023  called at once
-                assert rate() == pytest.approx(1.3)
+                assert rate(0) == pytest.approx(1.3)
                 assert rate.no_source == ""
 
 
@@ -100,7 +100,7 @@ def test_samples_come_in_through_a_router_from_a_peer_as_ros2_nodes_are(tmp_path
 
         def a_sample_comes() -> bool:
             node.put(key, TURNING)
-            return rate() == pytest.approx(1.3)
+            return rate(0) == pytest.approx(1.3)
 
         wait_until(a_sample_comes, "a sample")
 
@@ -131,7 +131,7 @@ def test_what_is_no_angular_rate_is_refused_in_one_line(
     at = endpoint()
     with caplog.at_level(logging.WARNING), imu_at(at, data), listening(ImuConfig(key=KEY, connect=(at,))) as rate:
         wait_until(lambda: rate.tally.refused > 3, "messages")
-        assert rate() is None
+        assert rate(0) is None
     assert rate.tally.samples == 0
     said, _ = caplog.messages
     assert said.startswith(f"a message under {KEY} is refused: {why}")

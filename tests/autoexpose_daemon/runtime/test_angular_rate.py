@@ -30,7 +30,7 @@ class Imu:
             self.now_ns += STEP_NS
             if sample is not None:
                 self.rate.take(sample)
-            rates.append(self.rate())
+            rates.append(self.rate(0))
         return rates
 
 

@@ -71,11 +71,11 @@ def test_cameras_with_one_ptp_clock_expose_together_and_go_on_without_their_mast
         with running_daemon(cameras, {"control": CONTROL, "trigger": trigger}) as run:
             telemetry = run.daemon.telemetry
             run.wait_for_pairs(10)
-            assert {state.status for state in telemetry.ptp.values()} <= {"Slave", "Uncalibrated"}
+            assert {state.status for state in telemetry.cameras.ptp.values()} <= {"Slave", "Uncalibrated"}
             assert float(np.median(telemetry.skew_ms.latest_ms)) < 1.0
             master.close()
-            run.wait_until(lambda: ("left", "clock") in telemetry.troubles, "a word on the master's end")
-            assert "no longer synchronised" in telemetry.troubles["left", "clock"]
+            run.wait_until(lambda: ("left", "clock") in telemetry.cameras.troubles, "a word on the master's end")
+            assert "no longer synchronised" in telemetry.cameras.troubles["left", "clock"]
             run.wait_for_pairs(5)
             assert median_skew_periods(run, 20) < 0.1
 

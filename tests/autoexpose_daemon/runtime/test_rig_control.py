@@ -105,13 +105,13 @@ def test_packets_of_others_are_counted_and_named_only_while_the_camera_is_silent
     control = rig_of_two()
     refused = PacketsRefused("left", RefusedPackets(7, ("10.0.0.9:40000",), ("10.0.0.2",)))
     control.take([arrived("left", 1), refused])
-    assert not control.telemetry.troubles
+    assert not control.telemetry.cameras.troubles
     control.take([CameraSilent("left"), refused])
-    trouble = control.telemetry.troubles["left", "strangers"]
+    trouble = control.telemetry.cameras.troubles["left", "strangers"]
     for part in ("10.0.0.9:40000", "10.0.0.2", "give it one address", "docs/hostile-packets.md"):
         assert part in trouble
     control.take([arrived("left", 2)])
-    assert not control.telemetry.troubles
+    assert not control.telemetry.cameras.troubles
     assert control.telemetry.counts.refused_packets == 14
 
 
@@ -119,9 +119,9 @@ def test_holes_before_a_camera_was_lost_are_not_held_against_it_afterwards() -> 
     control = rig_of_two()
     holes = FrameArrived("left", IncompleteFrame(1, None))
     control.take([holes] * INCOMPLETE_FRAMES)
-    assert ("left", "incomplete") in control.telemetry.troubles
+    assert ("left", "incomplete") in control.telemetry.cameras.troubles
     control.take([CameraGone("left", CameraLostError("unplugged"), final=False), READY["left"], holes])
-    assert not control.telemetry.troubles
+    assert not control.telemetry.cameras.troubles
 
 
 CANNOT_BE_DRIVEN = UnsupportedCameraError("camera S: it has no PixelFormat")
@@ -131,7 +131,7 @@ def test_a_camera_that_comes_back_and_cannot_be_driven_stays_out_and_the_other_o
     control = rig_of_two()
     control.take([CameraGone("left", CANNOT_BE_DRIVEN, final=True)])
     control.take([arrived("right", 2), CameraSilent("left")])
-    assert control.telemetry.troubles["left", "gone"].startswith(f"{CANNOT_BE_DRIVEN}; it stays out")
+    assert control.telemetry.cameras.troubles["left", "gone"].startswith(f"{CANNOT_BE_DRIVEN}; it stays out")
     assert control.telemetry.newest == {"right": SETTING}
     refused = NodeError("camera T: its ExposureAuto has no Off, only Continuous")
     with pytest.raises(NodeError, match="camera T"):

@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import logging
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from autoexpose_daemon.control.picture.steering import FORGOTTEN_S, MOST_CONSUMERS, CellExposure
 from autoexpose_daemon.control.picture.tracked_cells import COLUMNS, ROWS, TrackedCells
+from autoexpose_daemon.control.step import StepInputs
 from autoexpose_daemon.runtime.inputs import APART_NS, MOST_WAITING, OLDEST_REPORT_S, Tracking
-from imaging.frames import Side
+from imaging.exposure import ExposureSetting
+from imaging.frames import Frame, Side, StereoPair
 
 SECOND = 1_000_000_000
+SETTING = ExposureSetting(1000.0, 0.0)
 PERIOD_NS = SECOND // 60
 NOW_NS = 70 * SECOND
 CELLS = np.full((ROWS, COLUMNS), 20, np.uint16)
@@ -24,7 +29,7 @@ class Run:
 
     def __init__(self, sides: tuple[Side, ...] = ("left", "right")) -> None:
         self.now_ns = NOW_NS
-        self.tracking = Tracking(sides, 60.0, lambda: self.now_ns)
+        self.tracking = Tracking(sides, 60.0, now_ns=lambda: self.now_ns)
         for number in range(120, -1, -1):
             self.tracking.saw(NOW_NS - number * PERIOD_NS, dict.fromkeys(sides, WELL))
 
@@ -44,7 +49,9 @@ def test_a_report_on_a_frame_that_control_has_seen_steers() -> None:
     steering = run.tracking(NOW_NS)
     assert steering is not None and (steering.by, steering.age_s) == (("slam",), 0.5)
     assert run.tracking.tally.reports == 1
-    run.tracking.decided(steering)
+    pair = StereoPair(0, {"left": Frame(np.zeros((1, 1), np.uint8), 8, 0, NOW_NS, NOW_NS, NOW_NS, SETTING)})
+    loop: Any = SimpleNamespace(steered=True, cell_exposures={"left": WELL})
+    run.tracking.decided(StepInputs(pair, steering=steering), loop)
     assert str(run.tracking.tally) == "by slam, age 0.5 s   reports: 1, refused: none"
     assert run.tracking(NOW_NS + round(FORGOTTEN_S * SECOND)) is None
 
@@ -67,7 +74,7 @@ def test_a_stamp_must_be_that_of_a_frame_of_late(taken_ns: int, why: str | None)
 
 
 def test_a_report_before_any_frame_or_on_a_camera_that_was_missing_is_refused() -> None:
-    tracking = Tracking(("left", "right"), 60.0, lambda: NOW_NS)
+    tracking = Tracking(("left", "right"), 60.0, now_ns=lambda: NOW_NS)
     seen: tuple[dict[Side, CellExposure], ...] = ({}, {"right": WELL})
     for frames in seen:
         tracking.take(TrackedCells("slam", 0, "left", CELLS, CELLS), NOW_NS)

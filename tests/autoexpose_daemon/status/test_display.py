@@ -12,14 +12,14 @@ from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.status.describe import describe
 from autoexpose_daemon.status.document import Status
 from autoexpose_daemon.status.panel import display, table_of
-from autoexpose_daemon.status.telemetry import Telemetry
+from autoexpose_daemon.status.telemetry import CameraTally, Telemetry
 from tests.autoexpose_daemon.statuses import EXPOSING
 
 CONFIG = Config.model_validate({"cameras": {"left": {"serial": "L"}}})
 
 
 def degraded() -> Status:
-    return describe(Telemetry(cameras={"left": "Camera L"}, opened_ns=0, last_pair_ns=0), CONFIG)
+    return describe(Telemetry(cameras=CameraTally({"left": "Camera L"}), opened_ns=0, last_pair_ns=0), CONFIG)
 
 
 def test_without_a_terminal_the_log_gets_a_line_ever_more_seldom(

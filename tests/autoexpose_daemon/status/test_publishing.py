@@ -16,6 +16,7 @@ from autoexpose_daemon.status.telemetry import (
     GONE_NS,
     MOST_KNOWN,
     MOST_LISTED,
+    CameraTally,
     Consumers,
     DropReason,
     PublishTally,
@@ -106,7 +107,7 @@ def test_the_operator_reads_it_all_in_one_line() -> None:
 
 def test_frames_that_cannot_be_published_degrade_the_daemon() -> None:
     now_ns = 10**12
-    telemetry = Telemetry(cameras={"left": "L"}, last_frame_ns={"left": now_ns}, last_pair_ns=now_ns)
+    telemetry = Telemetry(cameras=CameraTally({"left": "L"}, {"left": now_ns}), last_pair_ns=now_ns)
     expected = Expectation(("left",), 1 / 60, True, 0)
     telemetry.publishing = PublishTally()
     assert judge(telemetry, expected, now_ns).state is State.EXPOSING

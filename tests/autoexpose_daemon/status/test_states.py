@@ -3,7 +3,8 @@ from __future__ import annotations
 import pytest
 
 from autoexpose_daemon.status.states import ADJUSTED, START_PATIENCE_NS, Expectation, Health, State, judge
-from autoexpose_daemon.status.telemetry import GONE, Telemetry
+from autoexpose_daemon.status.telemetry import GONE, CameraTally, Telemetry
+from imaging.frames import Side
 
 NOW_NS = 100_000_000_000
 JUST_NS = NOW_NS - 100_000_000
@@ -18,8 +19,8 @@ def telemetry(
     right_ns: int = JUST_NS,
     pair_ns: int | None = JUST_NS,
 ) -> Telemetry:
-    frames = {"left": left_ns, "right": right_ns}
-    return Telemetry(cameras={"left": left, "right": right}, last_frame_ns=frames, last_pair_ns=pair_ns)  # type: ignore[arg-type]
+    frames: dict[Side, int] = {"left": left_ns, "right": right_ns}
+    return Telemetry(cameras=CameraTally({"left": left, "right": right}, frames), last_pair_ns=pair_ns)
 
 
 @pytest.mark.parametrize(
@@ -52,7 +53,7 @@ def test_a_trigger_has_stopped_for_both_even_if_the_last_frame_of_one_was_lost()
 
 def test_a_calibration_that_does_not_fit_degrades() -> None:
     seen = telemetry()
-    seen.misfits["left"] = "its response is of Mono8"
+    seen.cameras.misfits["left"] = "its response is of Mono8"
     assert str(judge(seen, STEREO, NOW_NS)) == (
         "degraded: calibration of the left camera does not fit: its response is of Mono8"
     )
@@ -60,7 +61,10 @@ def test_a_calibration_that_does_not_fit_degrades() -> None:
 
 def test_what_is_wrong_with_a_camera_stands_in_the_state() -> None:
     seen = telemetry(right=GONE, right_ns=LONG_AGO_NS, pair_ns=LONG_AGO_NS)
-    seen.troubles = {("left", "refused"): "1 us was refused", ("right", "gone"): "no camera with serial B answers"}
+    seen.cameras.troubles = {
+        ("left", "refused"): "1 us was refused",
+        ("right", "gone"): "no camera with serial B answers",
+    }
     assert str(judge(seen, STEREO, NOW_NS)) == (
         "degraded: right camera gone: no camera with serial B answers; left camera: 1 us was refused"
     )
@@ -68,18 +72,18 @@ def test_what_is_wrong_with_a_camera_stands_in_the_state() -> None:
 
 def test_a_camera_whose_frames_are_all_incomplete_sends_frames() -> None:
     seen = telemetry(left_ns=LONG_AGO_NS, pair_ns=LONG_AGO_NS)
-    seen.troubles = {("left", "incomplete"): "all its frames arrive incomplete"}
+    seen.cameras.troubles = {("left", "incomplete"): "all its frames arrive incomplete"}
     assert str(judge(seen, STEREO, NOW_NS)) == "degraded: left camera: all its frames arrive incomplete"
 
 
 def test_a_camera_that_rounds_is_as_good_as_another() -> None:
     seen = telemetry()
-    seen.troubles = {("left", ADJUSTED): "25 us was asked for, the camera took 24 us"}
+    seen.cameras.troubles = {("left", ADJUSTED): "25 us was asked for, the camera took 24 us"}
     assert judge(seen, STEREO, NOW_NS).state is State.EXPOSING
 
 
 def test_a_rig_is_starting_until_its_first_pair_but_not_for_ever() -> None:
-    seen = Telemetry(cameras={"left": "A 1", "right": GONE})
+    seen = Telemetry(cameras=CameraTally({"left": "A 1", "right": GONE}))
     assert judge(seen, STEREO, START_PATIENCE_NS - 1) == Health(State.STARTING)
     assert judge(seen, STEREO, START_PATIENCE_NS).state is State.DEGRADED
     assert judge(telemetry(), STEREO, NOW_NS).state is State.EXPOSING
