@@ -89,11 +89,6 @@ class _Effect:
     lead_ns: int
 
 
-def is_clear(trial: WriteTrial) -> bool:
-    """Whether a write lay within one exposure, no frame around its effect was lost, and the light shows it."""
-    return _effect(trial) is not None
-
-
 def write_effect(quantity: WrittenQuantity, trials: Sequence[WriteTrial]) -> WriteEffect:
     """The distribution over many writes, and what is wrong with it."""
     effects = [effect for effect in map(_effect, trials) if effect is not None]
@@ -297,7 +292,7 @@ def _trials(session: Session, settings: Alternatives, count: int, progress: Call
         started_ns, finished_ns, new = watch.write_just_after_a_start(settings[len(trials) % 2])
         trials.append(watch.follow(started_ns, finished_ns, old, new))
         old = new
-        if is_clear(trials[-1]):
+        if _effect(trials[-1]) is not None:
             clear += 1
             progress()
     return trials

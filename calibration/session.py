@@ -19,7 +19,7 @@ from drivers.genicam.metadata import FRAMES_AFTER
 from drivers.setup import CameraSetup, TriggerSetup
 from imaging.errors import CameraError
 from imaging.exposure import ExposureLimits, ExposureSetting
-from imaging.frames import SIDES, Frame, SettingSource, Side
+from imaging.frames import SIDES, Frame, Side
 from imaging.pixels import Layout, PixelFormat, Pixels, light_samples
 
 PATIENCE_S = 3.0
@@ -51,7 +51,6 @@ class Session:
         self._samples = samples
         self._camera = camera
         self._present: ExposureSetting | None = None
-        self._source: SettingSource | None = None
         camera.start()
 
     def __enter__(self) -> Session:
@@ -71,14 +70,6 @@ class Session:
     def limits(self) -> ExposureLimits:
         """The camera's own bounds and increments of exposure time and gain."""
         return self._camera.limits
-
-    @property
-    def setting_source(self) -> SettingSource | None:
-        """How the setting of the shots is known: "chunk", the frames say so; "ledger", from when they were taken.
-
-        None before the first frame.
-        """
-        return self._source
 
     def take(self, setting: ExposureSetting, frames: int) -> list[Shot]:
         """This many shots in a row, all really taken with `setting` as the camera rounds it.
@@ -125,7 +116,6 @@ class Session:
         while (left_s := deadline_s - time.monotonic()) > 0:
             frame = self._camera.next_frame(min(left_s, _POLL_S))
             if isinstance(frame, Frame):
-                self._source = frame.setting_source
                 return frame
         raise CameraError(
             f"camera {self.description.serial}: no whole frame arrived within {patience_s:.1f} s: check its cable and "

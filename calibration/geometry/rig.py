@@ -250,7 +250,11 @@ class RigGeometry:
     def scaled(self, unit_m: float) -> RigGeometry:
         """The same for a file whose lengths are in another unit."""
         places = {name: place * np.array([[1.0, 1.0, 1.0, unit_m]]) for name, place in self.places.items()}
-        return replace(self, places=places, lenses={name: _scaled(lens, unit_m) for name, lens in self.lenses.items()})
+        lenses = {}
+        for name, lens in self.lenses.items():
+            p = lens.projection
+            lenses[name] = replace(lens, projection=(*p[:3], p[3] * unit_m, *p[4:]))
+        return replace(self, places=places, lenses=lenses)
 
     def _lens(self, name: str) -> CameraGeometry:
         if name not in self.lenses:
@@ -291,8 +295,3 @@ def joined(rigs: Mapping[str, RigGeometry]) -> RigGeometry:
 
 def _same(one: CameraGeometry, other: CameraGeometry) -> bool:
     return (one.camera_matrix, one.distortion) == (other.camera_matrix, other.distortion)
-
-
-def _scaled(lens: CameraGeometry, unit_m: float) -> CameraGeometry:
-    p = lens.projection
-    return replace(lens, projection=(*p[:3], p[3] * unit_m, *p[4:]))

@@ -127,8 +127,6 @@ _STIFFNESS = 1.0  # stops of bend from knot to knot that cost as much as a typic
 _HUBER_STOPS = 0.1
 _ROUNDS = 5
 
-Values = NDArray[np.float64]
-
 
 def refine(response: ResponseFunction, changes: list[Change]) -> ResponseFunction | None:
     """The response that explains the changes better; None if the present one holds, or for too few changes.
@@ -145,7 +143,7 @@ def refine(response: ResponseFunction, changes: list[Change]) -> ResponseFunctio
     return refined if better else None
 
 
-def _fit(response: ResponseFunction, changes: list[Change]) -> Values:
+def _fit(response: ResponseFunction, changes: list[Change]) -> Greys:
     """Correction of f^-1 at the knots (stops); that at the last one, saturation, is 0 by convention."""
     before = np.concatenate([change.before for change in changes])
     after = np.concatenate([change.after for change in changes])
@@ -166,13 +164,13 @@ def _fit(response: ResponseFunction, changes: list[Change]) -> Values:
     return np.append(knots, 0.0)
 
 
-def _corrected(response: ResponseFunction, knots: Values) -> ResponseFunction:
+def _corrected(response: ResponseFunction, knots: Greys) -> ResponseFunction:
     greys = np.arange(GREY_LEVELS, dtype=np.float64)
     curve = np.maximum.accumulate(response.inverse(np.arange(GREY_LEVELS)) + _hats(response, greys) @ knots)
     return ResponseFunction(curve, response.black_level, response.saturation)
 
 
-def _hats(response: ResponseFunction, greys: Values) -> Values:
+def _hats(response: ResponseFunction, greys: Greys) -> Greys:
     """Weights of the knots at each grey level, shape (n, knots): linear between neighbours, summing to 1."""
     span = float(response.saturation - response.black_level)
     octave = np.log2(1.0 + np.clip(greys - response.black_level, 0.0, span)) / np.log2(1.0 + span)
@@ -180,5 +178,5 @@ def _hats(response: ResponseFunction, greys: Values) -> Values:
     return np.asarray(np.maximum(0.0, 1.0 - np.abs(place[:, None] - np.arange(_KNOTS))))
 
 
-def _half_grey_stops(response: ResponseFunction, greys: Values) -> Values:
+def _half_grey_stops(response: ResponseFunction, greys: Greys) -> Greys:
     return response.inverse_between(greys + 0.5) - response.inverse_between(greys - 0.5)

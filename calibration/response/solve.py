@@ -23,8 +23,7 @@ from calibration.response.curves import (
 )
 from calibration.response.file import ResponseSolution
 from calibration.response.free_curve import FreeFit, fit_as_smooth, fit_free
-from calibration.response.tones import Curve, Tones, tones_by_exposure
-from calibration.sweep import Sweep
+from calibration.response.tones import Curve, Tones
 from imaging.errors import ConfigurationError
 from imaging.response import GREY_LEVELS, ResponseFunction
 
@@ -189,17 +188,12 @@ BLACK_ERROR_GREY = 1.0
 """How well black is known."""
 
 
-def solve_response(sweep: Sweep) -> ResponseSolution:
-    """Recover the response function: a free curve, or a family's if that explains as much.
+def solve_tones(tones: Tones) -> ResponseSolution:
+    """Recover the response function from grey levels: a free curve, or a family's if that explains as much.
 
     Takes sweeps that `judge_sweep` does not refuse; about a second for 80 shots of 390000 pixels. Raises
     ConfigurationError when no group of pixels was seen, neither black nor saturated, at two exposures.
     """
-    return solve_tones(tones_by_exposure(sweep))
-
-
-def solve_tones(tones: Tones) -> ResponseSolution:
-    """The same from the grey levels of groups of pixels."""
     # The scale is arbitrary: without it, and without the last digits, equal sweeps in other units stay equal.
     tones = replace(tones, levels=np.round(tones.levels - tones.levels.mean(), 9))
     ends = Ends.of(tones)

@@ -140,17 +140,15 @@ CLIPPED_GREY = 3.0
 LEAST_PAIRS = 20
 """Pairs of tones needed for a verdict."""
 
-Values = NDArray[np.float64]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Agreement:
     """Grey levels of the same parts of the scene: predicted from another exposure, and seen; one entry per pair."""
 
-    delta_levels: Values  # the change of exposure level (stops) that was predicted over
+    delta_levels: Curve  # the change of exposure level (stops) that was predicted over
     # predicted, seen: grey levels, not rounded
-    predicted: Values
-    seen: Values
+    predicted: Curve
+    seen: Curve
 
     @property
     def enough(self) -> bool:
@@ -189,7 +187,7 @@ def agreement(response: ResponseFunction, tones: Tones) -> Agreement:
     return Agreement(*(np.concatenate(values) for values in zip(*parts, strict=True)))
 
 
-def _predict(response: ResponseFunction, greys: Values, seen: Values, delta: float) -> tuple[Values, Values, Values]:
+def _predict(response: ResponseFunction, greys: Curve, seen: Curve, delta: float) -> tuple[Curve, Curve, Curve]:
     predicted = response.intensity(response.inverse_between(greys) + delta)
     low, high = response.black_level + CLIPPED_GREY, response.saturation - CLIPPED_GREY
     open_ends = np.logical_and.reduce([(low <= part) & (part <= high) for part in (greys, predicted, seen)])

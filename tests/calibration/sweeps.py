@@ -9,6 +9,9 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.response.file import ResponseSolution
+from calibration.response.solve import solve_tones
+from calibration.response.tones import tones_by_exposure
 from calibration.sweep import Shot, Sweep
 from fake_camera.imaging import ImageSettings
 from fake_camera.world.lighting import LightScript
@@ -119,3 +122,8 @@ def true_response(name: str, black_level_percent: float = 0.0, cut_bits: bool = 
     # As in `ResponseFunction.linear`, black stands for half a grey level of light.
     inverse = np.interp(np.maximum(np.arange(256.0) + middle, black_grey + 0.5), greys, light) - black_light
     return ResponseFunction(np.log2(inverse / inverse[-1]), black_level, 255)
+
+
+def solve_response(sweep: Sweep) -> ResponseSolution:
+    """The response of a sweep that nothing is wrong with."""
+    return solve_tones(tones_by_exposure(sweep))

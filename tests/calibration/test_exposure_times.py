@@ -10,12 +10,12 @@ import pytest
 
 from calibration.response.file import Origin
 from calibration.response.result import calibrate
-from calibration.response.solve import solve_response
 from calibration.sweep import Shot, Sweep
 from imaging.exposure import DB_PER_STOP, ExposureSetting
 from imaging.response import ResponseFunction
 from tests.calibration.noisy_shots import Scene, calibrated, misstated, noisy_sweep
 from tests.calibration.simulated_sweeps import errors_stops
+from tests.calibration.sweeps import solve_response
 
 
 @pytest.mark.parametrize("response", ["linear", "gamma", "s_shaped"])

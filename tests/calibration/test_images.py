@@ -11,9 +11,8 @@ from PIL import Image
 from PIL.TiffImagePlugin import IFDRational
 
 from calibration.images import image_paths, read_images
-from calibration.response.solve import solve_response
 from imaging.errors import ConfigurationError
-from tests.calibration.sweeps import TIMES_US, Bench
+from tests.calibration.sweeps import TIMES_US, Bench, solve_response
 
 GREY = np.arange(64, dtype=np.uint8).reshape(8, 8)
 

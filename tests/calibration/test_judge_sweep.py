@@ -10,12 +10,11 @@ import numpy as np
 import pytest
 
 from calibration.response.judgement import judge_solution, judge_sweep
-from calibration.response.solve import solve_response
 from calibration.response.stillness import moved_share
 from calibration.sweep import Shot, Sweep
 from fake_camera.world.lighting import Change, Flicker, LightScript
 from imaging.exposure import DB_PER_STOP, ExposureSetting
-from tests.calibration.sweeps import TIMES_US, UP_DOWN_UP, WIDTH, Bench, Radiance, duration_s, scene
+from tests.calibration.sweeps import TIMES_US, UP_DOWN_UP, WIDTH, Bench, Radiance, duration_s, scene, solve_response
 
 DURATION_S = duration_s()
 CURVES = ("linear", "gamma", "s_shaped")

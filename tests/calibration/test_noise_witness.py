@@ -14,11 +14,12 @@ from calibration.report import facts
 from calibration.response.file import ResponseSolution
 from calibration.response.judgement import widen_errors
 from calibration.response.noise_witness import NoiseWitness, hear_noise
-from calibration.response.solve import solve_response, solve_tones
+from calibration.response.solve import solve_tones
 from calibration.sweep import Sweep
 from imaging.response import ResponseFunction
 from tests.calibration.noisy_shots import Scene, calibrated, misstated, noisy_sweep
 from tests.calibration.simulated_sweeps import Processing, process_of
+from tests.calibration.sweeps import solve_response
 
 
 @pytest.mark.parametrize("scene", ["flat", "textured"])

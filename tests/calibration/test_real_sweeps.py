@@ -15,11 +15,11 @@ from calibration.images import read_images
 from calibration.response.file import Origin
 from calibration.response.judgement import judge_solution, judge_sweep
 from calibration.response.result import calibrate
-from calibration.response.solve import solve_response
 from calibration.sweep import Shot, Sweep
 from imaging.exposure import ExposureSetting
 from imaging.response import ResponseFunction
 from tests.calibration.simulated_sweeps import HEIGHT, PROCESSINGS, WIDTH, Processing, errors_stops, scored, simulated
+from tests.calibration.sweeps import solve_response
 from tests.data import data
 
 pytestmark = pytest.mark.data

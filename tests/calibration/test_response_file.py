@@ -5,6 +5,8 @@ from __future__ import annotations
 import dataclasses
 import errno
 import os
+import subprocess
+import sys
 from datetime import datetime
 from pathlib import Path
 
@@ -170,3 +172,9 @@ def test_the_table_is_the_light_of_each_grey_level() -> None:
     table = np.array(tum_table(GAMMA).split(), float)
     assert table[1:] == pytest.approx(255 * (np.arange(1, 256) / 255) ** 2.2, abs=0.01)
     assert np.array(tum_table(ResponseFunction.linear()).split(), float) == pytest.approx(np.arange(256), abs=0.6)
+
+
+def test_a_daemon_without_the_extra_reads_calibration_files() -> None:
+    """A robot need not have what reports and EXIF take."""
+    block = "import sys; sys.modules |= dict.fromkeys(('PIL', 'matplotlib', 'jinja2'))"
+    subprocess.run([sys.executable, "-c", f"{block}; import autoexpose_daemon.config.document"], check=True)

@@ -14,14 +14,13 @@ from numpy.typing import NDArray
 from calibration.response.curves import Ends, InverseCurve, families, fit_family, usable
 from calibration.response.file import ResponseSolution
 from calibration.response.judgement import judge_solution, judge_sweep
-from calibration.response.solve import solve_response
 from calibration.response.tones import Tones, tones_by_exposure
 from calibration.sweep import Shot, Sweep
 from imaging.errors import ConfigurationError
 from imaging.exposure import ExposureSetting
 from imaging.response import ResponseFunction, prediction_tables
 from tests.calibration.noisy_shots import misstated
-from tests.calibration.sweeps import TIMES_US, Bench, true_response
+from tests.calibration.sweeps import TIMES_US, Bench, solve_response, true_response
 
 CHANGES_STOPS = [float(change) for change in np.linspace(-2, 2, 17)]
 

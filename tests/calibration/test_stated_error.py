@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calibration.response.solve import solve_response
 from calibration.response.stillness import moved_share
 from tests.calibration.simulated_sweeps import KINDS, Kind, Processing, scored, simulated
+from tests.calibration.sweeps import solve_response
 
 
 def test_a_seed_gives_the_same_sweep_again() -> None:

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from autoexpose_daemon.control.loop import ControlLoop
-from calibration.response.solve import solve_response
 from evaluation.arena.race import course_of, race
 from evaluation.scenes.scenarios import SCENARIOS
 from evaluation.stage.camera import Entrant
 from evaluation.stage.oracle import Oracle
 from imaging.exposure import ExposureLimits, ExposureSetting
 from imaging.response import ResponseFunction
-from tests.calibration.sweeps import Bench, true_response
+from tests.calibration.sweeps import Bench, solve_response, true_response
 
 
 def _entrant(name: str, response: ResponseFunction) -> Entrant:

@@ -178,7 +178,7 @@ def bent(good: list[BoardView]) -> list[BoardView]:
         (
             lambda good: [BoardView(one.name, {"left": one.corners["left"]}) for one in good],
             "never_seen",
-            "the right camera never saw the board",
+            "the right camera",
         ),
         (lambda good: good[:12], "few_views", "both cameras see the board in 12 views: show it in at least 15"),
         (in_the_middle, "poor_coverage", "of the left picture: show the board in all of its parts"),

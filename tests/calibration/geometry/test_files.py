@@ -123,11 +123,7 @@ UP = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
         ("distortion_coefficients", [0.1] * 6, "distortion_coefficients has 6 numbers: the model has 4, 5, 8, 12, 14"),
         ("distortion_coefficients", [0.1] * 12, "has a thin prism or a tilted sensor"),
         ("distortion_coefficients", [1e9, 0, 0, 0, 0], "distortion_coefficients is beyond any lens"),
-        (
-            "distortion_coefficients",
-            [0.1, float("nan"), 0, 0, 0],
-            "distortion_coefficients holds nan: give finite",
-        ),
+        ("distortion_coefficients", [0.1, float("nan"), 0, 0, 0], "holds nan: give finite"),
         ("distortion_coefficients", [0.1, True, 0, 0, 0], "distortion_coefficients holds True"),
         ("distortion_coefficients", "x", "distortion_coefficients holds 'x': give finite numbers"),
         ("camera_matrix", [860.0] * 8, "camera_matrix is .*: give a list of 9 numbers, not 8"),
@@ -141,7 +137,7 @@ UP = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
         (
             "projection_matrix",
             [860.0, 0, 360, 0, 0, 860, 270, -69, 0, 0, 1, 0],
-            "a baseline that is not along the rows: only cameras side by side are supported",
+            "a baseline that is not along the rows",
         ),
         ("serial", 7, "serial is 7: give it in quotes"),
         ("camera_matrix", None, "camera_matrix.data is None: give a list"),
@@ -188,10 +184,7 @@ def test_a_camchain_that_cannot_be_is_refused_by_key(
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        (
-            "image_width: 720",
-            "has no camera in its keys .'image_width'.: give a camera-info file of ROS, a camchain of Kalibr",
-        ),
+        ("image_width: 720", "has no camera in its keys .'image_width'.: give a camera-info file"),
         ("- 1", "has no keys"),
         ("cam0: [1]", "cam0 is .1.: give keys and values"),
         ("camera_matrix: {data: !!python/object:os.system {}}", "not a YAML file"),
