@@ -331,10 +331,7 @@ def _read_identity(datagram: bytes, interface: NetworkInterface) -> GigeCamera |
     return GigeCamera(serial, text(0x48, 32), text(0x68, 32), subnet, interface)
 
 
-_COMMAND = struct.Struct(">BBHHHIIIQ")
-_ACK = struct.Struct(">HHHH")
-_KEY, _ACTION = 0x42, 0x0100
-_SCHEDULED_ACK_REQUIRED = 0x81
+_ACTION, _SCHEDULED = 0x0100, 0x80
 _REQUEST_IDS = 0xFFFF  # 1 ... 65535: 0 is none
 _STATUSES = {
     0x8013: "its clock was never set by a PTP master",
@@ -345,25 +342,13 @@ _STATUSES = {
 
 def action_command(keys: ActionKeys, device_time_ns: int, request_id: int) -> bytes:
     """A scheduled ACTION_CMD of GigE Vision 2.0, to act when the camera's clock shows `device_time_ns`."""
-    payload_bytes = _COMMAND.size - 8
-    return _COMMAND.pack(
-        _KEY,
-        _SCHEDULED_ACK_REQUIRED,
-        _ACTION,
-        payload_bytes,
-        request_id,
-        keys.device,
-        keys.group,
-        keys.mask,
-        device_time_ns,
-    )
+    payload = struct.pack(">IIIQ", keys.device, keys.group, keys.mask, device_time_ns)
+    return _command(_ACTION, payload, request_id, _SCHEDULED)
 
 
 def refusal(answer: bytes) -> str | None:
     """Why a camera did not take a command, in words; None if it did, or if the datagram is not such an answer."""
-    if len(answer) < _ACK.size:
-        return None
-    status, answered, _, _ = _ACK.unpack_from(answer)
+    status, answered = struct.unpack_from(">HH", answer) if len(answer) >= _ACK_HEADER.size else (0, 0)
     if answered != _ACTION + 1 or not status:
         return None
     return _STATUSES.get(status, f"status 0x{status:04x}")

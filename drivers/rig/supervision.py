@@ -306,8 +306,7 @@ class Supervisor:
 
     def _report_gone(self, error: AutoexposeError, final: bool) -> None:
         """Report it, and back off before the next attempt."""
-        # An error's traceback would keep the camera from being freed.
-        self._events.put(CameraGone(self._side, error.with_traceback(None), final))
+        self._events.put(CameraGone(self._side, error, final))
         self._open_due_ns = math.inf if final else self._now_ns() + self._back_off_ns
         self._back_off_ns = min(2 * self._back_off_ns, _LONGEST_BACK_OFF_NS)
 
@@ -345,7 +344,7 @@ class Supervisor:
         except CameraLostError:
             raise
         except CameraError as error:
-            self._events.put(WriteFailed(self._side, setting, error.with_traceback(None)))
+            self._events.put(WriteFailed(self._side, setting, error))
             return
         self._events.put(Written(self._side, setting, read_back, started_ns, self._now_ns(), command))
 

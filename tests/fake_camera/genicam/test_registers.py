@@ -1,9 +1,7 @@
 from __future__ import annotations
 
-import io
 import math
 import struct
-import zipfile
 from collections.abc import Iterator
 from itertools import pairwise
 from xml.etree import ElementTree
@@ -160,14 +158,6 @@ def test_every_feature_is_in_just_one_category_and_every_reference_leads_somewhe
         item.text for item in root.iter() if item.tag.removeprefix(GENICAM).startswith("p") and item.text is not None
     }
     assert references <= set(names)
-
-
-def test_a_client_finds_the_description_by_its_url(memory: RegisterMap) -> None:
-    url = memory.read(0x0200, 512).split(b"\0")[0].decode()
-    where, address, length = url.split(";")
-    assert where == "Local:FakeGV287M.zip"
-    with zipfile.ZipFile(io.BytesIO(memory.read(int(address, 16), int(length, 16)))) as archive:
-        assert archive.read(archive.namelist()[0]) == DESCRIPTION
 
 
 def test_bootstrap_identity(memory: RegisterMap) -> None:

@@ -141,13 +141,6 @@ def test_a_client_finds_the_description_by_the_manifest(camera: Device, host: Us
     assert not [node.get("Name") for node in root if str(node.get("Name")).startswith("Gev")]
 
 
-def test_features_are_little_endian(camera: Device, host: UsbIpClient) -> None:
-    assert host.write_memory(SLOTS["ExposureAuto"], struct.pack("<I", 0)) == SUCCESS
-    assert host.write_memory(SLOTS["ExposureTime"], struct.pack("<d", 777.0)) == SUCCESS
-    assert camera.features.get("ExposureTime") == 777.0
-    assert host.read_number(SLOTS["Width"], 4) == 720
-
-
 def test_what_the_camera_cannot_do_is_answered_with_the_reason(host: UsbIpClient) -> None:
     assert host.command(READMEM, struct.pack("<QHH", 0xDEAD0000, 0, 4))[0] == INVALID_ADDRESS
     assert host.command(READMEM, struct.pack("<QHH", 0, 0, 2000))[0] == INVALID_PARAMETER
@@ -155,12 +148,6 @@ def test_what_the_camera_cannot_do_is_answered_with_the_reason(host: UsbIpClient
     assert host.write_memory(0x0004, bytes(64)) == WRITE_PROTECT
     assert host.write_memory(SLOTS["Gain"], struct.pack("<d", 3.0)) == ACCESS_DENIED  # GainAuto holds it
     assert host.write_memory(SLOTS["PixelFormat"], struct.pack("<I", 1)) == INVALID_PARAMETER
-
-
-def test_timestamps_are_latched(camera: Device, host: UsbIpClient) -> None:
-    before_ns = camera.now_ns()
-    assert host.write_memory(0x01F8, struct.pack("<I", 1)) == SUCCESS
-    assert before_ns <= host.read_number(0x01F0, 8) <= camera.now_ns()
 
 
 def start(host: UsbIpClient, **sizes: int) -> None:
@@ -325,26 +312,6 @@ def test_a_camera_whose_path_was_taken_stays_unplugged_and_says_so(
         pulses = camera.counters.pulses
         wait_until(lambda: camera.counters.pulses > pulses)
         assert path.is_socket()  # the other one's
-
-
-def test_a_reset_is_seen_as_unplugged_and_replugged(camera: Device, path: Path) -> None:
-    with UsbIpClient(path) as host:
-        packet = struct.pack("<QI", SLOTS["DeviceReset"], 1)
-        host.submit(CONTROL, OUT, 12 + len(packet), b"U3VC" + struct.pack("<HHHH", 1 << 14, 0x0802, 12, 1) + packet)
-        with pytest.raises(EOFError):
-            receive(host.socket, 1000)
-    wait_until(lambda: plugged_in(path))
-    with UsbIpClient(path) as host:
-        assert host.import_status == 0
-        assert host.read_number(0, 4) == 0x0001_0001  # not the acknowledgement of the reset
-
-
-def plugged_in(path: Path) -> bool:
-    try:
-        connected(path).close()
-    except OSError:
-        return False
-    return True
 
 
 def test_a_command_that_is_not_taken_waits_until_the_host_gives_up(camera: Device, host: UsbIpClient) -> None:
