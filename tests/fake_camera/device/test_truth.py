@@ -123,4 +123,4 @@ def test_a_nearly_full_disk_ends_the_file_with_the_line_that_does_not_fit(tmp_pa
     first, half = (tmp_path / "truth").read_text().split("\n")
     assert json.loads(first)["trigger"] == 0
     assert len(half) == 80 - len(first) - 1
-    assert ended.stderr == f"truth file {tmp_path}/truth: File too large; the file ends before pulse 1\n"
+    assert "File too large" in ended.stderr and "before pulse 1" in ended.stderr
