@@ -20,10 +20,10 @@ from fake_camera.device.faults import Fault, FaultOrder
 from fake_camera.device.line0 import Line0
 from fake_camera.usb3.run import CAMERAS_VARIABLE
 from fake_camera.usb3.usb.endpoint import InEndpoint, ReadRequest
-from fake_camera.usb3.usbip.server import Usb3Server
-from tests.fake_camera.gige.gige_client import Ramp, ramp
+from tests.fake_camera.gige.gige_client import ramp
 from tests.fake_camera.stock_aravis import Aravis, GLib, StockAravisContract, next_buffer, serial_of, stream_of
 from tests.fake_camera.stock_aravis import opened as opened_by_id
+from tests.fake_camera.usb3 import usb3_client
 from tests.fake_camera.usb3.libusb_client import TIMED_OUT, TIMEOUT_MS, LibusbCamera
 from tests.fakes import unique
 from tests.meanwhile import wait_until
@@ -38,14 +38,9 @@ USBDEVFS_RESET = 0x5514
 
 @contextlib.contextmanager
 def usb3_camera(socket: Path, serial: str) -> Iterator[Device]:
-    device = Device(Ramp(), serial, line0=Line0(time.monotonic_ns(), RATE_HZ), model="FakeU3V287M")
-    server = Usb3Server(device, socket)
-    try:
+    with usb3_client.usb3_camera(socket, serial, line0=Line0(time.monotonic_ns(), RATE_HZ)) as device:
         yield device
         gc.collect()  # Aravis frees what it holds before the camera goes
-    finally:
-        server.close()
-        device.close()
 
 
 @pytest.fixture

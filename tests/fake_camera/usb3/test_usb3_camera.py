@@ -100,12 +100,6 @@ def test_nonsense_ends_the_connection_and_disturbs_no_one(host: UsbIpClient, pat
     assert host.read_number(SBRM_ADDRESS, 8) > 0
 
 
-def test_descriptors_are_cut_to_what_was_asked_for(host: UsbIpClient) -> None:
-    _, whole = host.request(0x80, GET_DESCRIPTOR, 0x0200, 0, 1024)
-    assert host.request(0x80, GET_DESCRIPTOR, 0x0200, 0, 9) == (0, whole[:9])
-    assert struct.unpack_from("<H", whole, 2) == (len(whole),)
-
-
 @pytest.mark.parametrize(
     ("setup", "expected"),
     [
@@ -123,6 +117,15 @@ def test_requests_to_the_default_endpoint(
     host: UsbIpClient, setup: tuple[int, int, int, int, int], expected: tuple[int, bytes]
 ) -> None:
     assert host.request(*setup) == expected
+
+
+def test_transfers_are_cut_to_what_was_asked_for_taken_back_or_refused(host: UsbIpClient) -> None:
+    _, whole = host.request(0x80, GET_DESCRIPTOR, 0x0200, 0, 1024)
+    assert struct.unpack_from("<H", whole, 2) == (len(whole),)
+    assert host.request(0x80, GET_DESCRIPTOR, 0x0200, 0, 9) == (0, whole[:9])
+    waiting = host.submit(STREAM, IN, 1024)
+    assert (host.unlink(waiting), host.unlink(waiting)) == (ECONNRESET, 0)
+    assert host.read(9, 1024) == (ENOENT, b"")  # there is no such endpoint
 
 
 def test_a_client_finds_the_description_by_the_manifest(camera: Device, host: UsbIpClient) -> None:
@@ -245,12 +248,6 @@ def test_the_end_of_an_exposure_is_told_to_who_wants_it(camera: Device, host: Us
     assert ended_ns - began_ns == 2_000_000
 
 
-def test_a_transfer_is_taken_back_unless_it_has_been_answered(host: UsbIpClient) -> None:
-    waiting = host.submit(STREAM, IN, 1024)
-    assert host.unlink(waiting) == ECONNRESET
-    assert host.unlink(waiting) == 0
-
-
 def test_an_interface_is_one_clients_until_it_lets_go(host: UsbIpClient, path: Path) -> None:
     with UsbIpClient(path) as other:
         assert host.claim(0) == host.claim(0) == host.claim(2) == 0
@@ -262,10 +259,6 @@ def test_an_interface_is_one_clients_until_it_lets_go(host: UsbIpClient, path: P
         assert other.claim(0) == 0
         host.socket.close()
         wait_until(lambda: other.claim(2) == 0)
-
-
-def test_an_unknown_endpoint_is_refused(host: UsbIpClient) -> None:
-    assert host.read(9, 1024) == (ENOENT, b"")
 
 
 def free_port() -> int:

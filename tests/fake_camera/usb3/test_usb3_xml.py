@@ -6,7 +6,7 @@ import io
 import struct
 import zipfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 
 import pytest
@@ -35,17 +35,10 @@ CHUNKS_LITTLE_ENDIAN = 14
 
 @contextmanager
 def host_of(text: bytes, path: Path) -> Iterator[tuple[UsbIpClient, XmlCamera, Device]]:
-    device = Device(Ramp(), "X1")
-    try:
+    with closing(Device(Ramp(), "X1")) as device:
         worn = XmlCamera(Description.from_bytes(text, ""), device)
-        server = Usb3Server(device, path, xml=worn)
-        try:
-            with UsbIpClient(path) as host:
-                yield host, worn, device
-        finally:
-            server.close()
-    finally:
-        device.close()
+        with closing(Usb3Server(device, path, xml=worn)), UsbIpClient(path) as host:
+            yield host, worn, device
 
 
 def write(host: UsbIpClient, worn: XmlCamera, name: str, value: float) -> int:
