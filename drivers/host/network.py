@@ -85,16 +85,9 @@ def bytes_per_s(mbps: float, cameras: int) -> float:
 
 
 def packet_delay_ns(packet_bytes: int, share_bytes_per_s: float, own_bytes_per_s: float | None) -> int:
-    """How long a camera has to pause after each packet to keep to its share.
+    """How long a camera has to pause after each packet, of this size with its headers, to keep to its share.
 
-    Parameters
-    ----------
-    packet_bytes
-        Size of a stream packet, headers included.
-    share_bytes_per_s
-        What the camera may send.
-    own_bytes_per_s
-        How fast it sends a packet by itself; None: unknown, then no time is allowed for it.
+    `own_bytes_per_s` is how fast it sends one by itself; None: unknown, then no time is allowed for it.
     """
     on_the_wire = packet_bytes + _FRAMING_BYTES
     sending_s = 0.0 if own_bytes_per_s is None else on_the_wire / own_bytes_per_s

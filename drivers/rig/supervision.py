@@ -121,25 +121,8 @@ _NO_PIXELS = np.empty((0, 0), np.uint8)
 class Supervisor:
     """Keeps one camera open, writes requested settings, and reports everything that happens.
 
-    Parameters
-    ----------
-    side
-        Which camera of the rig it is.
-    opener
-        Opens the camera.
-    silence_s
-        A camera that sends nothing for this long is reported silent and checked for an answer.
-    start
-        The setting that the camera starts with.
-    events
-        Where to report.
-    now_ns
-        The clock: CLOCK_MONOTONIC, except in virtual time.
-
-    Attributes
-    ----------
-    news
-        Notified when something may be due earlier than before.
+    The camera starts with the setting `start`. One that sends nothing for `silence_s` is reported silent and checked
+    for an answer. `news` is notified when something may be due earlier than before.
     """
 
     def __init__(
