@@ -172,7 +172,13 @@ def search(interfaces: Iterable[NetworkInterface], wait_s: float = SEARCH_S, wan
             stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)): interface for interface in interfaces
         }
         for _ in range(TRIES):
-            asking = {asker: own for asker, own in askers.items() if _asked(asker, own, failures)}
+            asking.clear()
+            for asker, own in askers.items():
+                try:
+                    _ask_everyone(asker, own)
+                    asking[asker] = own
+                except OSError as error:
+                    failures[own.name] = error.strerror or str(error)
             for camera in _identities(asking, time.monotonic() + wait_s):
                 # A broadcast on a network card also reaches cameras on the host's own loopback.
                 if camera.reachable or (camera.serial, camera.address) not in cameras:
@@ -262,16 +268,6 @@ def _read_register(
             except OSError:  # timed out, or the host itself reports that nothing is there
                 continue
     return None
-
-
-def _asked(asker: socket.socket, interface: NetworkInterface, failures: dict[str, str]) -> bool:
-    """Ask everyone at an interface, or note why that failed."""
-    try:
-        _ask_everyone(asker, interface)
-    except OSError as error:
-        failures[interface.name] = error.strerror or str(error)
-        return False
-    return True
 
 
 def _identities(asking: Mapping[socket.socket, NetworkInterface], deadline_s: float) -> Iterator[GigeCamera]:

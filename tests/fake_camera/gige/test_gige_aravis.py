@@ -88,18 +88,6 @@ def test_two_cameras_cannot_share_an_address(fake: Device) -> None:
         GigeServer(second, ADDRESS)
 
 
-def test_a_vanished_camera_answers_nothing_and_comes_back_without_a_client(fake: Device) -> None:
-    with GvcpClient(ADDRESS) as client:
-        assert client.write(CCP, CONTROL) == 0
-        fake.faults.add(FaultOrder(Fault.VANISH, None, None))
-        client.socket.settimeout(0.2)
-        with pytest.raises(TimeoutError):
-            client.ask(DISCOVERY)
-        fake.faults.add(FaultOrder(Fault.COME_BACK, None, None))
-        client.socket.settimeout(2)
-        assert client.read(CCP) == 0
-
-
 def test_garbage_does_not_disturb(fake: Device) -> None:
     with GvcpClient(ADDRESS) as client:
         for garbage in (b"", b"B", b"\x42\x01\x00\x80\xff\xff\x00\x01", bytes(1500)):
