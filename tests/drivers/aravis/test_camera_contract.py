@@ -422,7 +422,8 @@ def test_opening_and_closing_repeatedly_leaks_nothing(idle: FakeCamera) -> None:
         kept_errors.append(refusal)
         counts.append(held())
         wait_until(lambda: all(now <= first for now, first in zip(held(), counts[0], strict=True)))
-    with pytest.raises(ConfigurationError) as misfit:
-        open_camera(idle.serial, CameraSetup(EXTERNAL, binning=64))
-    kept_errors.append(misfit)
+    for setup in (CameraSetup(EXTERNAL, binning=64), CameraSetup(EXTERNAL, features=parse_features([{"Width": 1}]))):
+        with pytest.raises(ConfigurationError) as misfit:
+            open_camera(idle.serial, setup)
+        kept_errors.append(misfit)
     wait_until(lambda: all(now <= first for now, first in zip(held(), counts[0], strict=True)))
