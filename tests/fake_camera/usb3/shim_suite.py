@@ -76,9 +76,13 @@ def opened(fake: Device) -> Any:
     return opened_by_id(id_of(fake))
 
 
-def arm(camera: Any) -> None:
-    camera.set_trigger("Line0")
-    camera.set_string("TriggerOverlap", "ReadOut")
+def streaming(fake: Device) -> tuple[Any, Any]:
+    """The camera and its stream, from which a frame has come."""
+    camera = opened(fake)
+    stream = stream_of(camera)
+    camera.start_acquisition()
+    next_buffer(stream)
+    return camera, stream
 
 
 class TestUsb3Vision(StockAravisContract):
@@ -105,7 +109,8 @@ def test_both_cameras_are_found_and_an_absent_one_is_not(fake: Device) -> None:
 def test_two_cameras_follow_the_trigger_wire_at_once(fake: Device, other: Device) -> None:
     cameras = [opened(fake), opened(other)]
     for camera in cameras:
-        arm(camera)
+        camera.set_trigger("Line0")
+        camera.set_string("TriggerOverlap", "ReadOut")
     streams = [stream_of(camera) for camera in cameras]
     for camera in cameras:
         camera.start_acquisition()
@@ -190,10 +195,7 @@ def test_unplugged_while_streaming_and_replugged(fake: Device, other: Device, cy
 def test_cycles_of_streaming_and_unplugging_leave_nothing_behind(fake: Device) -> None:
     counts: list[tuple[int, int]] = []
     for _ in range(6):
-        camera = opened(fake)
-        stream = stream_of(camera)
-        camera.start_acquisition()
-        next_buffer(stream)
+        camera, stream = streaming(fake)
         fake.faults.add(FaultOrder(Fault.VANISH, None, None))
         del stream, camera
         gc.collect()
@@ -228,10 +230,7 @@ def test_a_slow_answer_is_waited_for(fake: Device, fault: Fault) -> None:
 
 
 def test_a_truncated_frame_is_told(fake: Device) -> None:
-    camera = opened(fake)
-    stream = stream_of(camera)
-    camera.start_acquisition()
-    next_buffer(stream)
+    camera, stream = streaming(fake)
     fake.faults.add(FaultOrder(Fault.SHORT_TRAILER))  # which Aravis does not mind
     fake.faults.add(FaultOrder(Fault.TRUNCATE))
     next_buffer(stream, Aravis.BufferStatus.SIZE_MISMATCH)
@@ -241,20 +240,15 @@ def test_a_truncated_frame_is_told(fake: Device) -> None:
 
 
 def test_a_stalled_stream_goes_on_when_the_camera_is_opened_again(fake: Device) -> None:
-    camera = opened(fake)
-    stream = stream_of(camera)
-    camera.start_acquisition()
-    next_buffer(stream)
+    camera, stream = streaming(fake)
     fake.faults.add(FaultOrder(Fault.STALL))
     while stream.timeout_pop_buffer(300_000) is not None:
         pass
     camera.stop_acquisition()
     del stream, camera
     gc.collect()
-    camera = opened(fake)  # Aravis 0.8.26 clears the halt when it opens a camera, not when it starts a stream
-    stream = stream_of(camera)
-    camera.start_acquisition()
-    next_buffer(stream)
+    # Aravis 0.8.26 clears the halt when it opens a camera, not when it starts a stream.
+    camera, _stream = streaming(fake)
     camera.stop_acquisition()
 
 
