@@ -58,14 +58,7 @@ class CameraDescription:
 class RefusedPackets:
     """Packets that someone sent to a camera's stream and that the host refused, since they did not look like its own.
 
-    Attributes
-    ----------
-    count
-        How many.
-    senders
-        Who sent most of them, as ADDRESS:PORT.
-    addresses
-        The camera's own.
+    `senders` sent most of them (ADDRESS:PORT); `addresses` are the camera's own.
     """
 
     count: int

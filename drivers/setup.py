@@ -120,15 +120,7 @@ ACTION_KEYS = ActionKeys(0xAE, 1, 1)
 
 @dataclass(frozen=True, slots=True)
 class LinkShare:
-    """The link to the host that several cameras share.
-
-    Attributes
-    ----------
-    cameras
-        How many.
-    mbps
-        Its speed, megabits per second; None: that of the host's network interface.
-    """
+    """The link to the host that so many cameras share, and its speed; None: that of the host's network interface."""
 
     cameras: int
     mbps: float | None = None

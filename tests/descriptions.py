@@ -183,7 +183,7 @@ def _driven(name: str, card: Card, serial: str, line: str | None) -> Outcome:
 
 
 def _judge_gain(outcome: Outcome, watched: Watched, camera: AravisCamera, card: Card) -> None:
-    dialect, description = camera._dialect, camera.description
+    dialect, description = camera.dialect, camera.description
     outcome.nodes = f"{dialect.time.node}, {description.gain_node or 'no gain'}, {watched.frames[-1].setting_source}"
     card.us_per_grey = DIM
     if dialect.gain is None:

@@ -262,6 +262,10 @@ def triggers(writer: Writer, *selectors: str, sources: tuple[str, ...] = ("Softw
     writer.choice("TriggerSource", {name: number for number, name in enumerate(sources)})
 
 
+def frame_trigger(writer: Writer) -> None:
+    triggers(writer, "FrameStart")
+
+
 def edge_of_an_external_trigger(writer: Writer) -> None:
     """The edge can be chosen only while the source is a line and the exposure timed."""
     triggers(writer, "FrameStart")
@@ -367,9 +371,9 @@ def chunks(writer: Writer) -> None:
 _lines = partial(triggers, sources=("Freerun", "Line1", "FixedRate", "Software"))
 
 DRIVEN: dict[str, tuple[Part, ...]] = {
-    "base": (picture, time_over_a_base, raw_gain_of_taps, plain_rate, lambda w: triggers(w, "FrameStart")),
-    "counts": (picture, counts_of_a_base, plain_rate, lambda w: triggers(w, "FrameStart")),
-    "divisors": (picture, time_by_two_divisors, gain_in_db, plain_rate, lambda w: triggers(w, "FrameStart")),
+    "base": (picture, time_over_a_base, raw_gain_of_taps, plain_rate, frame_trigger),
+    "counts": (picture, counts_of_a_base, plain_rate, frame_trigger),
+    "divisors": (picture, time_by_two_divisors, gain_in_db, plain_rate, frame_trigger),
     "integers": (picture, whole_microseconds, whole_rate, edge_of_an_external_trigger),
     "converter": (
         picture, partial(plain_time, name="ExposureTimeAbs", unit=""), gain_without_a_unit, rate_that_is_a_converter,
@@ -379,7 +383,7 @@ DRIVEN: dict[str, tuple[Part, ...]] = {
         picture, plain_time, gain_in_db, switched_rate, latch_without_its_value,
         lambda w: triggers(w, "ExposureStart", "ExposureActive"),
     ),
-    "raw": (picture, plain_time, raw_gain_of_taps, switched_rate, chunks, lambda w: triggers(w, "FrameStart")),
+    "raw": (picture, plain_time, raw_gain_of_taps, switched_rate, chunks, frame_trigger),
     "only exposure start": (
         picture, plain_time, gain_without_a_unit, plain_rate, lambda w: triggers(w, "ExposureStart")
     ),
@@ -387,24 +391,24 @@ DRIVEN: dict[str, tuple[Part, ...]] = {
         picture, plain_time, gain_of_a_fixed_selector, plain_rate,
         lambda w: fixed_selector(w, "ExposureStart", "ExposureActive"),
     ),
-    "fixed as needed": (picture, plain_time, gain_in_db, fixed_as_needed, lambda w: triggers(w, "FrameStart")),
+    "fixed as needed": (picture, plain_time, gain_in_db, fixed_as_needed, frame_trigger),
     "automatic by numbers": (
         picture, plain_time, gain_in_db, automatic_by_numbers, trigger_without_a_selector
     ),
     "blanks": (picture, plain_time, gain_in_db, blanks_around_values),
-    "boundless gain": (picture, plain_time, gain_within_bounds_of_no_number, lambda w: triggers(w, "FrameStart")),
-    "falling time": (picture, time_that_falls_as_its_register_rises, lambda w: triggers(w, "FrameStart")),
+    "boundless gain": (picture, plain_time, gain_within_bounds_of_no_number, frame_trigger),
+    "falling time": (picture, time_that_falls_as_its_register_rises, frame_trigger),
     "locked picture": (
         locked_picture, time_beside_one_that_is_fixed, gain_that_is_fixed, limited_rate,
-        lambda w: triggers(w, "FrameStart"),
+        frame_trigger,
     ),
-    "increments of zero": (picture, plain_time, gain_with_increments_of_zero, lambda w: triggers(w, "FrameStart")),
+    "increments of zero": (picture, plain_time, gain_with_increments_of_zero, frame_trigger),
 }  # fmt: skip
 """Cameras that are driven by a trigger line."""
 
 COUNTED: dict[str, tuple[Part, ...]] = {
-    "unknown counts": (picture, counts_of_unknown_length, gain_in_db, lambda w: triggers(w, "FrameStart")),
-    "lines": (picture, time_in_lines, gain_in_db, lambda w: triggers(w, "FrameStart")),
+    "unknown counts": (picture, counts_of_unknown_length, gain_in_db, frame_trigger),
+    "lines": (picture, time_in_lines, gain_in_db, frame_trigger),
 }
 """Cameras that are driven once it is said what a count of their exposure time is."""
 
@@ -422,13 +426,13 @@ REFUSED: dict[str, tuple[Part, ...]] = {
     "no picture": (plain_time,),
     "nothing": (),
     "a time alone": (picture, partial(plain_time, unit="s")),
-    "fixed time": (picture, time_that_is_fixed, lambda w: triggers(w, "FrameStart")),
-    "no bounds": (picture, time_within_bounds_of_no_number, lambda w: triggers(w, "FrameStart")),
-    "by the pulse": (picture, exposure_by_the_pulse, lambda w: triggers(w, "FrameStart")),
-    "always automatic": (picture, always_automatic, lambda w: triggers(w, "FrameStart")),
+    "fixed time": (picture, time_that_is_fixed, frame_trigger),
+    "no bounds": (picture, time_within_bounds_of_no_number, frame_trigger),
+    "by the pulse": (picture, exposure_by_the_pulse, frame_trigger),
+    "always automatic": (picture, always_automatic, frame_trigger),
     "fixed at another trigger": (picture, plain_time, lambda w: fixed_selector(w, "AcquisitionStart", "FrameStart")),
-    "no payload size": (picture_without_payload, plain_time, lambda w: triggers(w, "FrameStart")),
-    "no start": (picture_without_start, plain_time, lambda w: triggers(w, "FrameStart")),
+    "no payload size": (picture_without_payload, plain_time, frame_trigger),
+    "no start": (picture_without_start, plain_time, frame_trigger),
     "fixed rate": (picture, plain_time, fixed_rate),
 }
 """What is not driven."""

@@ -67,16 +67,7 @@ class ChunkReader:
 class FrameReader:
     """Makes frames of Aravis' buffers, each with its number, its time and the setting it was taken with.
 
-    Parameters
-    ----------
-    serial
-        Of the camera.
-    pixel_format
-        What it was set to.
-    ledger, timeline
-        What its frames are placed by.
-    chunks
-        None: its frames carry no setting.
+    `pixel_format` is what the camera was set to. Without `chunks` frames carry no setting: the ledger knows it.
     """
 
     serial: str
@@ -148,20 +139,8 @@ class FrameReader:
 class AravisCamera:
     """An opened camera (see `drivers.camera.Camera`) that is set up: `open_camera` does both.
 
-    Parameters
-    ----------
-    nodes
-        Its nodes.
-    description, limits
-        As found when it was opened.
-    dialect, setting
-        What its settings are written by, and what its nodes hold.
-    stream, frames
-        Where its buffers come from, and what makes frames of them.
-    clock
-        The camera's own; None: it cannot be read.
-    ptp, actions
-        What it is scheduled with in the trigger mode "ptp".
+    `setting` is what its nodes hold. Without a `clock` the camera's own cannot be read. `ptp` and `actions` are for the
+    trigger mode "ptp".
     """
 
     def __init__(

@@ -139,14 +139,16 @@ def open_camera(serial: str, setup: CameraSetup) -> AravisCamera:
     ConfigurationError, UnsupportedCameraError, NodeError
         The setup does not fit this camera, or the camera cannot be driven: trying again does not help.
     """
-    found = find_camera(serial)
-    nodes = _controlled(found)
+    found, nodes = find_camera(serial), None
     try:
+        nodes = _controlled(found)
         with OPENING:
             return set_up(nodes, found, setup)
     except AutoexposeError as error:
-        nodes.release()
-        traceback.clear_frames(error.__traceback__)  # of which some hold the stream, and with it the camera
+        if nodes is not None:
+            nodes.release()
+        # What the frames of its traceback hold would keep the camera open, and controlled, for as long as the error is.
+        traceback.clear_frames(error.__traceback__)
         raise
 
 

@@ -108,21 +108,16 @@ class ExposureDialect:
         return taken
 
     def _check_rounding(self, nodes: NodeMap, asked: ExposureSetting, taken: ExposureSetting) -> None:
-        # Increments are checked last: reading them may take a round trip.
-        off_us = abs(taken.exposure_time_us - asked.exposure_time_us)
-        if off_us > TIME_ROUNDING * asked.exposure_time_us and off_us > self.time.increment(nodes):
-            raise NodeError(
-                f"camera {nodes.serial}: node {self.time.node} was set to {asked.exposure_time_us:g} us "
-                f"and reads back {taken.exposure_time_us:g} us"
-            )
-        if self.gain is None:
-            return
-        off_db = abs(taken.gain_db - asked.gain_db)
-        if off_db > GAIN_ROUNDING_DB and off_db > self.gain.increment(nodes):
-            raise NodeError(
-                f"camera {nodes.serial}: node {self.gain.node} was set to {asked.gain_db:g} dB "
-                f"and reads back {taken.gain_db:g} dB"
-            )
+        time_us, gain_db = asked.exposure_time_us, asked.gain_db
+        for quantity, unit, wanted, got, rounding in (
+            (self.time, "us", time_us, taken.exposure_time_us, TIME_ROUNDING * time_us),
+            (self.gain, "dB", gain_db, taken.gain_db, GAIN_ROUNDING_DB),
+        ):
+            off = abs(got - wanted)
+            # Increments are checked last: reading them may take a round trip.
+            if quantity is not None and off > rounding and off > quantity.increment(nodes):
+                set_to = f"node {quantity.node} was set to {wanted:g} {unit}"
+                raise NodeError(f"camera {nodes.serial}: {set_to} and reads back {got:g} {unit}")
 
 
 def find_dialect(

@@ -85,16 +85,9 @@ def bytes_per_s(mbps: float, cameras: int) -> float:
 
 
 def packet_delay_ns(packet_bytes: int, share_bytes_per_s: float, own_bytes_per_s: float | None) -> int:
-    """How long a camera has to pause after each packet to keep to its share.
+    """How long a camera has to pause after each packet, of this size with its headers, to keep to its share.
 
-    Parameters
-    ----------
-    packet_bytes
-        Size of a stream packet, headers included.
-    share_bytes_per_s
-        What the camera may send.
-    own_bytes_per_s
-        How fast it sends a packet by itself; None: unknown, then no time is allowed for it.
+    `own_bytes_per_s` is how fast it sends one by itself; None: unknown, then no time is allowed for it.
     """
     on_the_wire = packet_bytes + _FRAMING_BYTES
     sending_s = 0.0 if own_bytes_per_s is None else on_the_wire / own_bytes_per_s
@@ -179,7 +172,13 @@ def search(interfaces: Iterable[NetworkInterface], wait_s: float = SEARCH_S, wan
             stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)): interface for interface in interfaces
         }
         for _ in range(TRIES):
-            asking = {asker: own for asker, own in askers.items() if _asked(asker, own, failures)}
+            asking.clear()
+            for asker, own in askers.items():
+                try:
+                    _ask_everyone(asker, own)
+                    asking[asker] = own
+                except OSError as error:
+                    failures[own.name] = error.strerror or str(error)
             for camera in _identities(asking, time.monotonic() + wait_s):
                 # A broadcast on a network card also reaches cameras on the host's own loopback.
                 if camera.reachable or (camera.serial, camera.address) not in cameras:
@@ -271,16 +270,6 @@ def _read_register(
     return None
 
 
-def _asked(asker: socket.socket, interface: NetworkInterface, failures: dict[str, str]) -> bool:
-    """Ask everyone at an interface, or note why that failed."""
-    try:
-        _ask_everyone(asker, interface)
-    except OSError as error:
-        failures[interface.name] = error.strerror or str(error)
-        return False
-    return True
-
-
 def _identities(asking: Mapping[socket.socket, NetworkInterface], deadline_s: float) -> Iterator[GigeCamera]:
     """Who answers until then; answers already there are read even if this process had no time for them before."""
     while ready := select.select(list(asking), [], [], max(deadline_s - time.monotonic(), 0.0))[0]:
@@ -331,10 +320,7 @@ def _read_identity(datagram: bytes, interface: NetworkInterface) -> GigeCamera |
     return GigeCamera(serial, text(0x48, 32), text(0x68, 32), subnet, interface)
 
 
-_COMMAND = struct.Struct(">BBHHHIIIQ")
-_ACK = struct.Struct(">HHHH")
-_KEY, _ACTION = 0x42, 0x0100
-_SCHEDULED_ACK_REQUIRED = 0x81
+_ACTION, _SCHEDULED = 0x0100, 0x80
 _REQUEST_IDS = 0xFFFF  # 1 ... 65535: 0 is none
 _STATUSES = {
     0x8013: "its clock was never set by a PTP master",
@@ -345,25 +331,13 @@ _STATUSES = {
 
 def action_command(keys: ActionKeys, device_time_ns: int, request_id: int) -> bytes:
     """A scheduled ACTION_CMD of GigE Vision 2.0, to act when the camera's clock shows `device_time_ns`."""
-    payload_bytes = _COMMAND.size - 8
-    return _COMMAND.pack(
-        _KEY,
-        _SCHEDULED_ACK_REQUIRED,
-        _ACTION,
-        payload_bytes,
-        request_id,
-        keys.device,
-        keys.group,
-        keys.mask,
-        device_time_ns,
-    )
+    payload = struct.pack(">IIIQ", keys.device, keys.group, keys.mask, device_time_ns)
+    return _command(_ACTION, payload, request_id, _SCHEDULED)
 
 
 def refusal(answer: bytes) -> str | None:
     """Why a camera did not take a command, in words; None if it did, or if the datagram is not such an answer."""
-    if len(answer) < _ACK.size:
-        return None
-    status, answered, _, _ = _ACK.unpack_from(answer)
+    status, answered = struct.unpack_from(">HH", answer) if len(answer) >= _ACK_HEADER.size else (0, 0)
     if answered != _ACTION + 1 or not status:
         return None
     return _STATUSES.get(status, f"status 0x{status:04x}")

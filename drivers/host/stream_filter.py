@@ -52,14 +52,7 @@ def largest_packet_id(payload_bytes: int, packet_bytes: int) -> int:
 class StreamFilter:
     """Lets this process's UDP socket at `listening` receive only plausible stream packets of its camera.
 
-    Parameters
-    ----------
-    addresses, port
-        Sources of the stream; port 0 means any.
-    largest_id
-        Packets with a greater packet id are refused.
-    listening
-        Local address and port of the socket.
+    The stream comes from `addresses` and `port`, 0 meaning any; packets with an id above `largest_id` are refused.
 
     Raises
     ------

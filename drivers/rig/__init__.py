@@ -19,17 +19,7 @@ from imaging.frames import Side
 
 
 class Rig:
-    """Runs one or two cameras until `stop`.
-
-    Parameters
-    ----------
-    openers
-        For each side, a function that opens its camera.
-    silence_s
-        A camera that sends nothing for this long is reported silent and checked for an answer.
-    start
-        The setting that each camera starts with.
-    """
+    """Runs one or two cameras until `stop`: `Supervisor` has what `silence_s` and `start` mean."""
 
     def __init__(self, openers: Mapping[Side, Callable[[], Camera]], silence_s: float, start: ExposureSetting) -> None:
         self.events: queue.SimpleQueue[RigEvent] = queue.SimpleQueue()

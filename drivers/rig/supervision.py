@@ -121,25 +121,8 @@ _NO_PIXELS = np.empty((0, 0), np.uint8)
 class Supervisor:
     """Keeps one camera open, writes requested settings, and reports everything that happens.
 
-    Parameters
-    ----------
-    side
-        Which camera of the rig it is.
-    opener
-        Opens the camera.
-    silence_s
-        A camera that sends nothing for this long is reported silent and checked for an answer.
-    start
-        The setting that the camera starts with.
-    events
-        Where to report.
-    now_ns
-        The clock: CLOCK_MONOTONIC, except in virtual time.
-
-    Attributes
-    ----------
-    news
-        Notified when something may be due earlier than before.
+    The camera starts with the setting `start`. One that sends nothing for `silence_s` is reported silent and checked
+    for an answer. `news` is notified when something may be due earlier than before.
     """
 
     def __init__(
@@ -306,8 +289,7 @@ class Supervisor:
 
     def _report_gone(self, error: AutoexposeError, final: bool) -> None:
         """Report it, and back off before the next attempt."""
-        # An error's traceback would keep the camera from being freed.
-        self._events.put(CameraGone(self._side, error.with_traceback(None), final))
+        self._events.put(CameraGone(self._side, error, final))
         self._open_due_ns = math.inf if final else self._now_ns() + self._back_off_ns
         self._back_off_ns = min(2 * self._back_off_ns, _LONGEST_BACK_OFF_NS)
 
@@ -345,7 +327,7 @@ class Supervisor:
         except CameraLostError:
             raise
         except CameraError as error:
-            self._events.put(WriteFailed(self._side, setting, error.with_traceback(None)))
+            self._events.put(WriteFailed(self._side, setting, error))
             return
         self._events.put(Written(self._side, setting, read_back, started_ns, self._now_ns(), command))
 

@@ -28,24 +28,9 @@ from imaging.frames import Frame, Side, StereoPair
 class RigRecord:
     """Takes the events of a rig, in order, and returns stereo pairs. Times are CLOCK_MONOTONIC, in ns.
 
-    Parameters
-    ----------
-    sides
-        The cameras of the rig, left first.
-    trigger_sources
-        The TriggerSource of each camera that waits for triggers. Without any, cameras run freely, and miss no trigger
-        of their own.
-    rate_hz
-        Rate of the triggers, as configured.
-    opened_ns
-        The time from which triggers are counted; in mode "ptp", they count from when the first camera is paced.
-    mode
-        Where triggers come from.
-
-    Attributes
-    ----------
-    unpaced
-        Cameras that are open and will get scheduled triggers, but none yet.
+    `trigger_sources` gives the TriggerSource of each camera that waits for triggers; without any, cameras run freely,
+    and miss no trigger of their own. Triggers count from `opened_ns`, or in mode "ptp" from when the first camera is
+    paced: `unpaced` are those that are open and will get scheduled triggers, but none yet.
     """
 
     def __init__(
@@ -83,11 +68,7 @@ class RigRecord:
         """Count triggers from now on instead of from `opened_ns`, before the first event."""
         self._account.begin(now_ns)
 
-    def take(
-        self,
-        event: RigEvent,
-        now_ns: int,
-    ) -> list[StereoPair]:
+    def take(self, event: RigEvent, now_ns: int) -> list[StereoPair]:
         """Enter any event but a write; returns the pairs that are ready for control, oldest first."""
         if isinstance(event, FrameArrived):
             self._start_check.frame(event.side, event.frame.host_time_ns)

@@ -57,16 +57,8 @@ class _Track:
 class TriggerAccount:
     """Pairs the frames of a rig by trigger, and accounts for every trigger.
 
-    Parameters
-    ----------
-    sides
-        The cameras of the rig, left first.
-    period_ns
-        Nominal trigger period.
-    opened_ns
-        Host time from which triggers are counted; None: from when the first camera is ready.
-    numbered_by
-        "time" for triggered cameras; "frame_id" for a camera that runs freely and so misses no trigger of its own.
+    Triggers come every `period_ns` and count from the host time `opened_ns`, or if that is None from when the first
+    camera is ready. Frames are numbered by "time", or by "frame_id" if the camera runs freely and so misses no trigger.
     """
 
     def __init__(

@@ -40,10 +40,7 @@ class OutcomeRun:
 class Outcomes:
     """Outcomes of triggers not yet known for every camera. A night without triggers takes no more memory than one.
 
-    Attributes
-    ----------
-    settled
-        For each side, the first trigger that has no outcome at its camera.
+    `settled` gives for each side the first trigger that has no outcome at its camera.
     """
 
     def __init__(self, sides: Sequence[Side]) -> None:

@@ -147,14 +147,8 @@ def _same(period_ns: float, other_ns: float) -> bool:
 class RateWatch:
     """Judges windows of thirty frames of each camera. Frames that were taken and lost on the way do not matter.
 
-    Parameters
-    ----------
-    rate_hz
-        Rate of the triggers, as configured.
-    triggered
-        The cameras that wait for them; others run by their own clock, at the same rate.
-    tolerance
-        How far the rate may be off, in parts.
+    `rate_hz` is that of the triggers, as configured; cameras that are not `triggered` run by their own clock, at the
+    same rate. `tolerance` says how far it may be off, in parts.
     """
 
     def __init__(self, rate_hz: float, triggered: Collection[Side], tolerance: float = RATE_TOLERANCE) -> None:
@@ -195,18 +189,10 @@ SKEW_TOLERANCE = 0.1
 
 
 class StartCheck:
-    """Checks that triggers arrive, and that left and right start together.
+    """Checks that triggers arrive at `rate_hz`, and that left and right start together.
 
-    Times are CLOCK_MONOTONIC, in ns. Each finding is one sentence, given once.
-
-    Parameters
-    ----------
-    sources
-        For each side, the TriggerSource of its camera; a camera that runs freely has none and is not judged.
-    rate_hz
-        Rate of the triggers, as configured.
-    by_host
-        Whether the host gives them: then there is no wire to check.
+    `sources` gives for each side the TriggerSource of its camera; one that runs freely has none and is not judged. With
+    `by_host` the host gives the triggers: there is no wire to check. Times are CLOCK_MONOTONIC, in ns.
     """
 
     def __init__(self, sources: Mapping[Side, str], rate_hz: float, by_host: bool = False) -> None:

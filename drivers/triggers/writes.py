@@ -19,20 +19,10 @@ REMEMBERED = 128
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Command:
-    """A setting that was decided on, for every camera.
+    """A setting that was decided on, to be written to every camera; times are CLOCK_MONOTONIC, in ns.
 
-    Attributes
-    ----------
-    number
-        From 1 on.
-    setting
-        What to write to the cameras.
-    arrival_ns
-        When the last frame of the pair it was decided on arrived (CLOCK_MONOTONIC).
-    decided_ns
-        When it was decided on.
-    due_ns
-        The earliest time to write it; later than `decided_ns` if the write window holds it back.
+    Its `number` counts from 1. It was decided on a pair whose last frame arrived at `arrival_ns`, and may be written
+    from `due_ns` on: later than `decided_ns` if the write window holds it back.
     """
 
     number: int
@@ -159,14 +149,10 @@ EFFECT_TRIGGERS = 4
 
 
 class RigWrites:
-    """Keeps the writes of a rig. A setting is late if an exposure of any camera started before all of it was written.
+    """Keeps the writes of a rig, in a history for each camera, and counts how many settings were `late`.
 
-    Attributes
-    ----------
-    histories
-        One per camera.
-    late
-        Settings that were late: for a frame or so, left and right may differ, or a camera may hold half of one.
+    A setting is late if an exposure of any camera started before all of it was written: for a frame or so, left and
+    right may differ, or a camera may hold half of one.
     """
 
     def __init__(self, sides: Sequence[Side]) -> None:
@@ -294,10 +280,7 @@ SUSPECT_FRAMES = 20
 class EffectWatch:
     """Compares the frames of one camera with what its nodes read back.
 
-    Attributes
-    ----------
-    frames_off_setting
-        Frames, twenty or more in a row, taken with a setting that was not written within the last half second.
+    `frames_off_setting` counts those, twenty or more in a row, whose setting was not written in the last half second.
     """
 
     def __init__(self) -> None:

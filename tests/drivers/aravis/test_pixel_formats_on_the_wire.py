@@ -117,10 +117,9 @@ def test_frames_that_lie_about_their_mosaic_are_refused_by_name(
     finally:
         device.connect(send)
     assert isinstance(frame, IncompleteFrame)
-    assert caplog.messages == [
-        f"camera {serial_of(device)}: frames cannot be read, the first is {frame.frame_id}: the frame says that it is "
-        "BayerGB8, but the camera was set to BayerRG8"
-    ]
+    (said,) = caplog.messages
+    for words in (f"camera {serial_of(device)}", f"the first is {frame.frame_id}", "BayerGB8", "set to BayerRG8"):
+        assert words in said
 
 
 def next_frame(device: Device, wanted: PixelFormat) -> Frame | IncompleteFrame:

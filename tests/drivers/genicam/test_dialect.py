@@ -102,12 +102,7 @@ def test_exposure_time_in_other_units_is_driven_in_microseconds(unit: str, us: f
     assert (limits.min_time_us, limits.max_time_us, limits.time_step_us) == pytest.approx((10.0, 1e6, 10.0))
     assert dialect.write(nodes, ExposureSetting(1230.0, 3.0), None).exposure_time_us == pytest.approx(1230.0)
     assert nodes.writes[0] == ("ExposureTime", pytest.approx(1230.0 / us))
-
-
-def test_a_limit_survives_the_change_of_units() -> None:
-    nodes = sfnc2(ExposureTime=FloatNode(0.005, 1.1e-5, 0.7, "s"))
-    dialect = find_dialect(nodes)
-    for time_us in (dialect.limits(nodes).min_time_us, dialect.limits(nodes).max_time_us):
+    for time_us in (limits.min_time_us, limits.max_time_us):  # a limit survives the change of units
         assert dialect.write(nodes, ExposureSetting(time_us, 3.0), None).exposure_time_us == time_us
 
 
@@ -191,11 +186,8 @@ def test_a_node_that_reads_nan_or_inf_is_reported(name: str, value: float) -> No
     node = nodes.nodes[name]
     assert isinstance(node, FloatNode)
     node.take = lambda _: value
-    with pytest.raises(NodeError, match=f"^camera M1: node {name} reads -?(nan|inf), which is not a number$"):
+    with pytest.raises(NodeError, match=f"camera M1: node {name} reads -?(nan|inf)"):
         find_dialect(nodes).write(nodes, ExposureSetting(1000.0, 3.0), None)
-
-
-def test_an_exposure_time_of_zero_is_refused() -> None:
     nodes = sfnc2(ExposureTime=FloatNode(0.0, 10.0, 1e6, "us", take=lambda _: 0.0))
     with pytest.raises(NodeError, match="ExposureTime reads 0 us"):
         find_dialect(nodes).write(nodes, ExposureSetting(1000.0, 3.0), None)
@@ -220,6 +212,13 @@ def test_automatic_exposure_and_gain_are_switched_off_if_present() -> None:
     switch_auto_off(nodes)
     assert nodes.writes == [("GainSelector", "All"), ("ExposureMode", "Timed"), ("ExposureAuto", "Off")]
     switch_auto_off(sfnc1())
+    nodes = sfnc2(  # read-only, and as it should be
+        ExposureAuto=EnumerationNode("Off", ("Off", "Continuous"), locked=True),
+        ExposureMode=EnumerationNode("Timed", ("Timed", "TriggerWidth"), locked=True),
+        GainSelector=EnumerationNode("DigitalAll", ("All", "DigitalAll"), locked=True),
+    )
+    switch_auto_off(nodes)
+    assert nodes.writes == []
 
 
 @pytest.mark.parametrize(
@@ -281,16 +280,6 @@ def test_counts_of_unknown_length_are_driven_once_that_is_given(time: dict[str, 
 def test_a_camera_that_exposes_by_itself_is_refused_by_name(name: str, node: Node, words: str) -> None:
     with pytest.raises(NodeError, match=f"camera M1: its {name} .*{words}"):
         switch_auto_off(sfnc2(**{name: node}))
-
-
-def test_what_is_read_only_and_as_it_should_be_is_left_alone() -> None:
-    nodes = sfnc2(
-        ExposureAuto=EnumerationNode("Off", ("Off", "Continuous"), locked=True),
-        ExposureMode=EnumerationNode("Timed", ("Timed", "TriggerWidth"), locked=True),
-        GainSelector=EnumerationNode("DigitalAll", ("All", "DigitalAll"), locked=True),
-    )
-    switch_auto_off(nodes)
-    assert nodes.writes == []
 
 
 @pytest.mark.parametrize("switch", ["GammaEnable", "GammaEnabled"])

@@ -117,8 +117,8 @@ def test_what_another_feature_changes_is_set_again() -> None:
 def test_what_cannot_be_before_a_command_is_not_tried_after_it() -> None:
     camera = Camera()
     set_features(camera, features("- Width: 320\n- OffsetX: 400"))
-    (complaint,) = set_features(camera, features("- Width: 720\n- UserSetSelector: Default\n- UserSetLoad: execute"))
-    assert str(complaint) == "Width: it takes 8 to 320 px in steps of 4 at present, not 720"
+    (trouble,) = set_features(camera, features("- Width: 720\n- UserSetSelector: Default\n- UserSetLoad: execute"))
+    assert str(trouble).startswith("Width: it takes 8 to 320 px in steps of 4")
 
 
 @pytest.mark.parametrize(
@@ -151,8 +151,11 @@ def test_what_a_camera_does_not_take_is_named_with_the_reason(text: str, words: 
 
 
 def test_all_that_is_wrong_is_told_at_once() -> None:
-    with pytest.raises(ConfigurationError, match=r"features: Widht: .*; Heigth: "):
-        apply_features(Camera(), setup("- Widht: 640\n- Heigth: 480\n- BlackLevel: 2"))
+    camera = Camera()
+    camera.nodes["BlackLevel"] = FloatNode(2.0, 0.0, 12.5, "%", locked=True)  # it may be asked for as it is
+    with pytest.raises(ConfigurationError, match=r"features: Widht: .*; Heigth: .*; BlackLevel: it is read-only"):
+        apply_features(camera, setup("- Widht: 640\n- Heigth: 480\n- BlackLevel: 3"))
+    assert set_features(camera, features("- BlackLevel: 2")) == []
 
 
 def test_a_refusal_without_a_reason_may_pass() -> None:
@@ -160,7 +163,7 @@ def test_a_refusal_without_a_reason_may_pass() -> None:
         def write(self, name: str, value: FeatureValue) -> None:
             raise NodeError(f"camera M1: could not set {name}: access denied")
 
-    with pytest.raises(NodeError, match="features: DeviceUserID: camera M1: could not set DeviceUserID: access denied"):
+    with pytest.raises(NodeError, match=r"features: DeviceUserID: .*access denied"):
         apply_features(Refusing(), setup("- DeviceUserID: left"))
 
 
@@ -226,34 +229,18 @@ def test_what_differs_from_the_default_user_set_is_found_and_put_back() -> None:
     assert [setting.key for setting in changed] == ["Width", "OffsetX", "LineSelector[Line2].LineInverter"]
     assert lost == []
     assert read_inventory(camera).settings == before
-
-
-def test_without_a_default_user_set_there_is_nothing_to_compare_with() -> None:
     with pytest.raises(UnsupportedCameraError, match="--diff FILE"):
         changed_from_default(MemoryNodes({"Width": IntegerNode(8)}), [])
-
-
-def test_rounding_is_no_difference() -> None:
-    assert same(30, 30.0000003)
-    assert same(False, "Off")
-    assert not same(30, 31.0)
-    assert not same(False, "On")
-
-
-def test_a_feature_that_is_read_only_may_be_asked_for_as_it_is() -> None:
-    camera = Camera()
-    camera.nodes["BlackLevel"] = FloatNode(2.0, 0.0, 12.5, "%", locked=True)
-    assert set_features(camera, features("- BlackLevel: 2")) == []
-    (complaint,) = set_features(camera, features("- BlackLevel: 3"))
-    assert str(complaint).startswith("BlackLevel: it is read-only")
+    assert same(30, 30.0000003) and same(False, "Off")
+    assert not same(30, 31.0) and not same(False, "On")
 
 
 def test_of_a_read_only_selector_only_the_entry_at_which_it_stands_is_offered() -> None:
     camera = Camera()
     camera.nodes["LineSelector"] = EnumerationNode("Line1", LINES, ("LineInverter",), locked=True)
     assert set_features(camera, features("- LineSelector[Line1].LineInverter: true")) == []
-    (complaint,) = set_features(camera, features("- LineSelector[Line2].LineInverter: true"))
-    assert str(complaint).endswith("its selector LineSelector: it is read-only and stands at Line1")
+    (trouble,) = set_features(camera, features("- LineSelector[Line2].LineInverter: true"))
+    assert str(trouble).endswith("its selector LineSelector: it is read-only and stands at Line1")
     keys = [setting.key for setting in read_inventory(camera).settings]
     assert "LineSelector[Line1].LineInverter" in keys
     assert "LineSelector[Line2].LineInverter" not in keys

@@ -58,32 +58,30 @@ def said(*before: str, script: str = RAISED) -> list[int]:
     return [int(niceness) for niceness in process.stdout.split()]
 
 
-@as_root
-@with_sessions
-def test_a_service_comes_first_with_its_session() -> None:
-    assert said() == [NICENESS, NICENESS, 0, NICENESS]
+SHELL = ("sh", "-c", '"$@" && true', "sh")
+"""Leads the session, and stays while the command runs."""
+FILTERED = RAISED.replace("found = []", f"found = []\n{REFUSING}")
+"""As `SystemCallFilter=~@resources` does in a unit, which has set its niceness already."""
+UNPRIVILEGED = ("setpriv", "--reuid=65534", "--clear-groups", "--inh-caps=-all")
 
 
 @as_root
 @with_sessions
-def test_the_session_of_a_unit_comes_first_though_its_filter_refuses_to_set_a_niceness() -> None:
-    """As `SystemCallFilter=~@resources` does; the unit has set it already."""
-    refusing = RAISED.replace("found = []", f"found = []\n{REFUSING}")
-    assert said("nice", "-n", f"{NICENESS}", script=refusing) == [NICENESS] * 4
-
-
-@as_root
-@with_sessions
-def test_a_command_of_a_shell_leaves_the_others_of_its_session_alone() -> None:
-    shell = ("sh", "-c", '"$@" && true', "sh")  # leads the session, and stays while the command runs
-    assert said(*shell) == [NICENESS, NICENESS, 0, 0]
-    assert said(*shell, "nice", "-n", "-15") == [-15, -15, -15, 0]
-
-
-@as_root
-@with_sessions
-def test_who_may_not_stays_where_it_is() -> None:
-    assert said("setpriv", "--reuid=65534", "--clear-groups", "--inh-caps=-all") == [0, 0, 0, 0]
+@pytest.mark.parametrize(
+    ("before", "script", "found"),
+    [
+        ((), RAISED, [NICENESS, NICENESS, 0, NICENESS]),
+        (("nice", "-n", f"{NICENESS}"), FILTERED, [NICENESS] * 4),
+        (SHELL, RAISED, [NICENESS, NICENESS, 0, 0]),
+        ((*SHELL, "nice", "-n", "-15"), RAISED, [-15, -15, -15, 0]),
+        (UNPRIVILEGED, RAISED, [0, 0, 0, 0]),
+    ],
+    ids=["service", "filtered unit", "shell", "nice already", "unprivileged"],
+)
+def test_a_service_comes_first_with_its_session_and_a_command_alone(
+    before: tuple[str, ...], script: str, found: list[int]
+) -> None:
+    assert said(*before, script=script) == found
 
 
 def test_a_refusal_is_no_error(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -107,15 +107,12 @@ def test_other_addresses_and_ports_are_kept_out(port_known: bool) -> None:
 
 
 def test_a_camera_may_have_several_addresses() -> None:
-    with open_socket("127.0.0.1") as stream, contextlib.ExitStack() as stack:
-        first, second, third, stranger = (
-            stack.enter_context(open_socket(f"127.0.0.{number}")) for number in (5, 6, 7, 8)
-        )
-        stack.enter_context(guarded(stream, first, second, third, port=0))
-        for sender in (stranger, third, first, second):
+    with contextlib.ExitStack() as stack:
+        stream, *cameras, stranger = (stack.enter_context(open_socket(f"127.0.0.{last}")) for last in (1, 5, 6, 7, 8))
+        stack.enter_context(guarded(stream, *cameras, port=0))
+        for sender in (stranger, cameras[2], cameras[0], cameras[1]):
             sender.sendto(packet(LEADER, 1, 0), stream.getsockname())
-        arrived = [stream.recvfrom(100)[1][0] for _ in range(3)]
-        assert arrived == ["127.0.0.7", "127.0.0.5", "127.0.0.6"]
+        assert [stream.recvfrom(100)[1][0] for _ in range(3)] == ["127.0.0.7", "127.0.0.5", "127.0.0.6"]
 
 
 def test_what_is_refused_is_counted_and_its_senders_are_named() -> None:

@@ -70,13 +70,6 @@ def test_a_name_that_neither_sysfs_nor_the_camera_gives_is_unknown(tmp_path: Pat
     assert (camera.speed_mbps, camera.bus_speed_mbps, camera.controller) == (None, None, None)
 
 
-def test_a_missing_node_is_told(tree: UsbTree) -> None:
-    tree.plug_in(UsbDevice()).unlink()
-    (camera,) = find_usb(tree.root, tree.backend).cameras
-    assert not camera.node.exists
-    assert not camera.node.usable
-
-
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may open every node")
 def test_a_node_that_this_user_may_not_open_is_told(tree: UsbTree) -> None:
     tree.plug_in(UsbDevice()).chmod(0o444)
@@ -109,17 +102,17 @@ def test_a_udev_rule_is_found_where_udev_reads_it(tree: UsbTree, file: str, text
     assert find_usb(tree.root, tree.backend).udev_rule == found
 
 
-def test_the_shipped_rule_is_recognised_and_not_world_writable(tree: UsbTree) -> None:
+def test_the_shipped_rule_and_the_memory_limit_are_read_and_a_missing_node_is_told(tree: UsbTree) -> None:
+    tree.plug_in(UsbDevice()).unlink()
+    facts = find_usb(tree.root, tree.backend)
+    assert (facts.udev_rule, facts.usbfs_memory_mb) == (None, None)
+    assert not facts.cameras[0].node.exists and not facts.cameras[0].node.usable
     shipped = (REPOSITORY / "systemd/60-usb3-vision.rules").read_text()
-    tree.write(tree.root / "etc/udev/rules.d/60-usb3-vision.rules", shipped)
-    assert find_usb(tree.root, tree.backend).udev_rule is not None
     assert 'MODE="0660"' in shipped
-
-
-def test_the_memory_limit_is_read(tree: UsbTree) -> None:
-    assert find_usb(tree.root, tree.backend).usbfs_memory_mb is None
+    tree.write(tree.root / "etc/udev/rules.d/60-usb3-vision.rules", shipped)
     tree.write(tree.root / "sys/module/usbcore/parameters/usbfs_memory_mb", "16")
-    assert find_usb(tree.root, tree.backend).usbfs_memory_mb == 16
+    facts = find_usb(tree.root, tree.backend)
+    assert facts.udev_rule is not None and facts.usbfs_memory_mb == 16
 
 
 def test_a_host_without_usb_a_missing_libusb_and_one_that_fails_are_told(tmp_path: Path) -> None:

@@ -70,12 +70,9 @@ def test_jitter_is_not_a_wrong_rate(jitter_ms: float) -> None:
     scatter_ns = np.random.default_rng(7).normal(0.0, jitter_ms * MS, 20_000)
     times_ns = np.arange(20_000) * 1e9 / 60 + scatter_ns
     assert set(verdicts(RateWatch(60.0, ("left",)), times_ns)) == {None}
-
-
-def test_jitter_does_not_hide_a_wrong_rate() -> None:
-    scatter_ns = np.random.default_rng(7).normal(0.0, 0.8 * MS, 6_000)
-    seen = verdicts(RateWatch(60.0, ("left",)), np.arange(6_000) * 1e9 / 58.8 + scatter_ns)
-    assert None not in seen[TWO_WINDOWS:]
+    slow = verdicts(RateWatch(60.0, ("left",)), np.arange(6_000) * 1e9 / 58.8 + scatter_ns[:6_000] * 0.8 / jitter_ms)
+    assert None not in slow[TWO_WINDOWS:]
+    assert mean_period_ns([10.0, 20.0] * 10) == 15.0  # every second trigger now and then
 
 
 def test_a_rate_at_the_edge_of_the_tolerance_gets_one_verdict_and_keeps_it() -> None:
@@ -90,10 +87,6 @@ def test_pauses_clock_jumps_and_stray_time_stamps_are_not_a_wrong_rate(jump_ms: 
     for at in range(JUDGED_FRAMES, 2 * JUDGED_FRAMES + 2):
         times_ns = [number * PERIOD_NS + jump_ms * MS * (at <= number < at + lasts) for number in range(200)]
         assert set(verdicts(RateWatch(50.0, ("left",)), times_ns)) == {None}
-
-
-def test_a_camera_that_alternates_between_every_and_every_second_trigger_is_slow() -> None:
-    assert mean_period_ns([10.0, 20.0] * 10) == 15.0
 
 
 def test_lost_frames_pauses_and_reopened_cameras_are_not_a_wrong_rate() -> None:

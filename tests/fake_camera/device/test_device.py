@@ -6,6 +6,7 @@ import os
 import threading
 import time
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from queue import Queue
 
 import numpy as np
@@ -236,9 +237,8 @@ def source() -> FlatSource:
 
 @pytest.fixture
 def device(source: FlatSource) -> Iterator[Device]:
-    device = Device(source, "S1", seed=3, line0=Line0(time.monotonic_ns(), 100.0))
-    yield device
-    device.close()
+    with closing(Device(source, "S1", seed=3, line0=Line0(time.monotonic_ns(), 100.0))) as device:
+        yield device
 
 
 def trigger_by_line0(device: Device) -> None:
@@ -320,13 +320,10 @@ def test_a_source_slower_than_the_trigger_loses_frames_but_not_all(device: Devic
 @pytest.mark.realtime
 def test_a_slow_source_may_be_as_late_as_a_slow_trigger_allows(source: FlatSource) -> None:
     source.takes_s = 0.15  # at a fast trigger more than 0.1 s late would be too late
-    device = Device(source, "S", line0=Line0(time.monotonic_ns(), 2.5))
-    try:
+    with closing(Device(source, "S", line0=Line0(time.monotonic_ns(), 2.5))) as device:
         client = Client(device)
         trigger_by_line0(device)
         frames = client.wait(lambda frames: len(frames) >= 3)
-    finally:
-        device.close()
     assert frames[-1].frame_id - len(frames) == device.counters.overruns
 
 
@@ -411,18 +408,15 @@ def test_the_clock_drifts_by_a_few_ppm_and_differs_between_cameras(source: FlatS
 
 
 def test_a_pulse_of_line3_that_is_far_from_now_makes_no_exposure() -> None:
-    device = Device(Ramp(), "S1")
-    device.features.set("TriggerMode", "On")
-    device.features.set("TriggerSource", "Line3")
-    device.execute("AcquisitionStart")
-    try:
+    with closing(Device(Ramp(), "S1")) as device:
+        device.features.set("TriggerMode", "On")
+        device.features.set("TriggerSource", "Line3")
+        device.execute("AcquisitionStart")
         for far_ns in (2**63 - 1, -(2**63), 0, time.monotonic_ns() + 10**12):
             device.line3_pulse(far_ns)
         assert (device.counters.missed, device.counters.exposures) == (4, 0)
         device.line3_pulse(time.monotonic_ns())
         assert device.counters.exposures == 1
-    finally:
-        device.close()
 
 
 @pytest.mark.parametrize("niceness", [0, 7])
@@ -435,9 +429,6 @@ def test_rendering_gives_way_as_far_as_it_is_told(niceness: int) -> None:
             rendered.put(os.getpriority(os.PRIO_PROCESS, threading.get_native_id()))
             return super().take(start_s, settings, noise_seed)
 
-    device = Device(Source(), "S1", niceness=niceness)
-    device.execute("AcquisitionStart")
-    try:
+    with closing(Device(Source(), "S1", niceness=niceness)) as device:
+        device.execute("AcquisitionStart")
         assert rendered.get(timeout=10) == min(os.getpriority(os.PRIO_PROCESS, 0) + niceness, 19)
-    finally:
-        device.close()

@@ -50,18 +50,13 @@ def test_a_base_stays_within_its_own_limits() -> None:
     assert low < evaluator.value("Time") == 5000 < high
 
 
-def test_a_minimum_is_a_multiple_of_the_increment() -> None:
-    evaluator = camera(
-        register("Raw", 0), register("RawMin", 4), number("Width", pValue="Raw", pMin="RawMin", Max="720", Inc="24")
-    )
-    Opener(evaluator).number("Width", Wished(8, 720, 4, 720))
-    assert (evaluator.value("Width"), evaluator.value("RawMin")) == (720, 24)
-
-
-def test_a_value_is_on_its_increment() -> None:
-    evaluator = camera(register("Raw", 0), number("Width", pValue="Raw", Min="8", Max="720", Inc="24"))
-    Opener(evaluator).number("Width", Wished(8, 720, 4, 720))
-    assert evaluator.value("Width") == 704
+def test_a_minimum_is_a_multiple_of_the_increment_and_a_value_is_on_it() -> None:
+    for limits, value in (({"pMin": "RawMin"}, 720), ({"Min": "8"}, 704)):
+        width = number("Width", pValue="Raw", **limits, Max="720", Inc="24")
+        evaluator = camera(register("Raw", 0), register("RawMin", 4), width)
+        Opener(evaluator).number("Width", Wished(8, 720, 4, 720))
+        assert evaluator.value("Width") == value
+        assert evaluator.value("RawMin") == (24 if "pMin" in limits else 0)
 
 
 def test_an_increment_that_a_limit_is_divided_by_is_filled_first() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -29,11 +30,8 @@ ALWAYS_0 = {"OffsetX", "OffsetY"}
 @pytest.fixture(params=NAMES)
 def worn(request: pytest.FixtureRequest) -> Iterator[XmlCamera]:
     path: Path = data(request.param)
-    device = Device(Ramp(), "X1")
-    try:
+    with closing(Device(Ramp(), "X1")) as device:
         yield XmlCamera(Description.from_bytes(path.read_bytes(), path.name), device)
-    finally:
-        device.close()
 
 
 def test_there_are_descriptions() -> None:

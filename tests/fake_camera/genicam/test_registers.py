@@ -1,9 +1,7 @@
 from __future__ import annotations
 
-import io
 import math
 import struct
-import zipfile
 from collections.abc import Iterator
 from itertools import pairwise
 from xml.etree import ElementTree
@@ -162,21 +160,6 @@ def test_every_feature_is_in_just_one_category_and_every_reference_leads_somewhe
     assert references <= set(names)
 
 
-def test_a_client_finds_the_description_by_its_url(memory: RegisterMap) -> None:
-    url = memory.read(0x0200, 512).split(b"\0")[0].decode()
-    where, address, length = url.split(";")
-    assert where == "Local:FakeGV287M.zip"
-    with zipfile.ZipFile(io.BytesIO(memory.read(int(address, 16), int(length, 16)))) as archive:
-        assert archive.read(archive.namelist()[0]) == DESCRIPTION
-
-
-def test_bootstrap_identity(memory: RegisterMap) -> None:
-    assert memory.read(0x0024, 4) == bytes([127, 0, 0, 9])
-    assert memory.read(0x00D8, 16) == b"TEST".ljust(16, b"\0")
-    assert memory.read(0x0008, 8)[:3] == b"\0\0\x02"
-    assert mac_address("LEFT") != mac_address("RIGHT")
-
-
 def test_ptp_and_actions_are_in_their_registers(camera: Device, memory: RegisterMap) -> None:
     def register(address: int) -> int:
         return int.from_bytes(memory.read(address, 4), "big")
@@ -196,11 +179,6 @@ def test_ptp_and_actions_are_in_their_registers(camera: Device, memory: Register
         assert register(address) == (0 if name == "ActionDeviceKey" else 0xCAFE0001)
 
 
-def test_a_foreign_clock_identity_fits_its_register() -> None:
-    spec = FEATURES.spec("PtpGrandmasterClockID")
-    assert encode(spec, 0xFEDC_BA98_7654_3210, "big") == bytes.fromhex("fedcba9876543210")
-
-
 def test_a_camera_without_ptp_has_none_of_it() -> None:
     plain = Features("TEST", 720, 540, lambda: 0)
     assert not [name for name in slots(plain) if name.startswith(("Ptp", "ActionD", "ActionG"))]
@@ -212,9 +190,18 @@ def test_a_camera_without_ptp_has_none_of_it() -> None:
         plain.set("TriggerSource", "Action1")
 
 
-def test_the_port_register_names_a_port_and_no_interface(memory: RegisterMap) -> None:
+def test_bootstrap_registers_say_who_it_is_and_keep_what_they_can(memory: RegisterMap) -> None:
+    assert memory.read(0x0024, 4) == bytes([127, 0, 0, 9])
+    assert memory.read(0x00D8, 16) == b"TEST".ljust(16, b"\0")
+    assert memory.read(0x0008, 8)[:3] == b"\0\0\x02"
+    assert mac_address("LEFT") != mac_address("RIGHT")
     memory.write(0x0D00, b"\0\1\xd4\x31")
-    assert memory.read(0x0D00, 4) == b"\0\0\xd4\x31"
+    assert memory.read(0x0D00, 4) == b"\0\0\xd4\x31"  # a port and no interface
+    memory.write(0x00E8, b"bow".ljust(16, b"\0"))
+    assert memory.read(SLOTS["DeviceUserID"], 64).rstrip(b"\0") == b"bow"
+    foreign_clock = encode(FEATURES.spec("PtpGrandmasterClockID"), 0xFEDC_BA98_7654_3210, "big")
+    assert foreign_clock == bytes.fromhex("fedcba9876543210")
+    assert dict.fromkeys(CHUNKS, 8) == CHUNK_BYTES
 
 
 @pytest.mark.parametrize(("address", "value"), [(0x0D04, 100), (0x0D08, 1_000_001), (0x0938, 499), (0x0944, 1)])
@@ -224,11 +211,6 @@ def test_a_bootstrap_register_refuses_what_it_cannot_be(memory: RegisterMap, add
         memory.write(address, struct.pack(">I", value))
     assert error.value.status == Status.INVALID_PARAMETER
     assert memory.read(address, 4) == before
-
-
-def test_the_user_name_is_one_thing_at_two_addresses(memory: RegisterMap) -> None:
-    memory.write(0x00E8, b"bow".ljust(16, b"\0"))
-    assert memory.read(SLOTS["DeviceUserID"], 64).rstrip(b"\0") == b"bow"
 
 
 @pytest.mark.parametrize(
@@ -271,15 +253,6 @@ def test_locks_and_limits_show_the_camera_as_it_is_now(camera: Device, memory: R
     assert memory.read(SLOTS["Width"] + LOCK, 4) == b"\0\0\0\1"
 
 
-def test_refused_writes(camera: Device, memory: RegisterMap) -> None:
-    camera.faults.add(FaultOrder(Fault.REFUSE_WRITES, None, 2))
-    for name in ("ExposureAuto", "AcquisitionStart"):
-        with pytest.raises(CommandError) as error:
-            memory.write(SLOTS[name], struct.pack(">I", 0))
-        assert error.value.status == Status.ACCESS_DENIED
-    memory.write(SLOTS["ExposureAuto"], struct.pack(">I", 0))
-
-
 @pytest.mark.parametrize("latch", [0x0944, SLOTS["TimestampLatch"]])
 def test_timestamp_latch_in_both_dialects(camera: Device, memory: RegisterMap, latch: int) -> None:
     before = camera.now_ns()
@@ -290,14 +263,12 @@ def test_timestamp_latch_in_both_dialects(camera: Device, memory: RegisterMap, l
     assert memory.read(0x093C, 8) == struct.pack(">Q", 1_000_000_000)
 
 
-def test_the_device_and_the_wire_agree_on_chunks() -> None:
-    assert set(CHUNK_BYTES) == set(CHUNKS)
-    assert set(CHUNK_BYTES.values()) == {8}
-
-
-def test_a_node_that_sticks_keeps_its_value_and_one_that_shrinks_takes_less(
-    camera: Device, memory: RegisterMap
-) -> None:
+def test_nodes_that_refuse_stick_or_shrink_as_ordered(camera: Device, memory: RegisterMap) -> None:
+    camera.faults.add(FaultOrder(Fault.REFUSE_WRITES, None, 2))
+    for name in ("ExposureAuto", "AcquisitionStart"):
+        with pytest.raises(CommandError) as error:
+            memory.write(SLOTS[name], struct.pack(">I", 0))
+        assert error.value.status == Status.ACCESS_DENIED
     for feature in ("ExposureAuto", "GainAuto"):
         camera.features.set(feature, "Off")
     spec, address = camera.features.spec("ExposureTime"), SLOTS["ExposureTime"]

@@ -15,7 +15,7 @@ import contextlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from types import ModuleType
-from typing import Any, Protocol
+from typing import Any
 
 import pytest
 
@@ -42,43 +42,9 @@ class ForeignFrame:
     payload: bytes
 
 
-class ForeignStream(Protocol):
-    """A running acquisition."""
-
-    def next_frame(self) -> ForeignFrame:
-        """The next complete frame; an error if none comes."""
-
-    def resent(self) -> int:
-        """Packets that arrived at the second request."""
-
-    def lost(self) -> int:
-        """Frames that never became complete."""
-
-
-class ForeignClient(Protocol):
-    """A client in control of the camera at `address`."""
-
-    address: str
-
-    def __init__(self, address: str) -> None: ...
-
-    def set(self, name: str, value: str | int | float | bool) -> None:
-        """Write a feature."""
-
-    def get(self, name: str) -> str:
-        """Read an enumeration."""
-
-    def execute(self, name: str) -> None:
-        """Execute a command."""
-
-    def streaming(self) -> contextlib.AbstractContextManager[ForeignStream]:
-        """Negotiate the packet size and acquire until the context ends."""
-
-    def close(self) -> None:
-        """Return control."""
-
-
 class _TelegenicStream:
+    """A running acquisition: complete frames, packets that came at the second request, frames that never were whole."""
+
     def __init__(self, acquisition: Any) -> None:
         self._acquisition = acquisition
 
@@ -104,7 +70,7 @@ class _TelegenicStream:
 
 
 class Telegenic:
-    """See `ForeignClient`."""
+    """A client in control of the camera at `address`; `streaming` negotiates the packet size."""
 
     def __init__(self, address: str) -> None:
         self.address = address
@@ -122,7 +88,7 @@ class Telegenic:
         self.camera.execute(name)
 
     @contextlib.contextmanager
-    def streaming(self) -> Iterator[ForeignStream]:
+    def streaming(self) -> Iterator[_TelegenicStream]:
         with self.camera.start_acquisition() as acquisition:
             yield _TelegenicStream(acquisition)
 
@@ -131,6 +97,8 @@ class Telegenic:
 
 
 class _VivaStream:
+    """See `_TelegenicStream`."""
+
     def __init__(self, stream: Any) -> None:
         self._stream = stream
 
@@ -149,7 +117,7 @@ class _VivaStream:
 
 
 class Viva:
-    """See `ForeignClient`."""
+    """See `Telegenic`."""
 
     def __init__(self, address: str) -> None:
         self.address = address
@@ -167,9 +135,12 @@ class Viva:
         self.camera.execute(name)
 
     @contextlib.contextmanager
-    def streaming(self) -> Iterator[ForeignStream]:
+    def streaming(self) -> Iterator[_VivaStream]:
         with self.camera.stream(auto_packet_size=True) as stream:
             yield _VivaStream(stream)
 
     def close(self) -> None:
         self.camera.close()
+
+
+ForeignClient = Telegenic | Viva

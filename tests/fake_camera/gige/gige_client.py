@@ -5,7 +5,7 @@ from __future__ import annotations
 import socket
 import struct
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,11 +45,8 @@ def ramp(width: int, height: int, pixel_format: str = "Mono8") -> NDArray[np.uin
 
 @contextmanager
 def device(serial: str = "TEST", *, ptp_clock: int | None = None, truth: TruthFile | None = None) -> Iterator[Device]:
-    camera = Device(Ramp(), serial, truth=truth, ptp_clock=ptp_clock)
-    try:
+    with closing(Device(Ramp(), serial, truth=truth, ptp_clock=ptp_clock)) as camera:
         yield camera
-    finally:
-        camera.close()
 
 
 @contextmanager
@@ -64,11 +61,9 @@ def gige_camera(
 ) -> Iterator[Device]:
     with device(serial, ptp_clock=ptp_clock, truth=truth) as camera:
         server = GigeServer(camera, address, ptp_event_port=ptp_event_port, second_address=second_address)
-        server.start()
-        try:
+        with closing(server):
+            server.start()
             yield camera
-        finally:
-            server.close()
 
 
 def command(number: int, payload: bytes = b"", request_id: int = 1, flags: int = 1) -> bytes:

@@ -83,29 +83,9 @@ def test_a_silent_client_loses_control_and_the_stream_stops(fake: Device) -> Non
         assert other.write(CCP, CONTROL) == 0
 
 
-def test_discovery_by_broadcast_finds_each_camera(fake: Device) -> None:
-    with gige_camera(OTHER_ADDRESS, OTHER_SERIAL):
-        Aravis.update_device_list()
-        found = {Aravis.get_device_serial_nbr(index): index for index in range(Aravis.get_n_devices())}
-        assert Aravis.get_device_address(found[SERIAL]) == ADDRESS
-        assert Aravis.get_device_address(found[OTHER_SERIAL]) == OTHER_ADDRESS
-
-
 def test_two_cameras_cannot_share_an_address(fake: Device) -> None:
     with device() as second, pytest.raises(AddressTakenError, match=rf"^another camera .* {ADDRESS}: choose "):
         GigeServer(second, ADDRESS)
-
-
-def test_a_vanished_camera_answers_nothing_and_comes_back_without_a_client(fake: Device) -> None:
-    with GvcpClient(ADDRESS) as client:
-        assert client.write(CCP, CONTROL) == 0
-        fake.faults.add(FaultOrder(Fault.VANISH, None, None))
-        client.socket.settimeout(0.2)
-        with pytest.raises(TimeoutError):
-            client.ask(DISCOVERY)
-        fake.faults.add(FaultOrder(Fault.COME_BACK, None, None))
-        client.socket.settimeout(2)
-        assert client.read(CCP) == 0
 
 
 def test_garbage_does_not_disturb(fake: Device) -> None:

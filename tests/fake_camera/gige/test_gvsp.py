@@ -126,36 +126,6 @@ def test_nothing_is_sent_to_nobody(client: Client) -> None:
     assert client.received() == []
 
 
-def test_a_smaller_packet_size_is_kept_to(client: Client) -> None:
-    client.channel.packet_size_register = 1400
-    client.channel.send(exposed(), b"")
-    assert {len(packet) for packet in client.received()[1:-2]} == {1400 - 28}
-
-
-@pytest.mark.parametrize("packet_bytes", [9001, 0xFFFF])
-def test_of_a_packet_size_too_large_the_largest_is_taken_and_no_test_packet_sent(
-    client: Client, packet_bytes: int
-) -> None:
-    client.channel.packet_size_register = 1400
-    client.channel.packet_size_register = FIRE_TEST_PACKET | packet_bytes
-    assert client.channel.packet_size_register == 9000
-    client.channel.packet_size_register = FIRE_TEST_PACKET | 4000
-    assert len(client.socket.recv(10_000)) == 4000 - 28
-
-
-@pytest.mark.parametrize("packet_bytes", [0, 219])
-def test_a_packet_size_that_cannot_be_is_refused(client: Client, packet_bytes: int) -> None:
-    with pytest.raises(CommandError):
-        client.channel.packet_size_register = packet_bytes
-    assert client.channel.packet_size_register & 0xFFFF == 9000
-
-
-def test_a_test_packet_has_the_size_asked_for(client: Client) -> None:
-    client.channel.packet_size_register = FIRE_TEST_PACKET | 4000
-    assert [len(packet) for packet in client.received()] == [4000 - 28]
-    assert client.channel.packet_size_register == 4000
-
-
 def test_a_lost_packet_comes_again_when_asked_for(client: Client) -> None:
     client.faults.add(FaultOrder(Fault.LOSE_PACKETS, None, 2))
     client.channel.send(exposed(), b"")
@@ -166,13 +136,25 @@ def test_a_lost_packet_comes_again_when_asked_for(client: Client) -> None:
     again = client.received()
     assert [header(packet) for packet in again] == [(RESENT, 1, LEADER, 0), (RESENT, 1, PAYLOAD, 1)]
     assert b"".join(packet[8:] for packet in again[1:] + first[:-1]) == exposed().pixels.tobytes()
-
-
-def test_a_resend_up_to_the_last_packet(client: Client) -> None:
-    client.channel.send(exposed(), b"")
-    last = header(client.received()[-1])[3]
+    last = header(first[-1])[3]
     client.channel.resend(Resend(0, 1, last - 1, 0xFFFFFF))
     assert [header(packet)[3] for packet in client.received()] == [last - 1, last]
+
+
+def test_a_packet_size_is_kept_to_and_tested_when_asked_for(client: Client) -> None:
+    for packet_bytes in (0, 219):
+        with pytest.raises(CommandError):
+            client.channel.packet_size_register = packet_bytes
+        assert client.channel.packet_size_register & 0xFFFF == 9000
+    client.channel.packet_size_register = 1400
+    client.channel.send(exposed(), b"")
+    assert {len(packet) for packet in client.received()[1:-2]} == {1400 - 28}
+    for packet_bytes in (9001, 0xFFFF):  # too large: the largest is taken, and no test packet sent
+        client.channel.packet_size_register = FIRE_TEST_PACKET | packet_bytes
+        assert client.channel.packet_size_register == 9000
+    client.channel.packet_size_register = FIRE_TEST_PACKET | 4000
+    assert [len(packet) for packet in client.received()] == [4000 - 28]
+    assert client.channel.packet_size_register == 4000
 
 
 def test_eight_frames_are_kept_and_older_ones_are_not_to_be_had(client: Client) -> None:
@@ -187,6 +169,12 @@ def test_eight_frames_are_kept_and_older_ones_are_not_to_be_had(client: Client) 
         (UNAVAILABLE, 1, PAYLOAD, 1),
         (UNAVAILABLE, 9, PAYLOAD, 50),
     ]
+    for frame_id in (65535, 65536):  # block ids begin again
+        client.channel.send(exposed(64, 4, frame_id=frame_id), b"")
+    client.received()
+    for block in (65535, 1):
+        client.channel.resend(Resend(0, block, 1, 1))
+    assert [header(packet)[:2] for packet in client.received()] == [(RESENT, 65535), (RESENT, 1)]
 
 
 def test_frames_of_a_former_acquisition_are_not_to_be_had(client: Client) -> None:
@@ -201,15 +189,6 @@ def test_frames_of_a_former_acquisition_are_not_to_be_had(client: Client) -> Non
     again = client.received()
     assert [header(packet)[:2] for packet in again] == [(UNAVAILABLE, 1), (RESENT, 2), (UNAVAILABLE, 3)]
     assert again[1][8:] == sent[1][8:] == newer.pixels.tobytes()
-
-
-def test_frames_from_before_the_block_ids_began_again_are_to_be_had(client: Client) -> None:
-    for frame_id in (65535, 65536):
-        client.channel.send(exposed(64, 4, frame_id=frame_id), b"")
-    client.received()
-    for block in (65535, 1):
-        client.channel.resend(Resend(0, block, 1, 1))
-    assert [header(packet)[:2] for packet in client.received()] == [(RESENT, 65535), (RESENT, 1)]
 
 
 def test_of_a_truncated_frame_the_rest_is_not_to_be_had(client: Client) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import ctypes.util
 import os
 import re
-import signal
 import subprocess
 import sys
 from collections.abc import Iterator, Mapping
@@ -73,33 +72,6 @@ def test_a_killed_camera_is_gone_and_its_place_can_be_taken(tmp_path: Path) -> N
         assert camera.serial not in listing.stdout
     with usb3_camera(socket=tmp_path / "camera") as camera:
         assert camera.serial in output(environment, "arv-tool-0.8")
-
-
-HOLD = """
-import warnings
-warnings.simplefilter("ignore")
-import gi, sys
-gi.require_version("Aravis", "0.8")
-from gi.repository import Aravis
-from tests import REPOSITORY
-camera = Aravis.Camera.new(sys.argv[1])
-print("held", flush=True)
-sys.stdin.read()
-"""
-
-
-@needs_arv_tool
-def test_a_camera_is_one_processs_until_that_ends_in_whatever_way(fake: FakeCamera) -> None:
-    environment, name = usb3_environment(fake.socket), f"Autoexpose-{fake.serial}"
-    read = ["arv-tool-0.8", "-n", name, "control", "Width"]
-    command = [sys.executable, "-c", HOLD, name]
-    with subprocess.Popen(command, env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as holder:
-        assert holder.stdout is not None
-        assert holder.stdout.readline() == b"held\n"
-        refused = subprocess.run(read, env=environment, capture_output=True, text=True, timeout=30, check=False)
-        assert "Width" not in refused.stdout
-        holder.send_signal(signal.SIGKILL)
-    assert "Width = 720 px" in output(environment, *read)
 
 
 @needs_lsusb

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from fake_camera.device.device import Device
+from fake_camera.device.line0 import Line0
 from fake_camera.usb3.usbip.server import Usb3Server
 from tests.fake_camera.gige.gige_client import Ramp
 
@@ -23,14 +24,14 @@ STREAM_HALTED, SIZES_INCONSISTENT = 0xA002, 0xA004
 
 
 @contextlib.contextmanager
-def usb3_camera(path: Path, serial: str = "TEST", tcp_port: int | None = None) -> Iterator[Device]:
-    camera = Device(Ramp(), serial, model="FakeU3V287M")
-    server = Usb3Server(camera, path, tcp_port)
-    try:
+def usb3_camera(
+    path: Path, serial: str = "TEST", tcp_port: int | None = None, line0: Line0 | None = None
+) -> Iterator[Device]:
+    with (
+        contextlib.closing(Device(Ramp(), serial, line0=line0, model="FakeU3V287M")) as camera,
+        contextlib.closing(Usb3Server(camera, path, tcp_port)),
+    ):
         yield camera
-    finally:
-        server.close()
-        camera.close()
 
 
 class UsbIpClient:

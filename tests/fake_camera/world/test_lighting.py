@@ -105,8 +105,5 @@ def test_bad_scripts_are_refused_with_file_and_key(tmp_path: Path, text: str, se
         script(tmp_path, text)
     assert "light.yaml" in str(caught.value)
     assert "\n" not in str(caught.value)
-
-
-def test_missing_script_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match=r"light script .*none\.yaml cannot be read"):
+    with pytest.raises(ValueError, match=r"none\.yaml cannot be read"):
         LightScript.from_file(tmp_path / "none.yaml")

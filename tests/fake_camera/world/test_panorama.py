@@ -80,15 +80,13 @@ def test_bad_files_are_refused_in_one_sentence(tmp_path: Path) -> None:
     (tmp_path / "text.hdr").write_text("not a picture")
     (tmp_path / "headless.hdr").write_bytes(b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n")
     cv2.imwrite(str(tmp_path / "black.hdr"), np.zeros((8, 8, 3), np.float32))
-    cases = {
-        "none.hdr": "cannot be read",
-        "empty.hdr": "not a Radiance picture",
-        "text.hdr": "not a Radiance picture",
-        "headless.hdr": "damaged",
-        "black.hdr": "is black",
-        ".": "cannot be read",
-    }
-    for name, sentence in cases.items():
+    cases = [
+        ("none.hdr", "cannot be read"),
+        (".", "cannot be read"),
+        ("headless.hdr", "damaged"),
+        ("black.hdr", "black"),
+    ]
+    for name, sentence in [*cases, ("empty.hdr", "not a Radiance picture"), ("text.hdr", "not a Radiance picture")]:
         with pytest.raises(ValueError, match=sentence) as caught:
             build_image_source(str(tmp_path / name), "left", LIGHT, 1)
         assert "\n" not in str(caught.value)
