@@ -14,20 +14,19 @@ import pytest
 
 from evaluation.experiments.teach import replay as teach_replay
 from evaluation.experiments.teach.park import Daylight
-from evaluation.experiments.worth import registration_judge as bounds
-from evaluation.experiments.worth import registration_judge as replays
+from evaluation.experiments.worth import registration_judge
 from evaluation.experiments.worth.contenders import APART, PUBLISHED
 from evaluation.experiments.worth.registration_judge import (
     CHOICE,
     JUDGES,
     SCORING,
-    SETS,
     TEACHER,
     ParkReplay,
     ReplayLook,
     jobs_of,
     measure_bounds,
     measure_policies,
+    replays,
 )
 from evaluation.experiments.worth.tables import BOUNDS
 from fake_camera.world.render.renderer import Surface
@@ -51,8 +50,8 @@ def clearing(_seed: int, daylight: Daylight) -> list[Surface]:
 
 
 def test_everyone_has_all_rows_and_what_is_white_registers_nowhere(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(replays, "_built", clearing)
-    monkeypatch.setattr(bounds, "STOPS", (0, 8))
+    monkeypatch.setattr(registration_judge, "_built", clearing)
+    monkeypatch.setattr(registration_judge, "STOPS", (0, 8))
     monkeypatch.setattr(teach_replay, "FIRST_FRAMES", 4)
     monkeypatch.setattr(teach_replay, "STILL_FRAMES", 3)
     given: dict[str, Any] = {"replay": COURSE.plain()}
@@ -99,14 +98,14 @@ class FakeSight:
 
 def test_the_best_fixed_exposure_serves_all_images_and_the_oracle_each() -> None:
     sight: Any = FakeSight()
-    maps, images, others = bounds._fixed(sight, [3, 4, 5, 6, 7, 8])
+    maps, images, others = registration_judge._fixed(sight, [3, 4, 5, 6, 7, 8])
     assert (maps, images, others) == ([5] * 2, [5] * 4, [5] * 4)  # the first of equals
-    maps, images, others = bounds._free(sight, [3, 5, 7], [4, 5, 6, 7])
+    maps, images, others = registration_judge._free(sight, [3, 5, 7], [4, 5, 6, 7])
     assert (maps, images, others) == ([5, 7], [5, 5, 7, 7], [4, 5, 6, 7])
 
 
 def test_tuning_and_report_share_no_park() -> None:
-    tuning, report = (SETS[name]() for name in ("tuning", "report"))
+    tuning, report = (replays(name) for name in ("tuning", "report"))
     assert max(one.seed for one in tuning) < 100 <= min(one.seed for one in report)
     for courses in (tuning, report):
         assert len({one.seed for one in courses}) == len({one.name for one in courses}) == len(courses)

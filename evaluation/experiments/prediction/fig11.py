@@ -10,7 +10,7 @@ import numpy as np
 
 from evaluation.drawing import COLOURS, panels, save
 from evaluation.experiments.experiment import Claim, Experiment, Figure, Job, ReportSection, Results, Table, Verdict
-from evaluation.experiments.prediction.still_life import LAWS, measure_rest, summary
+from evaluation.experiments.prediction.still_life import LAWS, camera_of, measure_rest, summary
 from evaluation.experiments.statistics import Interval, mean_interval
 from evaluation.prose import text_beside
 from evaluation.stage.camera import CameraResponse
@@ -50,11 +50,11 @@ def section(results: Results, folder: Path) -> ReportSection:
     """Judge the three claims of section 3.2."""
     found: dict[CameraResponse, list[Mapping[str, Mapping[str, float]]]] = {}
     for arguments, measured in results:
-        found.setdefault(_camera(arguments), []).append(summary(measured))
-    scenes = [str(arguments["scene"]) for arguments, _ in results if _camera(arguments) == CAMERAS[0]]
+        found.setdefault(camera_of(arguments), []).append(summary(measured))
+    scenes = [str(arguments["scene"]) for arguments, _ in results if camera_of(arguments) == CAMERAS[0]]
     shown = results[0][0]
     _draw(
-        {_camera(a): m for a, m in results if (a["scene"], a["seed"]) == (shown["scene"], shown["seed"])},
+        {camera_of(a): m for a, m in results if (a["scene"], a["seed"]) == (shown["scene"], shown["seed"])},
         f"{shown['scene']}, seed {shown['seed']}, {LUX:g} lux",
         folder / "fig11.png",
     )
@@ -71,10 +71,6 @@ def section(results: Results, folder: Path) -> ReportSection:
             _table(found, scenes),
         ],
     )
-
-
-def _camera(arguments: Mapping[str, Any]) -> CameraResponse:
-    return CameraResponse(*arguments["camera"])
 
 
 def _bias(found: Summaries, camera: CameraResponse, law: str) -> Interval:

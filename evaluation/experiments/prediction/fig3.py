@@ -10,7 +10,7 @@ import numpy as np
 
 from evaluation.drawing import COLOURS, panels, save
 from evaluation.experiments.experiment import Claim, Experiment, Figure, Job, ReportSection, Results, Table, Verdict
-from evaluation.experiments.prediction.still_life import gamma_curve, measure_changes
+from evaluation.experiments.prediction.still_life import camera_of, gamma_curve, measure_changes
 from evaluation.experiments.statistics import Interval, mean_interval
 from evaluation.prose import text_beside
 from evaluation.stage.camera import FAKE_CAMERAS, CameraResponse
@@ -48,7 +48,7 @@ def section(results: Results, folder: Path) -> ReportSection:
     """Judge prediction by the response and by gamma curves."""
     by_camera: dict[CameraResponse, list[Sequence[Mapping[str, Any]]]] = {}
     for arguments, found in results:
-        by_camera.setdefault(_camera(arguments), []).append(found)
+        by_camera.setdefault(camera_of(arguments), []).append(found)
     _draw(by_camera, folder / "fig3.png")
     exact = {camera: _over_all(found, "response_rms") for camera, found in by_camera.items()}
     gamma = {camera: _over_all(found, "gamma_rms") for camera, found in by_camera.items()}
@@ -80,10 +80,6 @@ def section(results: Results, folder: Path) -> ReportSection:
             _table(by_camera),
         ],
     )
-
-
-def _camera(arguments: Mapping[str, Any]) -> CameraResponse:
-    return CameraResponse(*arguments["camera"])
 
 
 def _over_all(found: Sequence[Sequence[Mapping[str, Any]]], figure: str) -> Interval:

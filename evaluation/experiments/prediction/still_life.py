@@ -43,6 +43,11 @@ class StillLife:
         return self._stage.expose("left", setting)
 
 
+def camera_of(arguments: Mapping[str, Any]) -> CameraResponse:
+    """The camera that a job names."""
+    return CameraResponse(*arguments["camera"])
+
+
 def still_stage(scene: str, seed: int, light: LightScript, camera: CameraResponse) -> Stage:
     """A scene that does not move, seen by a camera with a response."""
     views = build_views(scene, seed, no_turn, at_window=False)

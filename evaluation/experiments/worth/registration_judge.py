@@ -111,17 +111,14 @@ def _built(seed: int, daylight: Daylight) -> list[Surface]:
 _UPPER, _BEYOND, _HARDLY = TILTS
 
 
-def tuning() -> list[ParkReplay]:
-    """For development."""
-    return _around(TUNING_PARK, [("clear", _UPPER), ("clear", _BEYOND), ("overcast", _UPPER), ("sunset", _BEYOND)], 60)
-
-
-def report() -> list[ParkReplay]:
-    """What counts: other parks."""
+def replays(name: str) -> list[ParkReplay]:
+    """Those of the tuning or the report set, in other parks each."""
+    if name == "tuning":
+        cases = [("clear", _UPPER), ("clear", _BEYOND), ("overcast", _UPPER), ("sunset", _BEYOND)]
+        return _around(TUNING_PARK, cases, 60)
     clear = [("clear", _UPPER), ("clear", _BEYOND), ("clear", _HARDLY)]
-    return _around(
-        REPORT_PARK, [*clear, *clear[::2], ("overcast", _UPPER), ("overcast", _BEYOND), ("sunset", _UPPER)], 0
-    )
+    cases = [*clear, *clear[::2], ("overcast", _UPPER), ("overcast", _BEYOND), ("sunset", _UPPER)]
+    return _around(REPORT_PARK, cases, 0)
 
 
 def _around(seed: int, cases: Sequence[tuple[str, str]], first: int) -> list[ParkReplay]:
@@ -130,14 +127,6 @@ def _around(seed: int, cases: Sequence[tuple[str, str]], first: int) -> list[Par
         ParkReplay(seed + place, light, sky, (first + 30 * place) % PATH_MAPS)
         for place, (light, sky) in enumerate(cases)
     ]
-
-
-SETS = {"tuning": tuning, "report": report}  # The sets by name
-
-
-def quick_part(replays: Sequence[ParkReplay]) -> list[ParkReplay]:
-    """Three maps of the first."""
-    return [replace(replays[0], maps=3)]
 
 
 # Exposures tried, from the one that gives the first view a mean of one half; time before gain, since nothing blurs at
@@ -337,11 +326,11 @@ _COST_S = 1.0  # Of one contender and one map (s of one core)
 
 
 def jobs_of(name: str, quick: bool) -> list[Job]:
-    """The jobs of one of `SETS`: by replay its bounds, the published policies together, and all others apart."""
-    replays = SETS[name]()
+    """The jobs of a set: by replay its bounds, the published policies together, and all others apart; a quick run has
+    three maps of the first replay."""
     published = [one.policy_id for one in PUBLISHED if not quick or one.policy_id in QUICK]
     work: list[Job] = []
-    for replay in quick_part(replays) if quick else replays:
+    for replay in [replace(replays(name)[0], maps=3)] if quick else replays(name):
         given: dict[str, Plain] = {"replay": replay.plain()}
         arguments: dict[str, Plain] = {**given, "policies": list(published)}
         cost_s = _COST_S * replay.maps
