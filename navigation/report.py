@@ -216,7 +216,7 @@ def write_report(file: MapFile, facts: Mapping[str, str], page: Path) -> None:
     MapError
         When the map is damaged, or the page cannot be written.
     """
-    loaders = [jinja2.PackageLoader(package, "") for package in ("navigation", "calibration.report")]  # the style
+    loaders = (jinja2.FileSystemLoader(Path(__file__).parent), jinja2.PackageLoader("calibration.report", ""))  # style
     environment = jinja2.Environment(loader=jinja2.ChoiceLoader(loaders), autoescape=True)
     text = environment.get_template("report.html").render(
         title=f"Map {file.path.name}", facts=list(facts.items()), pictures=pictures(findings(file))

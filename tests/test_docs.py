@@ -52,5 +52,5 @@ def test_some_page_shows_how_to_call_it(command: str) -> None:
 @pytest.mark.parametrize("reason", LossReason)
 def test_a_loss_has_its_row_in_the_words_of_the_terminal(reason: LossReason) -> None:
     ((words, _, _),) = losses({reason: 1})
-    assert words != reason, "give it words in status/losses.py"
+    assert words != reason, "give it words in status/panel.py"
     assert f"| `{reason}` | {words} |" in page("account.md")

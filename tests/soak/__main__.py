@@ -6,15 +6,19 @@ Exits with 1 when anything is wrong: then it names the minute, its fault, and wh
 from __future__ import annotations
 
 import argparse
+import gc
 import logging
+import os
 import random
 import sys
 import time
-from collections import Counter
+from collections import Counter, deque
+from dataclasses import dataclass
+from pathlib import Path
 
+from imaging.python310 import Self
 from tests.soak.clock import SECOND
 from tests.soak.day import Day, LogCounter
-from tests.soak.memory import Memory
 
 GROWTH_BYTES = 1 << 20
 GROWTH_ELEMENTS = 500
@@ -22,6 +26,21 @@ GROWTH_ELEMENTS = 500
 
 WARM_UP_HOURS = 1
 """The longest memory of telemetry is full by then."""
+
+
+@dataclass(frozen=True, slots=True)
+class Memory:
+    """Resident bytes, and how many elements all containers that Python's collector knows of have together."""
+
+    resident_bytes: int
+    elements: int
+
+    @classmethod
+    def now(cls) -> Self:
+        gc.collect()
+        pages = int(Path("/proc/self/statm").read_text().split()[1])
+        containers = (each for each in gc.get_objects() if isinstance(each, list | dict | set | deque))
+        return cls(pages * os.sysconf("SC_PAGESIZE"), sum(map(len, containers)))
 
 
 def main() -> int:
