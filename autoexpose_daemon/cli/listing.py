@@ -49,7 +49,7 @@ PANELS = {
             "Measure response, noise, vignetting and geometry of cameras.",
             "calibration.commands.app:calibrate_app",
             extra="[calibration]",
-        ),
+        )
     },
     "Run the daemon": {
         "config": Listing("Check a configuration file.", f"{_HERE}.cameras:config_app"),

@@ -17,15 +17,7 @@ from autoexpose_daemon.control.decision import Grounds
 from autoexpose_daemon.messages.client import LARGEST_RESPONSE_BYTES, response_from_json
 from autoexpose_daemon.messages.frames import DamagedMessageError
 from autoexpose_daemon.messages.inputs import LARGEST_REGISTRATION_BYTES, RegisteredView, read_registration
-from autoexpose_daemon.messages.keys import (
-    LOOPBACK,
-    RIG_NAME,
-    check_rig_name,
-    last_but,
-    response_key,
-    rig_key,
-    side_of,
-)
+from autoexpose_daemon.messages.keys import LOOPBACK, RIG_NAME, check_rig_name, last_but, response_key, rig_key, side_of
 from autoexpose_daemon.publish.session import Endpoints, SessionHolder
 from autoexpose_daemon.status.document import LARGEST_STATUS_BYTES, Status, grounds_from_json
 from autoexpose_daemon.status.panel import losses, lost_in_words, newest_setting

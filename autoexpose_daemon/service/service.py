@@ -207,11 +207,7 @@ class Service:
     """
 
     def __init__(
-        self,
-        config: Config,
-        build: Build,
-        notifier: Notifier | None = None,
-        last_exposure: LastExposure | None = None,
+        self, config: Config, build: Build, notifier: Notifier | None = None, last_exposure: LastExposure | None = None
     ) -> None:
         self._build = build
         self._last_exposure = last_exposure or LastExposure(None)
