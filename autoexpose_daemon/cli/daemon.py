@@ -139,10 +139,7 @@ def _explaining(notifier: Notifier) -> Iterator[None]:
 
 
 def run_daemon(
-    file: Path,
-    notifier: Notifier,
-    recorder: Recorder | None = None,
-    load: Callable[[Path], Config] | None = None,
+    file: Path, notifier: Notifier, recorder: Recorder | None = None, load: Callable[[Path], Config] | None = None
 ) -> None:
     """Run the daemon with the live view, until SIGTERM or SIGINT; `load` reads its configuration, also again."""
     from autoexpose_daemon.config.load import load_config  # noqa: PLC0415

@@ -49,7 +49,7 @@ PANELS = {
             "Measure response, noise, vignetting and geometry of cameras.",
             "calibration.commands.app:calibrate_app",
             extra="[calibration]",
-        ),
+        )
     },
     "Run the daemon": {
         "config": Listing("Check a configuration file.", f"{_HERE}.cameras:config_app"),
@@ -103,8 +103,9 @@ def load_command(name: str) -> Any:
     Raises AutoexposeError if it belongs to a package that is not installed, or needs one.
     """
     listing = LISTINGS[name]
+    module, _, attribute = listing.place.partition(":")
     try:
-        found = _load_place(listing.place) if listing.place else _load_entry_point(name)
+        found = getattr(import_module(module), attribute) if module else _load_entry_point(name)
     except ModuleNotFoundError as error:
         source = f"'autoexpose-daemon{listing.extra}'" if listing.place else "autoexpose-lab"
         raise AutoexposeError(
@@ -115,11 +116,6 @@ def load_command(name: str) -> Any:
     app = typer.Typer(add_completion=False)
     app.command(name)(found)
     return typer.main.get_command(app)
-
-
-def _load_place(place: str) -> Any:
-    module, _, attribute = place.partition(":")
-    return getattr(import_module(module), attribute)
 
 
 def _load_entry_point(name: str) -> Any:

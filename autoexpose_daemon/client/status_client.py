@@ -17,15 +17,7 @@ from autoexpose_daemon.control.decision import Grounds
 from autoexpose_daemon.messages.client import LARGEST_RESPONSE_BYTES, response_from_json
 from autoexpose_daemon.messages.frames import DamagedMessageError
 from autoexpose_daemon.messages.inputs import LARGEST_REGISTRATION_BYTES, RegisteredView, read_registration
-from autoexpose_daemon.messages.keys import (
-    LOOPBACK,
-    RIG_NAME,
-    check_rig_name,
-    last_but,
-    response_key,
-    rig_key,
-    side_of,
-)
+from autoexpose_daemon.messages.keys import LOOPBACK, RIG_NAME, check_rig_name, last_but, response_key, rig_key, side_of
 from autoexpose_daemon.publish.session import Endpoints, SessionHolder
 from autoexpose_daemon.status.document import LARGEST_STATUS_BYTES, Status, grounds_from_json
 from autoexpose_daemon.status.panel import losses, lost_in_words, newest_setting
@@ -207,7 +199,8 @@ class _Rig:
         self.reasons = "; ".join(status.reasons)[:_LONGEST_REASON]
         self.lost_words = lost_in_words(status.lost)[:_LONGEST_REASON]
         self.rate_hz, self.setting = status.rate_hz, newest_setting(status)
-        self._count(now_s, status.counts.pairs, _lost_to_faults(status))
+        lost_to_faults = sum(count for _, count, is_fault in losses(status.lost) if is_fault)
+        self._count(now_s, status.counts.pairs, lost_to_faults)
 
     def line(self, rig: str, now_s: float, silent_s: float) -> RigLine:
         age_s, lost_share = now_s - self.heard_s, self.lost_share
@@ -272,10 +265,6 @@ class Fleet:
     def crowded(self, now_s: float) -> bool:
         """Whether some of the rigs that report at present are not listed, for lack of room."""
         return now_s - self._turned_away_s < _CROWDED_S
-
-
-def _lost_to_faults(status: Status) -> int:
-    return sum(count for _, count, is_fault in losses(status.lost) if is_fault)
 
 
 _FLEET_MESSAGES = 64

@@ -209,9 +209,10 @@ def summary(lines: Sequence[RigLine]) -> str:
 
 def _cells(line: RigLine) -> Iterator[Text]:
     heard = line.condition not in (Condition.SILENT, Condition.ENDED, Condition.FAILED)
-    age = duration_text(line.age_s)
+    age, silent = duration_text(line.age_s), line.condition is Condition.SILENT
+    since = f"{line.condition} for {age}" if silent else f"{line.condition}, {age} ago"
     yield plain(line.rig)
-    yield plain(line.condition if heard else _since(line.condition, age), _COLOURS[line.condition])
+    yield plain(line.condition if heard else since, _COLOURS[line.condition])
     yield plain(f"{line.rate_hz:.1f}" if heard else "")
     yield plain(str(line.lost), "" if heard else "dim")
     yield plain(f"{line.lost_share:.1%}" if heard else "")
@@ -219,10 +220,6 @@ def _cells(line: RigLine) -> Iterator[Text]:
     why = plain(line.why)
     why.no_wrap, why.overflow = True, "ellipsis"
     yield why
-
-
-def _since(condition: Condition, age: str) -> str:
-    return f"{condition} for {age}" if condition is Condition.SILENT else f"{condition}, {age} ago"
 
 
 def _notes(client: FleetClient, now_s: float) -> Iterator[str]:

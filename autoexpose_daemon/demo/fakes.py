@@ -230,14 +230,11 @@ def fake_cameras(
     with ExitStack() as stack:
         cameras = []
         for side in SERIALS:
-            camera = FakeCamera(side, folder, [*_place(side, sockets), *arguments])
+            place = ["--usb3", "--socket", str(sockets[side])] if sockets else ["--address", _ADDRESSES[side]]
+            camera = FakeCamera(side, folder, [*place, *arguments])
             stack.callback(camera.end)
             cameras.append(camera)
         yield FakeCameras(tuple(cameras), stop)
-
-
-def _place(side: Side, sockets: Mapping[Side, Path]) -> list[str]:
-    return ["--usb3", "--socket", str(sockets[side])] if sockets else ["--address", _ADDRESSES[side]]
 
 
 def _document(line: str) -> dict[str, Any]:

@@ -40,8 +40,8 @@ def run_demo(options: DemoOptions, stop: threading.Event, console: Console) -> N
     check_policy_id(options.policy)
     if options.record is not None:
         check_recording_extra()
-    if options.navigate:
-        _check_publishing_extra()
+    if options.navigate and importlib.util.find_spec("zenoh") is None:
+        raise ConfigurationError("--navigate needs the extra `publish`: pip install 'autoexpose-daemon[publish]'")
     sockets, folder_of_sockets = cameras_on_bus(), folder_of_bus()
     if sockets and folder_of_sockets is None:
         raise ConfigurationError(
@@ -86,9 +86,3 @@ def _keep_room() -> list[str]:
     except RuntimeError:  # no home
         return []
     return ["--keep-room", str(cache / "autoexpose")] if cache.is_absolute() else []
-
-
-def _check_publishing_extra() -> None:
-    """Raise a ConfigurationError if the package that carries frames and commands is not installed."""
-    if importlib.util.find_spec("zenoh") is None:
-        raise ConfigurationError("--navigate needs the extra `publish`: pip install 'autoexpose-daemon[publish]'")

@@ -28,7 +28,7 @@ from drivers.genicam.features import advice, changed_from_default, differing, re
 from drivers.genicam.nodes import NodeMap
 from drivers.setup import CameraSetup, FeatureSetting, TriggerSetup, as_list
 from imaging.errors import AutoexposeError, CameraLostError, ConfigurationError
-from imaging.exposure import ExposureLimits, ExposureSetting
+from imaging.exposure import ExposureSetting
 from imaging.frames import Frame, Side
 
 _STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -156,7 +156,9 @@ def write_report(
     Raises ConfigurationError when the file exists, or cannot be written.
     """
     found = [camera for camera in find_cameras() if need.wants(camera.serial)]
-    host = json.dumps({"format": FORMAT, "software": _software(), "host": _host(facts)}, indent=1)
+    ours, python = version("autoexpose-daemon"), platform.python_version()
+    software = {"autoexpose-daemon": ours, "python": python, "system": platform.platform()}
+    host = json.dumps({"format": FORMAT, "software": software, "host": _host(facts)}, indent=1)
     try:
         with zipfile.ZipFile(path, "x", zipfile.ZIP_DEFLATED) as archive:
             archive.writestr("host.json", host)
@@ -171,14 +173,6 @@ def write_report(
         reason = "it exists: name a new file" if isinstance(error, FileExistsError) else error.strerror
         raise ConfigurationError(f"--report {path}: {reason}") from error
     say(f"{path}: {len(found)} camera{'' if len(found) == 1 else 's'}; no images, addresses or serial numbers")
-
-
-def _software() -> dict[str, str]:
-    return {
-        "autoexpose-daemon": version("autoexpose-daemon"),
-        "python": platform.python_version(),
-        "system": platform.platform(),
-    }
 
 
 def _host(facts: Facts) -> dict[str, Any]:
@@ -224,14 +218,15 @@ def _watched(camera: AravisCamera, watched_s: float) -> dict[str, Any]:
     """What the camera sends while its exposure time is written five times a second."""
     newest: Frame | None = None
     starts_ms, late_ms, write_ms = list[float](), list[float](), list[float]()  # late: from exposure to memory
-    incomplete, ids, doubts = 0, list[int](), list[str]()
+    incomplete, ids, doubts, limits = 0, list[int](), list[str](), camera.limits
     camera.start()
     end_s = written_s = time.monotonic() + watched_s
     written_s -= watched_s
     while (now_s := time.monotonic()) < end_s:
         if now_s >= written_s:
             written_s += _WRITE_EVERY_S
-            camera.write(_setting(camera.limits, _TIMES_US[len(write_ms) % 2]))
+            time_us = min(max(_TIMES_US[len(write_ms) % 2], limits.min_time_us), limits.max_time_us)
+            camera.write(ExposureSetting(time_us, limits.min_gain_db))
             write_ms.append(1e3 * (time.monotonic() - now_s))
         frame = camera.next_frame(_PATIENCE_S)
         if frame is None:
@@ -258,10 +253,6 @@ def _watched(camera: AravisCamera, watched_s: float) -> dict[str, Any]:
         "exposure_end_to_arrival_ms": _percentiles(np.array(late_ms)),
         "write_ms": _percentiles(np.array(write_ms)),
     }
-
-
-def _setting(limits: ExposureLimits, time_us: float) -> ExposureSetting:
-    return ExposureSetting(min(max(time_us, limits.min_time_us), limits.max_time_us), limits.min_gain_db)
 
 
 def _percentiles(values: np.ndarray[Any, np.dtype[np.float64]]) -> dict[str, float] | None:

@@ -67,19 +67,13 @@ def _missing(facts: Facts, need: Need) -> Iterator[Diagnosis]:
     there = ", ".join(facts.serials) or "none"
     for side, serial in need.serials.items():
         if serial not in facts.serials:
-            yield Diagnosis(
-                "camera-missing",
-                "stops",
-                f"{need.name(serial)} not found; cameras found: {there}",
-                f"autoexpose doctor   # after checking power, cable and cameras.{side}.serial",
-            )
+            sentence = f"{need.name(serial)} not found; cameras found: {there}"
+            fix = f"autoexpose doctor   # after checking power, cable and cameras.{side}.serial"
+            yield Diagnosis("camera-missing", "stops", sentence, fix)
     if not need.serials and not (facts.usb.cameras or facts.gige.cameras):
-        yield Diagnosis(
-            "camera-missing",
-            "stops",
-            "no camera found, neither USB3 Vision nor GigE Vision",
-            "autoexpose doctor   # after checking power and cables",
-        )
+        sentence = "no camera found, neither USB3 Vision nor GigE Vision"
+        fix = "autoexpose doctor   # after checking power and cables"
+        yield Diagnosis("camera-missing", "stops", sentence, fix)
 
 
 _COLOURS: dict[Severity, str] = {"stops": "bold red", "warning": "yellow", "ok": "green"}

@@ -60,24 +60,18 @@ def _judge_link(camera: UsbCamera, need: Need) -> Diagnosis:
         return Diagnosis("usb-link", "ok", f"{name} is present at {speed}; the configuration does not name it")
     if camera.speed_mbps is None or camera.speed_mbps >= USB3_MBPS:
         return Diagnosis("usb-link", "ok", f"{name} is linked at {speed}")
-    return Diagnosis(
-        "usb-link",
-        "warning",
-        f"{name} is linked at {speed}, which is not SuperSpeed: the cable, hub or port is USB 2",
-        "lsusb -t   # shows each link's speed; use a SuperSpeed port and a USB 3 cable",
-    )
+    sentence = f"{name} is linked at {speed}, which is not SuperSpeed: the cable, hub or port is USB 2"
+    fix = "lsusb -t   # shows each link's speed; use a SuperSpeed port and a USB 3 cable"
+    return Diagnosis("usb-link", "warning", sentence, fix)
 
 
 def _judge_node(camera: UsbCamera, need: Need, udev_rule: str | None) -> Diagnosis:
     node = camera.node
     name = need.name(camera.serial)
     if not node.exists:
-        return Diagnosis(
-            "usb-node",
-            "stops",
-            f"{name}: its device node {node.path} does not exist here",
-            f"ls -l {node.path}   # a container must be given /dev/bus/usb",
-        )
+        sentence = f"{name}: its device node {node.path} does not exist here"
+        fix = f"ls -l {node.path}   # a container must be given /dev/bus/usb"
+        return Diagnosis("usb-node", "stops", sentence, fix)
     sentence = f"{name}: its device node {node.path} ({node.mode}, group {node.group})"
     if node.usable:
         return Diagnosis("usb-node", "ok", f"{sentence} may be opened by this user")
@@ -96,12 +90,9 @@ def _open_node(camera: UsbCamera, udev_rule: str | None) -> str:
 def _judge_holders(camera: UsbCamera, need: Need) -> Iterator[Diagnosis]:
     if camera.node.holders:
         programs = ", ".join(f"{holder.command} (process {holder.pid})" for holder in camera.node.holders)
-        yield Diagnosis(
-            "usb-holder",
-            "stops",
-            f"{need.name(camera.serial)} is in use by {programs}",
-            "kill " + " ".join(str(holder.pid) for holder in camera.node.holders),
-        )
+        sentence = f"{need.name(camera.serial)} is in use by {programs}"
+        fix = "kill " + " ".join(str(holder.pid) for holder in camera.node.holders)
+        yield Diagnosis("usb-holder", "stops", sentence, fix)
 
 
 def _judge_hubs(cameras: Sequence[UsbCamera], need: Need) -> Iterator[Diagnosis]:
@@ -239,19 +230,13 @@ def _neighbour(address: IPv4Interface) -> IPv4Interface:
 
 def _judge_control(control: Control, name: str, camera: GigeCamera) -> Diagnosis:
     if control == "silent":
-        return Diagnosis(
-            "gige-control",
-            "stops",
-            f"{name} answers discovery, but not direct requests: a firewall, or a duplicate address",
-            f"ping -c 3 {camera.address.ip}; sudo nft list ruleset",
-        )
+        sentence = f"{name} answers discovery, but not direct requests: a firewall, or a duplicate address"
+        fix = f"ping -c 3 {camera.address.ip}; sudo nft list ruleset"
+        return Diagnosis("gige-control", "stops", sentence, fix)
     if control == "held":
-        return Diagnosis(
-            "gige-control",
-            "stops",
-            f"{name} is controlled by another program; a killed program keeps control for some seconds",
-            "sudo ss -uanp   # lists the programs of this host that use UDP: close the one with the camera",
-        )
+        sentence = f"{name} is controlled by another program; a killed program keeps control for some seconds"
+        fix = "sudo ss -uanp   # lists the programs of this host that use UDP: close the one with the camera"
+        return Diagnosis("gige-control", "stops", sentence, fix)
     return Diagnosis("gige-control", "ok", f"{name} answers and is free")
 
 
@@ -262,29 +247,20 @@ def _judge_ptp(status: str | None, name: str) -> Diagnosis:
         case "Disabled":
             return Diagnosis("ptp", "ok", f"{name} has its PTP clock off; the daemon switches it on")
         case None:
-            return Diagnosis(
-                "ptp",
-                "warning",
-                f"{name} does not show the state of a PTP clock (register 0x096C)",
-                "autoexpose config check --camera rig.yaml   # says whether it can be driven",
-            )
-    return Diagnosis(
-        "ptp",
-        "warning",
-        f"{name} follows no PTP master (PtpStatus {status})",
-        "sudo ptp4l -i eth0 -m -S   # makes this computer one, on the cameras' interface: docs/triggering.md",
-    )
+            sentence = f"{name} does not show the state of a PTP clock (register 0x096C)"
+            fix = "autoexpose config check --camera rig.yaml   # says whether it can be driven"
+            return Diagnosis("ptp", "warning", sentence, fix)
+    sentence = f"{name} follows no PTP master (PtpStatus {status})"
+    fix = "sudo ptp4l -i eth0 -m -S   # makes this computer one, on the cameras' interface: docs/triggering.md"
+    return Diagnosis("ptp", "warning", sentence, fix)
 
 
 def _judge_packets(interface: NetworkInterface, cameras: Sequence[GigeCamera], need: Need) -> Diagnosis:
     name, mtu_bytes, packet_bytes = interface.name, interface.mtu_bytes, need.packet_size_bytes
     if packet_bytes is not None and packet_bytes > mtu_bytes:
-        return Diagnosis(
-            "gige-packets",
-            "stops",
-            f"transport.packet_size_bytes {packet_bytes} exceeds the MTU of {name}, {mtu_bytes} bytes",
-            f"sudo ip link set dev {name} mtu {packet_bytes}   # or lower transport.packet_size_bytes",
-        )
+        sentence = f"transport.packet_size_bytes {packet_bytes} exceeds the MTU of {name}, {mtu_bytes} bytes"
+        fix = f"sudo ip link set dev {name} mtu {packet_bytes}   # or lower transport.packet_size_bytes"
+        return Diagnosis("gige-packets", "stops", sentence, fix)
     packets = packets_of(max(need.frame_bytes(camera.serial) for camera in cameras), packet_bytes or mtu_bytes)
     sentence = f"{name} has an MTU of {mtu_bytes} bytes"
     if packet_bytes is not None:

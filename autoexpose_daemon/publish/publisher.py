@@ -27,13 +27,7 @@ from autoexpose_daemon.messages.inputs import (
     read_light_ahead,
     read_tracked_cells,
 )
-from autoexpose_daemon.messages.keys import (
-    CONSUMER_NAME,
-    consumer_key,
-    frame_key,
-    last_but,
-    rig_key,
-)
+from autoexpose_daemon.messages.keys import CONSUMER_NAME, consumer_key, frame_key, last_but, rig_key
 from autoexpose_daemon.publish.inbound import WAITING_REQUESTS, Ask, ControlDoor
 from autoexpose_daemon.publish.ros2_keys import Attachments, Ros2Node
 from autoexpose_daemon.publish.session import Endpoints, SessionHolder, reading

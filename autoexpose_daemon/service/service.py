@@ -209,11 +209,7 @@ class Service:
     """
 
     def __init__(
-        self,
-        config: Config,
-        build: Build,
-        notifier: Notifier | None = None,
-        last_exposure: LastExposure | None = None,
+        self, config: Config, build: Build, notifier: Notifier | None = None, last_exposure: LastExposure | None = None
     ) -> None:
         self._build = build
         self._last_exposure = last_exposure or LastExposure(None)
@@ -238,7 +234,9 @@ class Service:
                 self._look_for_failures()
                 self._announcer.look()
                 show(self.status)
-                self._take_note()
+                if self._announcer.health.state is not State.STARTING:
+                    self._former = None
+                self._last_exposure.keep(self.daemon.telemetry, time.monotonic())
                 self._look_for_reload(new_config)
         except BaseException as error:
             self._announcer.failed(error)
@@ -283,11 +281,6 @@ class Service:
         self._config, self._former = self._former, None
         self.daemon = self._make(self._config)
         self._begin()
-
-    def _take_note(self) -> None:
-        if self._announcer.health.state is not State.STARTING:
-            self._former = None
-        self._last_exposure.keep(self.daemon.telemetry, time.monotonic())
 
     def _look_for_reload(self, new_config: NewConfig) -> None:
         try:

@@ -111,10 +111,7 @@ def test_a_container_has_as_many_cores_as_its_quota(tmp_path: Path) -> None:
         ({"seed": -1}, f"--seed -1 is not within 0 to {2**64 - 1}"),
         ({"scene": "/dev/zero"}, "--scene /dev/zero is not a file: name a Radiance .hdr file, or `room`"),
         ({"light": Path("/dev/zero")}, "--light /dev/zero is not a file: name a light script (docs/fake-camera.md)"),
-        (
-            {"pixel_format": "Mono9"},
-            "--pixel-format Mono9 is not supported: docs/configuration.md lists what is",
-        ),
+        ({"pixel_format": "Mono9"}, "--pixel-format Mono9 is not supported: docs/configuration.md lists what is"),
         ({"size": "99x99"}, f"--size 99x99 cannot be simulated: give one of {', '.join(SIZES)}"),
         ({"plot": Path("/dev")}, "/dev: cannot be written; name a file in an existing folder"),
     ],

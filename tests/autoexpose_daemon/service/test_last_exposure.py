@@ -3,13 +3,10 @@ from __future__ import annotations
 import json
 import logging
 import os
-import tempfile
 import time
 from pathlib import Path
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.service.last_exposure import FORMAT, LONGEST_AGE_S, LastExposure
@@ -120,14 +117,6 @@ def test_a_damaged_file_is_a_line_of_the_log(
     assert LastExposure(file).recall(LIMITS) is None
     assert len(caplog.records) == 1
     assert "damaged" in caplog.text
-
-
-@given(st.binary() | st.recursive(st.none() | st.floats() | st.integers() | st.text(), st.lists).map(json.dumps))
-def test_any_content_at_all_is_no_failure(content: bytes | str) -> None:
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / "last.json"
-        file.write_bytes(content if isinstance(content, bytes) else content.encode())
-        assert LastExposure(file).recall(LIMITS) is None
 
 
 def test_a_place_that_cannot_be_written_is_said_once(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
