@@ -15,6 +15,7 @@ from autoexpose_daemon.control.decision import Grounds
 from autoexpose_daemon.control.light_ahead import LightAhead
 from autoexpose_daemon.control.metrics.gradient import mean_signal
 from autoexpose_daemon.control.picture.steering import Steering
+from autoexpose_daemon.control.snapshot import Built, Stateful
 from imaging.exposure import ExposureLimits, ExposureSetting
 from imaging.frames import Side
 from imaging.response import ResponseFunction
@@ -205,10 +206,10 @@ Objective = Literal["metric", "information"]
 """What makes a frame good: gradient information M_g, or the Fisher information of its gradients (docs/policy.md)."""
 
 
-class ExposurePolicy(ABC):
+class ExposurePolicy(Stateful, ABC):
     """Decides on one exposure level per stereo pair. One that is in the table also has a class method `build(setup)`.
 
-    The state that a policy carries from frame to frame is plain data in attributes named in `STATE`: see `snapshot`.
+    What a policy carries from frame to frame is plain data in the attributes that it annotates: see `snapshot`.
 
     Attributes
     ----------
@@ -228,13 +229,12 @@ class ExposurePolicy(ABC):
         How the level is split into time and gain.
     """
 
-    STATE: ClassVar[tuple[str, ...]] = ()
     FLOW: ClassVar[Literal["tiles", "farneback"]] = "tiles"
     OBJECTIVE: ClassVar[Objective] = "metric"
-    compensated: Literal["targets", "frames", "darker"] = "darker"
+    compensated: Built[Literal["targets", "frames", "darker"]] = "darker"
     STEERED: ClassVar[bool] = False
     FILTERED: ClassVar[bool] = True
-    balance: Balance
+    balance: Built[Balance]
 
     @property
     def light_belief(self) -> float | None:

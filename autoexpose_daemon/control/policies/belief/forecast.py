@@ -8,13 +8,13 @@ import statistics
 from collections import deque
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
-from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from autoexpose_daemon.control.light_ahead import SPREADS, UNPROVEN, WINDOW_FRAMES, LightAhead
 from autoexpose_daemon.control.metrics.extension import extension as _native
+from autoexpose_daemon.control.snapshot import Built, Stateful
 
 HISTORY = 96
 """Frames: one and a half seconds at 60 Hz, three periods of a shadow that passes twice a second."""
@@ -41,7 +41,7 @@ LONGEST_LEAD = 1.0
 
 
 @dataclass(slots=True)
-class Forecast:
+class Forecast(Stateful):
     """The changes of light from frame to frame, and what follows from them.
 
     Attributes
@@ -49,8 +49,6 @@ class Forecast:
     changes
         Stops per frame, oldest first.
     """
-
-    STATE: ClassVar[tuple[str, ...]] = ("changes",)
 
     changes: deque[float] = field(default_factory=lambda: deque(maxlen=HISTORY))
 
@@ -111,7 +109,7 @@ NARROWEST_FRAMES = 0.5
 
 
 @dataclass(slots=True)
-class Foresight:
+class Foresight(Stateful):
     """Weighs what an earlier drive saw against light that follows its own recent pattern.
 
     Where exactly the rig is on the route is not known, so each place it may be at is a hypothesis. How well it explains
@@ -129,12 +127,10 @@ class Foresight:
         frame to the next.
     """
 
-    STATE: ClassVar[tuple[str, ...]] = ("belief", "untold_frames")
-
     belief: float = UNPROVEN
     untold_frames: int = 0
-    here: NDArray[np.int64] = field(default_factory=lambda: np.zeros(1, np.int64))
-    places: NDArray[np.float64] = field(default_factory=lambda: np.ones(1))
+    here: Built[NDArray[np.int64]] = field(default_factory=lambda: np.zeros(1, np.int64))
+    places: Built[NDArray[np.float64]] = field(default_factory=lambda: np.ones(1))
 
     def rest(self) -> None:
         """A frame without a series. After a while, the next series is of another drive."""

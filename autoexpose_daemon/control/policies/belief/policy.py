@@ -32,6 +32,7 @@ from autoexpose_daemon.control.policies.belief.timing import Cadence, LoopDelay
 from autoexpose_daemon.control.policy import ExposurePolicy, Look, Objective, Observation, Target
 from autoexpose_daemon.control.registration import LightChange, LightRegistration
 from autoexpose_daemon.control.setup import ControlSetup
+from autoexpose_daemon.control.snapshot import Built
 from imaging.exposure import ExposureLimits, linear_gain
 from imaging.frames import Side
 from imaging.python310 import Self
@@ -73,9 +74,6 @@ class Belief(ExposurePolicy):
     a look into white or black would reveal.
     """
 
-    STATE: ClassVar[tuple[str, ...]] = (
-        "registrations", "forecast", "foresight", "cadence", "latency", "beliefs", "seen_ns",
-    )  # fmt: skip
     OBJECTIVE: ClassVar[Objective] = "information"
     STEERED: ClassVar[bool] = True
     FILTERED: ClassVar[bool] = False
@@ -87,6 +85,7 @@ class Belief(ExposurePolicy):
     latency: LoopDelay
     beliefs: dict[Side, SceneBelief]
     seen_ns: dict[Side, int]
+    _planned_for: Built[tuple[float, Prospects, Array] | None]
 
     def __init__(self, responses: Mapping[Side, ResponseFunction], balance: Balance, noise: SensorNoise) -> None:
         self.balance = balance
@@ -97,7 +96,7 @@ class Belief(ExposurePolicy):
         self.latency = LoopDelay()
         self.beliefs = {side: SceneBelief(Optics(response, noise)) for side, response in responses.items()}
         self.seen_ns = {}
-        self._planned_for: tuple[float, Prospects, Array] | None = None
+        self._planned_for = None
 
     @classmethod
     def build(cls, setup: ControlSetup) -> Self:

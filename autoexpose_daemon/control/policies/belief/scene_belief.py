@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,7 @@ from autoexpose_daemon.control.decision import SceneHistogram
 from autoexpose_daemon.control.metrics.contrast import CELLS, Contrast
 from autoexpose_daemon.control.metrics.extension import extension as _native
 from autoexpose_daemon.control.policies.belief.optics import Optics
+from autoexpose_daemon.control.snapshot import Stateful
 
 Array = NDArray[np.float64]
 
@@ -103,7 +104,7 @@ class Outlook(NamedTuple):
         return cls(np.empty(HYPOTHESES), *np.empty((3, HYPOTHESES, count)))
 
 
-class SceneBelief:
+class SceneBelief(Stateful):
     """A histogram of the scene's radiance in 8x8 cells, with the contrast in each bin, that outlives exposures.
 
     A frame shows the part of it between black and white, and replaces what was believed of that part. Of what is
@@ -131,10 +132,6 @@ class SceneBelief:
         Since the latest frame that showed something new.
     """
 
-    STATE: ClassVar[tuple[str, ...]] = (
-        "mass", "energy", "precision", "seen", "bounds", "hidden", "tail", "richness", "drift", "usual_richness",
-        "nothing", "age_s", "latest", "by_cell", "noise_share", "averaged", "relative_light",
-    )  # fmt: skip
     mass: Array
     energy: Array
     precision: Array

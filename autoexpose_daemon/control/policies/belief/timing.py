@@ -6,14 +6,15 @@ import statistics
 from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import ClassVar
+
+from autoexpose_daemon.control.snapshot import Stateful
 
 REMEMBERED = 9
 """Intervals between frames, and delays. Their medians are right unless most frames are lost."""
 
 
 @dataclass(slots=True)
-class Cadence:
+class Cadence(Stateful):
     """The interval between frames, learnt from their stamps.
 
     Attributes
@@ -21,8 +22,6 @@ class Cadence:
     intervals_s
         The latest ones.
     """
-
-    STATE: ClassVar[tuple[str, ...]] = ("intervals_s",)
 
     intervals_s: deque[float] = field(default_factory=lambda: deque(maxlen=REMEMBERED))
 
@@ -42,7 +41,7 @@ DISTINCT_STOPS = 0.15
 
 
 @dataclass(slots=True)
-class LoopDelay:
+class LoopDelay(Stateful):
     """The delay D of the loop, found by matching past targets with what frames were really taken with.
 
     Attributes
@@ -52,8 +51,6 @@ class LoopDelay:
     found
         The latest delays that were found.
     """
-
-    STATE: ClassVar[tuple[str, ...]] = ("level", "found")
 
     level: float | None = None
     found: deque[int] = field(default_factory=lambda: deque(maxlen=REMEMBERED))
