@@ -7,8 +7,8 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from autoexpose_daemon.control.balance import Balance, whole_periods_us
+from autoexpose_daemon.control.compensation import Compensation
 from autoexpose_daemon.control.decision import Decision, Grounds
-from autoexpose_daemon.control.override import Compensation
 from autoexpose_daemon.control.parameters import FASTEST_TURN_RAD_S, REMEMBERED_STEPS
 from autoexpose_daemon.control.picture.image import median
 from autoexpose_daemon.control.picture.motion import FarnebackMotion, Motion, TileMotion
@@ -218,10 +218,9 @@ class ControlLoop(Stateful):
             black_share=black_share,
             motion_px=self._speed_px(look, frame, setting, inputs.angular_rate_rad_s),
             limits=limits,
+            inputs=inputs,
             past=self._past,
             flicker_hz=self.flicker_hz,
-            light_ahead=inputs.light_ahead,
-            steering=inputs.steering,
             ev_stops=0.0 if self._compensation is not None else inputs.override.ev_stops,
         )
 

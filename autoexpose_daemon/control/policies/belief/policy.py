@@ -193,7 +193,7 @@ class Belief(ExposurePolicy):
         self._planned_for = level, prospects, values
         best = int(values.argmax())
         wanted = min(float(levels[beyond + best]), observation.limits.brightest.level)
-        reason = _reason(wanted - before, looks[best]) + ("" if observation.steering is None else "; steered")
+        reason = _reason(wanted - before, looks[best]) + ("" if observation.inputs.steering is None else "; steered")
         faults = "".join(f"; {side} camera {remark}" for side, remark in self.uncounted.items())
         return Target(wanted, reason + faults)
 
@@ -207,7 +207,7 @@ class Belief(ExposurePolicy):
         now_us, scale = observation.setting.exposure_time_us, observation.looks[0].scale
         gains, sharp = np.empty((2, levels.size))
         _native.split_levels(reachable, times_us, observation.motion_px * PER_US / scale, now_us, gains, sharp)
-        steering = observation.steering
+        steering = observation.inputs.steering
         beliefs = {side: belief for side, belief in self.beliefs.items() if belief.by_cell.any()}
         information, favoured, revealed = np.empty((3, len(beliefs), HYPOTHESES, levels.size))
         probability = np.empty((len(beliefs), HYPOTHESES))
@@ -237,7 +237,7 @@ class Belief(ExposurePolicy):
         (paths, HORIZON + 1): as its own pattern has it, and as an earlier drive saw it from each place where the rig
         may be.
         """
-        told, steady, delay = observation.light_ahead, observation.motion_px < SLOW_PX, self.latency.frames
+        told, steady, delay = observation.inputs.light_ahead, observation.motion_px < SLOW_PX, self.latency.frames
         frames = range(delay - 1, delay + HORIZON)
         by_itself = np.array([self.forecast.path(frames, steady=steady)])
         if told is None:
