@@ -14,10 +14,8 @@ from autoexpose_daemon.control.metrics.contrast import CELLS, Contrast
 from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
 from autoexpose_daemon.control.picture.motion import PER_US
 from autoexpose_daemon.control.picture.steering import STEERING_SHARE
-from autoexpose_daemon.control.policies.belief.optics import Optics
-from autoexpose_daemon.control.policies.belief.plan import Prospects
-from autoexpose_daemon.control.policies.belief.policy import HOPE, LEAST_CAMERA
-from autoexpose_daemon.control.policies.belief.scene_belief import HYPOTHESES, RULES, Outlook, SceneBelief
+from autoexpose_daemon.control.policies.belief.policy import HOPE, LEAST_CAMERA, Prospects
+from autoexpose_daemon.control.policies.belief.scene_belief import HYPOTHESES, RULES, Optics, Outlook, SceneBelief
 from autoexpose_daemon.control.snapshot import state_names
 from imaging.response import ResponseFunction
 
