@@ -4,20 +4,20 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Mapping
-from typing import Any, ClassVar
+from typing import Any
 
 from autoexpose_daemon.control.balance import Balance, whole_periods_us
+from autoexpose_daemon.control.compensation import Compensation
 from autoexpose_daemon.control.decision import Decision, Grounds
-from autoexpose_daemon.control.override import Compensation
 from autoexpose_daemon.control.parameters import FASTEST_TURN_RAD_S, REMEMBERED_STEPS
 from autoexpose_daemon.control.picture.image import median
 from autoexpose_daemon.control.picture.motion import FarnebackMotion, Motion, TileMotion
 from autoexpose_daemon.control.picture.steering import CellExposure
 from autoexpose_daemon.control.policies.flicker import FlickerWatch
 from autoexpose_daemon.control.policies.table import build_policy
-from autoexpose_daemon.control.policy import Look, Objective, Observation, PastStep, Target
+from autoexpose_daemon.control.policy import ExposurePolicy, Look, Objective, Observation, PastStep, Target
 from autoexpose_daemon.control.setup import ControlSetup
-from autoexpose_daemon.control.snapshot import Plain, restore, take
+from autoexpose_daemon.control.snapshot import Built, Plain, Stateful, restore, take
 from autoexpose_daemon.control.step import StepInputs
 from autoexpose_daemon.control.view import View
 from imaging.errors import ConfigurationError
@@ -38,7 +38,7 @@ STATE_FORMAT = "autoexpose-control/13"
 """Format of `ControlSetup` and `ControlLoop.state` as plain data: a new number when names, types or meaning change."""
 
 
-class ControlLoop:
+class ControlLoop(Stateful):
     """Decides once per stereo pair, for both cameras.
 
     Targets are absolute: the level of this frame, from its metadata, plus a change. So frames in flight while a
@@ -65,18 +65,23 @@ class ControlLoop:
         For a policy that does not exist.
     """
 
-    STATE: ClassVar[tuple[str, ...]] = ("_past", "_motions", "_motion_side", "_motion_px", "_policy", "_flicker")
+    inputs: Built[StepInputs | None]
+    metric_asked: Built[bool]
+    _compensation: Built[Compensation | None]  # follows from the override
+    _seen: Built[list[Look]]
     _past: deque[PastStep]
+    _motions: dict[Side, Motion]
     _motion_side: Side | None
     _motion_px: float
+    _policy: ExposurePolicy
     _flicker: FlickerWatch | None
 
     def __init__(self, setup: ControlSetup | str, *parts: Any, **named: Any) -> None:
         self.setup = setup if isinstance(setup, ControlSetup) else ControlSetup(setup, *parts, **named)
         setup, parameters = self.setup, self.setup.parameters
-        self.inputs: StepInputs | None = None
+        self.inputs = None
         self.metric_asked = False
-        self._compensation: Compensation | None = None  # follows from the override
+        self._compensation = None
         self._limits = setup.limits
         self._metric = setup.metric
         self._policy = build_policy(setup)
@@ -86,12 +91,10 @@ class ControlLoop:
             for side, response in setup.responses.items()
         }
         flow = self._policy.FLOW if parameters.motion == "policy" else parameters.motion
-        self._motions: dict[Side, Motion] = {
-            side: _MOTIONS[flow](response) for side, response in setup.responses.items()
-        }
+        self._motions = {side: _MOTIONS[flow](response) for side, response in setup.responses.items()}
         self._motion_side = None
         self._motion_px = 0.0
-        self._seen: list[Look] = []
+        self._seen = []
         self._past = deque(maxlen=REMEMBERED_STEPS)
 
     @property
@@ -215,10 +218,9 @@ class ControlLoop:
             black_share=black_share,
             motion_px=self._speed_px(look, frame, setting, inputs.angular_rate_rad_s),
             limits=limits,
+            inputs=inputs,
             past=self._past,
             flicker_hz=self.flicker_hz,
-            light_ahead=inputs.light_ahead,
-            steering=inputs.steering,
             ev_stops=0.0 if self._compensation is not None else inputs.override.ev_stops,
         )
 

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from autoexpose_daemon.control.balance import Balance
 from autoexpose_daemon.control.decision import Grounds
-from autoexpose_daemon.control.light_ahead import LightAhead
 from autoexpose_daemon.control.metrics.gradient import mean_signal
-from autoexpose_daemon.control.picture.steering import Steering
+from autoexpose_daemon.control.snapshot import Built, Stateful
+from autoexpose_daemon.control.step import StepInputs
 from imaging.exposure import ExposureLimits, ExposureSetting
 from imaging.frames import Side
 from imaging.response import ResponseFunction
@@ -114,14 +114,12 @@ class Observation:
         Mean speed of image points, pixels of full resolution per 1/60 s.
     limits
         Bounds and increments that the next setting will be cut to.
+    inputs
+        What the step was given; its frames are for those who made `looks`.
     past
         The latest decisions, oldest first, one per frame.
     flicker_hz
         Flashes of the light per second: the next exposure time will be whole periods, if they fit; None: any time.
-    light_ahead
-        What an earlier drive saw; None: nothing is known.
-    steering
-        Where consumers track well; None: nothing is known.
     ev_stops
         The EV compensation by which frames will differ from targets.
     """
@@ -133,10 +131,9 @@ class Observation:
     black_share: float
     motion_px: float
     limits: ExposureLimits
+    inputs: StepInputs
     past: Sequence[PastStep] = ()
     flicker_hz: float | None = None
-    light_ahead: LightAhead | None = None
-    steering: Steering | None = None
     ev_stops: float = 0.0
 
     @property
@@ -205,10 +202,10 @@ Objective = Literal["metric", "information"]
 """What makes a frame good: gradient information M_g, or the Fisher information of its gradients (docs/policy.md)."""
 
 
-class ExposurePolicy(ABC):
+class ExposurePolicy(Stateful, ABC):
     """Decides on one exposure level per stereo pair. One that is in the table also has a class method `build(setup)`.
 
-    The state that a policy carries from frame to frame is plain data in attributes named in `STATE`: see `snapshot`.
+    What a policy carries from frame to frame is plain data in the attributes that it annotates: see `snapshot`.
 
     Attributes
     ----------
@@ -221,20 +218,19 @@ class ExposurePolicy(ABC):
         based on, so the compensation is added to them; `frames`, it is shown frames without the compensation;
         `darker`, the same, but none above 0, since it is guided by what that would saturate.
     STEERED
-        Whether it uses `Observation.steering`.
+        Whether it uses `StepInputs.steering`.
     FILTERED
         Whether it needs images that have had a median, as M_g does, which is measured only then.
     balance
         How the level is split into time and gain.
     """
 
-    STATE: ClassVar[tuple[str, ...]] = ()
     FLOW: ClassVar[Literal["tiles", "farneback"]] = "tiles"
     OBJECTIVE: ClassVar[Objective] = "metric"
-    compensated: Literal["targets", "frames", "darker"] = "darker"
+    compensated: Built[Literal["targets", "frames", "darker"]] = "darker"
     STEERED: ClassVar[bool] = False
     FILTERED: ClassVar[bool] = True
-    balance: Balance
+    balance: Built[Balance]
 
     @property
     def light_belief(self) -> float | None:

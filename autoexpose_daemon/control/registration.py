@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from autoexpose_daemon.control.metrics.extension import extension as _native
 from autoexpose_daemon.control.policy import Look
+from autoexpose_daemon.control.snapshot import Stateful
 from imaging.frames import Side
 from imaging.response import ResponseFunction
 
@@ -44,7 +44,7 @@ class LightChange:
     measured: bool
 
 
-class LightRegistration:
+class LightRegistration(Stateful):
     """The median change of log radiance, with clipped pixels used as bounds.
 
     A pixel unclipped in both frames gives a change. One that is clipped in one of them gives a bound: saturated now, it
@@ -62,7 +62,6 @@ class LightRegistration:
         Its exposure level, stops.
     """
 
-    STATE: ClassVar[tuple[str, ...]] = ("side", "previous", "previous_level")
     side: Side | None
     previous: NDArray[np.uint8] | None
     previous_level: float

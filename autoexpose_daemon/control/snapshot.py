@@ -1,9 +1,9 @@
 """State as plain data and back, so that a replay can start in the middle of a run.
 
-A class that carries state from frame to frame names those attributes in `STATE`. The others follow from how it was
-built, or are buffers whose content no later step reads. `take` turns the named ones into plain data;
-`restore` puts them into an object that was built the same way. An attribute's annotation says what it may hold, so
-data from outside cannot bring in anything else.
+What a `Stateful` class annotates is its state, and what is `Built` is not: it follows from how the object was built, or
+no later step reads it. Attributes without an annotation are made with the object and never replaced. `take` turns the
+state into plain data; `restore` puts it into an object that was built the same way. The annotation says what an
+attribute may hold, so data from outside cannot bring in anything else.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from functools import cache
 from types import NoneType, UnionType
-from typing import Any, ClassVar, Literal, Protocol, Union, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, ClassVar, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,16 +23,22 @@ Plain = None | bool | int | float | str | NDArray[Any] | list["Plain"] | dict[st
 """Numbers, strings, arrays, and lists and dictionaries of them."""
 
 
-class Stateful(Protocol):
-    """An object whose state can be taken and restored."""
+T = TypeVar("T")
+_BUILT = "built"
+Built = Annotated[T, _BUILT]
+"""The annotation of an attribute that is no state."""
 
-    STATE: ClassVar[tuple[str, ...]]
-    """Attributes that later steps depend on, each annotated in the class."""
+
+class Stateful:
+    """An object that remembers something from step to step: all that its class annotates."""
+
+    __slots__ = ()
 
 
 def take(holder: Stateful) -> dict[str, Plain]:
     """A copy of the state of an object, by attribute, without leading underscores."""
-    return {name.lstrip("_"): _state_or_plain(getattr(holder, name)) for name in holder.STATE}
+    kind: type = type(holder)
+    return {name.lstrip("_"): _state_or_plain(getattr(holder, name)) for name in state_names(kind)}
 
 
 def restore(holder: Stateful, state: Plain) -> None:
@@ -43,11 +49,12 @@ def restore(holder: Stateful, state: Plain) -> None:
     ValueError
         Names what does not fit; the object may then be half restored.
     """
-    hints = _hints(type(holder))
-    values = _members(state, [name.lstrip("_") for name in holder.STATE], type(holder).__name__)
-    for name, value in zip(holder.STATE, values, strict=True):
+    kind: type = type(holder)
+    hints, names = _hints(kind), state_names(kind)
+    values = _members(state, [name.lstrip("_") for name in names], kind.__name__)
+    for name, value in zip(names, values, strict=True):
         current = getattr(holder, name)
-        if hasattr(current, "STATE"):
+        if isinstance(current, Stateful):
             restore(current, value)
         elif _holds_stateful(current):
             for key, member in zip(current, _members(value, list(current), name), strict=True):
@@ -57,6 +64,17 @@ def restore(holder: Stateful, state: Plain) -> None:
             current.extend(parse(value, hints[name]))
         else:
             setattr(holder, name, parse(value, hints[name]))
+
+
+@cache
+def state_names(kind: type) -> tuple[str, ...]:
+    """The attributes that are the state of a `Stateful` class."""
+    hints = get_type_hints(kind, include_extras=True)
+    return tuple(
+        name
+        for name, hint in hints.items()
+        if get_origin(hint) is not ClassVar and _BUILT not in getattr(hint, "__metadata__", ())
+    )
 
 
 def plain(value: object) -> Plain:
@@ -125,11 +143,11 @@ def _collection(data: list[Plain] | dict[str, Plain], hint: Any) -> Any:
 def _state_or_plain(value: Any) -> Plain:
     if _holds_stateful(value):
         return {key: take(holder) for key, holder in value.items()}
-    return take(value) if hasattr(value, "STATE") else plain(value)
+    return take(value) if isinstance(value, Stateful) else plain(value)
 
 
 def _holds_stateful(value: Any) -> bool:
-    return isinstance(value, dict) and any(hasattr(holder, "STATE") for holder in value.values())
+    return isinstance(value, dict) and any(isinstance(holder, Stateful) for holder in value.values())
 
 
 @cache

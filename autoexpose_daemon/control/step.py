@@ -6,9 +6,41 @@ from dataclasses import dataclass
 
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.light_ahead import LightAhead
-from autoexpose_daemon.control.override import NO_OVERRIDE, Override
 from autoexpose_daemon.control.picture.steering import Steering
+from imaging.exposure import ExposureSetting
 from imaging.frames import StereoPair
+
+
+@dataclass(frozen=True, slots=True)
+class Override:
+    """What applies to one step besides its frames.
+
+    Attributes
+    ----------
+    ev_stops
+        Stops that are added to what the policy decides.
+    held
+        The setting to stay at, whatever the policy decides; None: as it decides.
+    shot
+        The setting of the next pair alone, even if one is held; None: no shot.
+    unseen
+        This pair was taken for a shot: the policy does not see it. Only with `held`.
+    """
+
+    ev_stops: float = 0.0
+    held: ExposureSetting | None = None
+    shot: ExposureSetting | None = None
+    unseen: bool = False
+
+    @property
+    def reason(self) -> str:
+        """Why a setting is asked for that the policy has not decided on."""
+        if self.shot is not None:
+            return "one shot"
+        return "held: this pair is a shot" if self.unseen else "locked"
+
+
+NO_OVERRIDE = Override()
 
 
 @dataclass(frozen=True, slots=True, eq=False)

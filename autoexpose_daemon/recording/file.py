@@ -20,10 +20,9 @@ from mcap.writer import CompressionType, Writer
 
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.loop import STATE_FORMAT
-from autoexpose_daemon.control.override import NO_OVERRIDE
 from autoexpose_daemon.control.setup import ControlSetup
 from autoexpose_daemon.control.snapshot import Plain, plain
-from autoexpose_daemon.control.step import StepInputs
+from autoexpose_daemon.control.step import NO_OVERRIDE, StepInputs
 from autoexpose_daemon.messages.frames import TOPICS, MessageWriter, Stamp, realtime_offset_ns
 from autoexpose_daemon.messages.keys import DEFAULT, LATCHED, SENSOR_DATA
 from autoexpose_daemon.messages.types import IMAGE, TYPESTORE, definition

@@ -13,12 +13,11 @@ from mcap.records import Channel, Footer, Header, Message, Metadata, Schema
 from mcap.stream_reader import StreamReader
 
 from autoexpose_daemon.control.loop import STATE_FORMAT
-from autoexpose_daemon.control.override import Override
 from autoexpose_daemon.control.parameters import FASTEST_TURN_RAD_S
 from autoexpose_daemon.control.policies.ids import REMOVED
 from autoexpose_daemon.control.setup import ControlSetup
 from autoexpose_daemon.control.snapshot import parse
-from autoexpose_daemon.control.step import StepInputs
+from autoexpose_daemon.control.step import Override, StepInputs
 from autoexpose_daemon.messages.frames import (
     DamagedMessageError,
     decision_of,

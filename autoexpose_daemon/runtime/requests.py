@@ -9,7 +9,7 @@ from dataclasses import replace
 
 from autoexpose_daemon.config.request import Request, ShotRequest
 from autoexpose_daemon.control.decision import Decision
-from autoexpose_daemon.control.override import Override
+from autoexpose_daemon.control.step import Override
 from autoexpose_daemon.runtime.active_loop import ActiveLoop
 from autoexpose_daemon.status.inputs import Answer, AnsweredShot, Bounds, RequestTally
 from drivers.log_throttle import LogThrottle

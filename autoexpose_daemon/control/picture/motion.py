@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from typing import ClassVar
 
 import cv2
 import numpy as np
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 
 from autoexpose_daemon.control.metrics.extension import extension as _native
 from autoexpose_daemon.control.picture.image import FLOW_SIZE, fit
+from autoexpose_daemon.control.snapshot import Built, Stateful
 from imaging.errors import ConfigurationError
 from imaging.response import ResponseFunction, prediction_table
 
@@ -34,11 +34,11 @@ LONGEST_INTERVAL_NS = 250e6
 """Frames further apart (a quarter of a second, 15 frames of the paper's camera) no longer show the same things."""
 
 
-class Motion(ABC):
+class Motion(Stateful, ABC):
     """Speed of image points between successive frames, by what a subclass does with them."""
 
-    STATE: ClassVar[tuple[str, ...]] = ("_shape", "_previous_time_ns")
     _shape: tuple[int, ...]
+    _allocated_for: Built[tuple[int, ...]]
     _previous_time_ns: int | None
 
     def __init__(self) -> None:
@@ -106,8 +106,9 @@ class TileMotion(Motion):
     light that changes looks like motion, and `level` does not matter.
     """
 
-    STATE: ClassVar[tuple[str, ...]] = (*Motion.STATE, "_previous")
     _previous: NDArray[np.int16]
+    _side: Built[int]
+    _light_of_sum: Built[NDArray[np.int16]]
 
     def __init__(self, response: ResponseFunction) -> None:
         super().__init__()
@@ -142,9 +143,14 @@ class FarnebackMotion(Motion):
     change of brightness for motion.
     """
 
-    STATE: ClassVar[tuple[str, ...]] = (*Motion.STATE, "_previous", "_previous_level")
     _previous: NDArray[np.uint8]
     _previous_level: float
+    _half: Built[NDArray[np.uint8]]
+    _current: Built[NDArray[np.uint8]]
+    _previous_here: Built[NDArray[np.uint8]]
+    _flow: Built[NDArray[np.float32]]
+    _squares: Built[NDArray[np.float32]]
+    _length: Built[NDArray[np.float32]]
 
     def __init__(self, response: ResponseFunction) -> None:
         super().__init__()

@@ -10,7 +10,6 @@ import math
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import ClassVar
 
 import numpy as np
 
@@ -61,7 +60,6 @@ class Bracket(ExposurePolicy):
         Exposes one frame of each cycle, and sees only those; None: all frames are shots.
     """
 
-    STATE: ClassVar[tuple[str, ...]] = ("_middle", "_seen", "_turn", "_kept", "_policy")
     _middle: float
     _seen: deque[BracketLight]
     _turn: int

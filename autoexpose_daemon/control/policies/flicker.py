@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from autoexpose_daemon.control.policy import Look
 from autoexpose_daemon.control.registration import LightRegistration
+from autoexpose_daemon.control.snapshot import Stateful
 from imaging.exposure import ExposureSetting
 from imaging.frames import Side
 from imaging.response import ResponseFunction
@@ -67,7 +67,7 @@ class FlickerFit:
     left: float
 
 
-class FlickerWatch:
+class FlickerWatch(Stateful):
     """Finds the frequency at which the light flickers, once two windows of frames in a row agree.
 
     Frames of whole flicker periods do not show it. So what was found stands until two windows in a row show another
@@ -83,7 +83,7 @@ class FlickerWatch:
         What the window before said, as `_reading` does.
     """
 
-    STATE: ClassVar[tuple[str, ...]] = ("registration", "flicker_hz", "glimpses", "suspected")
+    registration: LightRegistration
     flicker_hz: float | None
     glimpses: list[LightSample]
     suspected: float | None

@@ -10,9 +10,14 @@ from numpy.typing import NDArray
 
 from autoexpose_daemon.control.metrics.contrast import CELLS, Contrast
 from autoexpose_daemon.control.picture.steering import STEERING_SHARE
-from autoexpose_daemon.control.policies.belief.optics import Optics
-from autoexpose_daemon.control.policies.belief.plan import BRIGHTNESS_LOSS, LOST_BELOW, LOST_COST, Prospects
-from autoexpose_daemon.control.policies.belief.policy import HOPE, LEAST_CAMERA
+from autoexpose_daemon.control.policies.belief.policy import (
+    BRIGHTNESS_LOSS,
+    HOPE,
+    LEAST_CAMERA,
+    LOST_BELOW,
+    LOST_COST,
+    Prospects,
+)
 from autoexpose_daemon.control.policies.belief.scene_belief import (
     BIN,
     BINS,
@@ -27,6 +32,7 @@ from autoexpose_daemon.control.policies.belief.scene_belief import (
     NOTHING,
     RENEWED,
     UNSURE,
+    Optics,
     Outlook,
     SceneBelief,
 )

@@ -9,11 +9,15 @@ from numpy.typing import NDArray
 
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.loop import ControlLoop
+from autoexpose_daemon.control.step import StepInputs
 from imaging.exposure import ExposureLimits, ExposureSetting
 from imaging.frames import Frame, StereoPair
 
 LIMITS = ExposureLimits(20.0, 7500.0, 0.0, 30.0)
 FRAME_NS = 16_666_667
+
+NOTHING_GIVEN = StepInputs(StereoPair(0, {}))
+"""For observations that are made without a loop."""
 
 
 def radiance(seed: int = 0, spread_stops: float = 1.0, shape: tuple[int, int] = (136, 180)) -> NDArray[np.float64]:

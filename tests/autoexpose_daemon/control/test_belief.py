@@ -11,11 +11,9 @@ from numpy.typing import NDArray
 from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.metrics.contrast import contrast
 from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
-from autoexpose_daemon.control.policies.belief.optics import Optics
-from autoexpose_daemon.control.policies.belief.plan import BRIGHTNESS_LOSS, Prospects
-from autoexpose_daemon.control.policies.belief.policy import Belief
-from autoexpose_daemon.control.policies.belief.scene_belief import BIN, NOTHING, Outlook, SceneBelief
-from autoexpose_daemon.control.policies.belief.timing import Cadence
+from autoexpose_daemon.control.policies.belief.forecast import Cadence
+from autoexpose_daemon.control.policies.belief.policy import BRIGHTNESS_LOSS, Belief, Prospects
+from autoexpose_daemon.control.policies.belief.scene_belief import BIN, NOTHING, Optics, Outlook, SceneBelief
 from evaluation.stage.oracle import Information
 from imaging.exposure import ExposureLimits, ExposureSetting
 from imaging.frames import StereoPair

@@ -14,7 +14,7 @@ from imaging.exposure import ExposureLimits, ExposureSetting
 from imaging.frames import StereoPair
 from imaging.response import ResponseFunction, prediction_tables
 
-from .scene import LIMITS, at_time, expose, radiance
+from .scene import LIMITS, NOTHING_GIVEN, at_time, expose, radiance
 
 LINEAR = ResponseFunction.linear()
 START = ExposureSetting(1000.0, 0.0)
@@ -30,7 +30,7 @@ def test_the_prediction_is_the_maximum_of_the_polynomial_not_the_best_sample(sto
     peaks = [root.real for root in through.deriv().roots() if abs(root.imag) < 1e-9]
     peak = min((place for place in peaks if through.deriv(2)(place) < 0), key=abs)
 
-    seen = Observation([Look("left", image, LINEAR)], START, samples[3], 0.0, 0.0, 0.0, LIMITS)
+    seen = Observation([Look("left", image, LINEAR)], START, samples[3], 0.0, 0.0, 0.0, LIMITS, NOTHING_GIVEN)
     target = Begin2022({"left": LINEAR}, GradientMetric(), ExposurePriority()).decide(seen)
     assert target.level - START.level == pytest.approx(peak, abs=1e-3)
     assert target.predicted_metric == pytest.approx(through(peak), rel=1e-3)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from autoexpose_daemon.control.decision import Decision, Grounds, SceneHistogram
 from autoexpose_daemon.control.loop import ControlLoop
-from autoexpose_daemon.control.policies.belief.optics import DARK_DN
+from autoexpose_daemon.control.policies.belief.scene_belief import DARK_DN
 from imaging.exposure import ExposureSetting
 from imaging.frames import StereoPair
 from imaging.response import ResponseFunction

@@ -23,7 +23,7 @@ from imaging.frames import Frame, Side, StereoPair
 from imaging.response import ResponseFunction
 from imaging.vignetting import Vignetting
 
-from .scene import LIMITS, at_time, expose, radiance, run
+from .scene import LIMITS, NOTHING_GIVEN, at_time, expose, radiance, run
 
 LINEAR = ResponseFunction.linear()
 START = ExposureSetting(1000.0, 0.0)
@@ -117,7 +117,7 @@ def test_feedback_compares_with_the_frame_whose_decision_is_realised() -> None:
     scene, loop = radiance(3, 0.7), make("begin2022")
     first = loop.step(StereoPair(0, {"left": at_time(expose(scene, START, 14.0), 0)}))
     loop.step(StereoPair(1, {"left": at_time(expose(scene, START, 8.0), 1)}))  # brighter now: another decision
-    shown = Observation(loop._seen, first.setting, None, 0.0, 0.0, 0.0, LIMITS, loop._past)
+    shown = Observation(loop._seen, first.setting, None, 0.0, 0.0, 0.0, LIMITS, NOTHING_GIVEN, loop._past)
     past = shown.realised
     assert past is not None
     assert past.metric == first.metric

@@ -14,10 +14,9 @@ from autoexpose_daemon.control.metrics.contrast import CELLS, Contrast
 from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
 from autoexpose_daemon.control.picture.motion import PER_US
 from autoexpose_daemon.control.picture.steering import STEERING_SHARE
-from autoexpose_daemon.control.policies.belief.optics import Optics
-from autoexpose_daemon.control.policies.belief.plan import Prospects
-from autoexpose_daemon.control.policies.belief.policy import HOPE, LEAST_CAMERA
-from autoexpose_daemon.control.policies.belief.scene_belief import HYPOTHESES, RULES, Outlook, SceneBelief
+from autoexpose_daemon.control.policies.belief.policy import HOPE, LEAST_CAMERA, Prospects
+from autoexpose_daemon.control.policies.belief.scene_belief import HYPOTHESES, RULES, Optics, Outlook, SceneBelief
+from autoexpose_daemon.control.snapshot import state_names
 from imaging.response import ResponseFunction
 
 from .numpy_belief import NumpyBelief, plan_values, weigh_levels
@@ -61,7 +60,7 @@ def test_a_scene_belief_knows_and_foretells_the_same(seed: int) -> None:
         for belief in (native, oracle):
             belief.pass_time(seconds, moved, risen)
             belief.see(seen, level, gain, averaged, light)
-    for name in set(SceneBelief.STATE) - {"latest"}:
+    for name in set(state_names(SceneBelief)) - {"latest"}:
         expected = np.transpose(getattr(oracle, name)) if name in BY_CELL_AND_BIN else getattr(oracle, name)
         assert_allclose(getattr(native, name), expected, rtol=1e-9, atol=TINY, err_msg=name)
     levels = np.sort(rng.uniform(0.0, 24.0, 9))

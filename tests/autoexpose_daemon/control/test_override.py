@@ -9,10 +9,9 @@ import pytest
 
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.loop import ControlLoop
-from autoexpose_daemon.control.override import NO_OVERRIDE, Override
 from autoexpose_daemon.control.policies.belief.policy import Belief
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY, POLICY_IDS
-from autoexpose_daemon.control.step import StepInputs
+from autoexpose_daemon.control.step import NO_OVERRIDE, Override, StepInputs
 from imaging.errors import ConfigurationError
 from imaging.exposure import ExposureLimits, ExposureSetting
 from imaging.frames import StereoPair

@@ -27,7 +27,7 @@ from imaging.exposure import ExposureSetting
 from imaging.frames import SIDES, Side
 from imaging.response import ResponseFunction
 
-from .scene import LIMITS, expose, radiance
+from .scene import LIMITS, NOTHING_GIVEN, expose, radiance
 
 LINEAR = ResponseFunction.linear()
 SETTING = ExposureSetting(1000.0, 6.0)
@@ -36,7 +36,7 @@ SETTING = ExposureSetting(1000.0, 6.0)
 def observe(image: NDArray[np.uint8], realised: PastStep | None = None) -> Observation:
     metric = GradientMetric().measure(image)
     looks = [Look("left", image, LINEAR)]
-    return Observation(looks, SETTING, metric, 0.0, 0.0, 0.0, LIMITS, [realised] if realised else [])
+    return Observation(looks, SETTING, metric, 0.0, 0.0, 0.0, LIMITS, NOTHING_GIVEN, [realised] if realised else [])
 
 
 def flat(grey: int) -> NDArray[np.uint8]:

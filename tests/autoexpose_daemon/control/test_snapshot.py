@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import get_type_hints
 
 import numpy as np
 import pytest
@@ -12,11 +13,11 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from autoexpose_daemon.control.loop import STATE_FORMAT, ControlLoop
-from autoexpose_daemon.control.parameters import ControlParameters, MotionId
+from autoexpose_daemon.control.parameters import Bracketing, ControlParameters, MotionId
 from autoexpose_daemon.control.picture.region import Rectangle, Region
 from autoexpose_daemon.control.policies.ids import POLICY_IDS
 from autoexpose_daemon.control.setup import ControlSetup
-from autoexpose_daemon.control.snapshot import Plain, parse, plain
+from autoexpose_daemon.control.snapshot import Plain, Stateful, parse, plain, state_names
 from autoexpose_daemon.recording.file import from_json, to_json
 from imaging.exposure import ExposureLimits, ExposureSetting
 from imaging.frames import Frame, Side, StereoPair
@@ -108,6 +109,39 @@ def test_a_restored_loop_decides_bit_for_bit_the_same(policy_id: str, course: Co
             assert other.step(pair) == decision
     assert other is not None
     assert to_json(other.state()) == to_json(loop.state())
+
+
+def stateful_in(holder: Stateful) -> Iterator[Stateful]:
+    """An object and all whose states are part of its own."""
+    yield holder
+    for name in state_names(type(holder)):
+        value = getattr(holder, name)
+        for inside in value.values() if isinstance(value, dict) else (value,):
+            if isinstance(inside, Stateful):
+                yield from stateful_in(inside)
+
+
+@pytest.mark.parametrize("policy_id", POLICY_IDS)
+def test_nothing_is_replaced_but_the_state_and_what_is_said_to_be_none(policy_id: str) -> None:
+    """A name that is not annotated would be missing from snapshots."""
+    parameters = ControlParameters(flicker_hz=None, bracket=Bracketing(2, 2.0, keep=True))
+    loop = ControlLoop(policy_id, ResponseFunction.linear(), LIMITS, START, parameters)
+
+    def others() -> list[dict[str, object]]:
+        return [
+            {
+                name: value
+                for name, value in getattr(each, "__dict__", {}).items()
+                if name not in get_type_hints(type(each))
+            }
+            for each in stateful_in(loop)
+        ]
+
+    before = others()
+    for pair, asked in pairs(3, 12, moving=True):
+        asked.append(loop.step(pair).setting)
+    for made, now in zip(before, others(), strict=True):
+        assert now.keys() == made.keys() and all(now[name] is made[name] for name in made)
 
 
 def test_a_state_once_taken_does_not_change() -> None:

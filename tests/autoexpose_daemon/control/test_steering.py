@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.metrics.contrast import contrast
-from autoexpose_daemon.control.override import Override
 from autoexpose_daemon.control.parameters import ControlParameters
 from autoexpose_daemon.control.picture.image import ImagePreparation
 from autoexpose_daemon.control.picture.steering import (
@@ -38,7 +37,7 @@ from autoexpose_daemon.control.picture.tracked_cells import (
 )
 from autoexpose_daemon.control.policies.belief.scene_belief import BIN
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY, POLICY_IDS
-from autoexpose_daemon.control.step import StepInputs
+from autoexpose_daemon.control.step import Override, StepInputs
 from evaluation.stage.oracle import Information
 from imaging.exposure import ExposureSetting
 from imaging.frames import Side, StereoPair

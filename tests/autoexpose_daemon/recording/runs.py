@@ -13,11 +13,10 @@ from autoexpose_daemon.config.document import PublishConfig
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.light_ahead import LightAhead
 from autoexpose_daemon.control.loop import ControlLoop
-from autoexpose_daemon.control.override import NO_OVERRIDE, Override
 from autoexpose_daemon.control.parameters import ControlParameters
 from autoexpose_daemon.control.picture.steering import Steering
 from autoexpose_daemon.control.picture.tracked_cells import CELLS
-from autoexpose_daemon.control.step import ControlStep, StepInputs
+from autoexpose_daemon.control.step import NO_OVERRIDE, ControlStep, Override, StepInputs
 from autoexpose_daemon.recording.read import Recording
 from autoexpose_daemon.recording.recorder import ContinuousRecorder, Recorder
 from autoexpose_daemon.recording.replay import Replay, Replayed

@@ -11,8 +11,7 @@ import pytest
 from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.config.request import new_request
 from autoexpose_daemon.control.decision import Decision
-from autoexpose_daemon.control.override import NO_OVERRIDE, Override
-from autoexpose_daemon.control.step import StepInputs
+from autoexpose_daemon.control.step import NO_OVERRIDE, Override, StepInputs
 from autoexpose_daemon.runtime.active_loop import ActiveLoop
 from autoexpose_daemon.runtime.requests import PendingShot, Requests
 from autoexpose_daemon.runtime.setup import Tuning

@@ -1,4 +1,4 @@
-"""How the light will have changed by the time a decision shows: by its own pattern, and by an earlier drive."""
+"""What the light does next, how far apart two frames are, and how many frames pass until one shows a decision."""
 
 from __future__ import annotations
 
@@ -6,15 +6,15 @@ import itertools
 import math
 import statistics
 from collections import deque
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, field
-from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from autoexpose_daemon.control.light_ahead import SPREADS, UNPROVEN, WINDOW_FRAMES, LightAhead
 from autoexpose_daemon.control.metrics.extension import extension as _native
+from autoexpose_daemon.control.snapshot import Built, Stateful
 
 HISTORY = 96
 """Frames: one and a half seconds at 60 Hz, three periods of a shadow that passes twice a second."""
@@ -41,7 +41,7 @@ LONGEST_LEAD = 1.0
 
 
 @dataclass(slots=True)
-class Forecast:
+class Forecast(Stateful):
     """The changes of light from frame to frame, and what follows from them.
 
     Attributes
@@ -49,8 +49,6 @@ class Forecast:
     changes
         Stops per frame, oldest first.
     """
-
-    STATE: ClassVar[tuple[str, ...]] = ("changes",)
 
     changes: deque[float] = field(default_factory=lambda: deque(maxlen=HISTORY))
 
@@ -111,7 +109,7 @@ NARROWEST_FRAMES = 0.5
 
 
 @dataclass(slots=True)
-class Foresight:
+class Foresight(Stateful):
     """Weighs what an earlier drive saw against light that follows its own recent pattern.
 
     Where exactly the rig is on the route is not known, so each place it may be at is a hypothesis. How well it explains
@@ -129,12 +127,10 @@ class Foresight:
         frame to the next.
     """
 
-    STATE: ClassVar[tuple[str, ...]] = ("belief", "untold_frames")
-
     belief: float = UNPROVEN
     untold_frames: int = 0
-    here: NDArray[np.int64] = field(default_factory=lambda: np.zeros(1, np.int64))
-    places: NDArray[np.float64] = field(default_factory=lambda: np.ones(1))
+    here: Built[NDArray[np.int64]] = field(default_factory=lambda: np.zeros(1, np.int64))
+    places: Built[NDArray[np.float64]] = field(default_factory=lambda: np.ones(1))
 
     def rest(self) -> None:
         """A frame without a series. After a while, the next series is of another drive."""
@@ -196,3 +192,71 @@ def _shifted(probability: float, evidence: float) -> float:
     """A probability after evidence, a log likelihood ratio."""
     log_odds = math.log(probability / (1.0 - probability)) + evidence
     return 0.5 * (1.0 + math.tanh(0.5 * log_odds))
+
+
+REMEMBERED = 9
+"""Intervals between frames, and delays. Their medians are right unless most frames are lost."""
+
+
+@dataclass(slots=True)
+class Cadence(Stateful):
+    """The interval between frames, learnt from their stamps.
+
+    Attributes
+    ----------
+    intervals_s
+        The latest ones.
+    """
+
+    intervals_s: deque[float] = field(default_factory=lambda: deque(maxlen=REMEMBERED))
+
+    def frames(self, interval_s: float) -> int:
+        """How many frames ago the frame before was, at least 1; `interval_s` is the time since then."""
+        if interval_s <= 0.0:
+            return 1
+        self.intervals_s.append(interval_s)
+        return max(round(interval_s / statistics.median(self.intervals_s)), 1)
+
+
+USUAL_FRAMES = 2
+"""Used until a first change has been seen to arrive."""
+
+DISTINCT_STOPS = 0.15
+"""A change of exposure too large to be rounding."""
+
+
+@dataclass(slots=True)
+class LoopDelay(Stateful):
+    """The delay D of the loop, found by matching past targets with what frames were really taken with.
+
+    Attributes
+    ----------
+    level
+        Level of the latest frame; None before the first.
+    found
+        The latest delays that were found.
+    """
+
+    level: float | None = None
+    found: deque[int] = field(default_factory=lambda: deque(maxlen=REMEMBERED))
+
+    @property
+    def frames(self) -> int:
+        """D: 1 when the very next frame shows a decision. A median, since a lost frame on the way makes one wrong."""
+        return round(statistics.median(self.found)) if self.found else USUAL_FRAMES
+
+    def see(self, level: float, past_targets: Iterable[float]) -> None:
+        """A frame taken at `level` (stops) has arrived: if the level is new, since when was it wanted?
+
+        `past_targets` are the levels decided on, one per frame, oldest first; looked at only when the level is new.
+        """
+        changed = self.level is not None and abs(level - self.level) > DISTINCT_STOPS
+        self.level = level
+        if not changed:
+            return
+        targets = list(past_targets)
+        for index in range(len(targets) - 1, 0, -1):
+            agrees = abs(targets[index] - level) < DISTINCT_STOPS / 3
+            if agrees and abs(targets[index - 1] - level) > DISTINCT_STOPS:
+                self.found.append(len(targets) - index)
+                return

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
@@ -17,27 +18,84 @@ from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
 from autoexpose_daemon.control.picture.motion import PER_US, blur_length_px
 from autoexpose_daemon.control.picture.steering import STEERING_SHARE
 from autoexpose_daemon.control.policies.belief.balance import BlurPhotonBalance, bounded, fitted, times_of_levels
-from autoexpose_daemon.control.policies.belief.forecast import Forecast, Foresight
-from autoexpose_daemon.control.policies.belief.optics import Optics
-from autoexpose_daemon.control.policies.belief.plan import HORIZON, Prospects
+from autoexpose_daemon.control.policies.belief.forecast import Cadence, Forecast, Foresight, LoopDelay
 from autoexpose_daemon.control.policies.belief.scene_belief import (
     BIN,
     HYPOTHESES,
     SILENT_S,
+    Optics,
     Outlook,
     SceneBelief,
     shows,
 )
-from autoexpose_daemon.control.policies.belief.timing import Cadence, LoopDelay
 from autoexpose_daemon.control.policy import ExposurePolicy, Look, Objective, Observation, Target
 from autoexpose_daemon.control.registration import LightChange, LightRegistration
 from autoexpose_daemon.control.setup import ControlSetup
+from autoexpose_daemon.control.snapshot import Built
 from imaging.exposure import ExposureLimits, linear_gain
 from imaging.frames import Side
 from imaging.python310 import Self
 from imaging.response import ResponseFunction
 
 Array = NDArray[np.float64]
+
+BRIGHTNESS_LOSS = 0.7
+"""A frame is worth exp(-0.7) to the one before it, by which it is found or aligned, if its image is a stop brighter or
+darker than that."""
+
+LOST_BELOW, LOST_COST = 0.1, 2.0
+"""A frame worth less than this to the one before it is lost to consumers, and costs as much as so many of the best are
+worth: what it would have shown is bridged by a guess. A look by eight stops loses two frames, one by two stops none."""
+
+HORIZON = 8
+"""Frames that a plan looks ahead: fewer do not move in time, from 16 on plans jitter."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Prospects:
+    """What the next frames can be.
+
+    Attributes
+    ----------
+    levels
+        Exposure levels, stops, shape (n,), ascending, all the same `step` apart.
+    step
+        Of the levels, stops.
+    beyond
+        How many of them at either end cannot be taken: what they are worth now, others are worth in other light.
+    worth, look
+        What each level would be worth in the present light, and what for what it reveals, shape (n,).
+    light
+        Stops by which the light will have risen from now until the frame before those planned, and each of them, on
+        the paths that it may take, shape (paths, frames + 1).
+    chances
+        Of the paths, shape (paths,); they sum to 1.
+    before
+        Level of the frame before those planned, which is under way.
+    """
+
+    levels: Array
+    step: float
+    beyond: int
+    worth: Array
+    look: Array
+    light: Array
+    chances: Array
+    before: float
+
+    def values(self) -> tuple[Array, Array]:
+        """What the levels that can be taken promise for the first frame, if the best follows; and of that, for looks.
+
+        The sum over frames of what each is worth, times what the change of its image's brightness leaves of that, less
+        what it costs if that is next to nothing.
+        """
+        values, looks = np.empty((2, self.levels.size - 2 * self.beyond))
+        _native.plan_frames(
+            self.worth, self.look, self.light, self.chances, self.levels[self.beyond], self.step, self.before,
+            BRIGHTNESS_LOSS, LOST_BELOW, LOST_COST, values, looks,
+        )  # fmt: skip
+        return values, looks
+
 
 SERVED_FRAMES = 120.0
 """Frames for which a camera at rest will have use of what a look reveals ..."""
@@ -73,9 +131,6 @@ class Belief(ExposurePolicy):
     a look into white or black would reveal.
     """
 
-    STATE: ClassVar[tuple[str, ...]] = (
-        "registrations", "forecast", "foresight", "cadence", "latency", "beliefs", "seen_ns",
-    )  # fmt: skip
     OBJECTIVE: ClassVar[Objective] = "information"
     STEERED: ClassVar[bool] = True
     FILTERED: ClassVar[bool] = False
@@ -87,6 +142,7 @@ class Belief(ExposurePolicy):
     latency: LoopDelay
     beliefs: dict[Side, SceneBelief]
     seen_ns: dict[Side, int]
+    _planned_for: Built[tuple[float, Prospects, Array] | None]
 
     def __init__(self, responses: Mapping[Side, ResponseFunction], balance: Balance, noise: SensorNoise) -> None:
         self.balance = balance
@@ -97,7 +153,7 @@ class Belief(ExposurePolicy):
         self.latency = LoopDelay()
         self.beliefs = {side: SceneBelief(Optics(response, noise)) for side, response in responses.items()}
         self.seen_ns = {}
-        self._planned_for: tuple[float, Prospects, Array] | None = None
+        self._planned_for = None
 
     @classmethod
     def build(cls, setup: ControlSetup) -> Self:
@@ -194,8 +250,8 @@ class Belief(ExposurePolicy):
         self._planned_for = level, prospects, values
         best = int(values.argmax())
         wanted = min(float(levels[beyond + best]), observation.limits.brightest.level)
-        reason = _reason(wanted - before, looks[best]) + ("" if observation.steering is None else "; steered")
-        faults = "".join(f"; {side} camera {reason}" for side, reason in self.uncounted.items())
+        reason = _reason(wanted - before, looks[best]) + ("" if observation.inputs.steering is None else "; steered")
+        faults = "".join(f"; {side} camera {fault}" for side, fault in self.uncounted.items())
         return Target(wanted, reason + faults)
 
     def _prospects(self, levels: Array, observation: Observation) -> tuple[Array, Array]:
@@ -208,7 +264,7 @@ class Belief(ExposurePolicy):
         now_us, scale = observation.setting.exposure_time_us, observation.looks[0].scale
         gains, sharp = np.empty((2, levels.size))
         _native.split_levels(reachable, times_us, observation.motion_px * PER_US / scale, now_us, gains, sharp)
-        steering = observation.steering
+        steering = observation.inputs.steering
         beliefs = {side: belief for side, belief in self.beliefs.items() if belief.by_cell.any()}
         information, favoured, revealed = np.empty((3, len(beliefs), HYPOTHESES, levels.size))
         probability = np.empty((len(beliefs), HYPOTHESES))
@@ -238,7 +294,7 @@ class Belief(ExposurePolicy):
         (paths, HORIZON + 1): as its own pattern has it, and as an earlier drive saw it from each place where the rig
         may be.
         """
-        told, steady, delay = observation.light_ahead, observation.motion_px < SLOW_PX, self.latency.frames
+        told, steady, delay = observation.inputs.light_ahead, observation.motion_px < SLOW_PX, self.latency.frames
         frames = range(delay - 1, delay + HORIZON)
         by_itself = np.array([self.forecast.path(frames, steady=steady)])
         if told is None:

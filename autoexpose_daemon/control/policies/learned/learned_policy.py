@@ -71,7 +71,6 @@ class LearnedPolicy(ExposurePolicy):
         The level asked for last, stops; None before the first and after a frame that did not reach the net.
     """
 
-    STATE: ClassVar[tuple[str, ...]] = ("past", "target")
     FRAMES: ClassVar[int]
     past: list[Sight]
     target: float | None

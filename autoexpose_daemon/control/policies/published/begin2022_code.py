@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,7 +68,6 @@ class Begin2022Code(ExposurePolicy):
     """
 
     FLOW = "farneback"
-    STATE: ClassVar[tuple[str, ...]] = ("_scores",)
     _scores: list[tuple[float, float]]
 
     def __init__(self, responses: Mapping[Side, ResponseFunction], metric: GradientMetric, balance: Balance) -> None:

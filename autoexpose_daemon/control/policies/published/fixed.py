@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from autoexpose_daemon.control.balance import Balance, ExposurePriority
 from autoexpose_daemon.control.policy import ExposurePolicy, Observation, Target
 from autoexpose_daemon.control.setup import ControlSetup
+from autoexpose_daemon.control.snapshot import Built
 from imaging.exposure import ExposureSetting
 from imaging.python310 import Self
 
@@ -17,8 +18,8 @@ class Fixed(ExposurePolicy):
 
     compensated = "targets"
 
-    start: ExposureSetting
-    balance: Balance
+    start: Built[ExposureSetting]
+    balance: Built[Balance]
 
     @classmethod
     def build(cls, setup: ControlSetup) -> Self:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +13,7 @@ from autoexpose_daemon.control.policy import ExposurePolicy, Observation, Target
 from autoexpose_daemon.control.search.gaussian_process import GaussianProcess
 from autoexpose_daemon.control.search.query import Held, Reference, way_out
 from autoexpose_daemon.control.setup import ControlSetup
+from autoexpose_daemon.control.snapshot import Built
 from imaging.exposure import DB_PER_STOP, ExposureLimits
 from imaging.python310 import Self
 
@@ -62,10 +62,8 @@ class Kim2018(ExposurePolicy):
         The camera whose frames it compares.
     """
 
-    STATE: ClassVar[tuple[str, ...]] = ("query", "levels", "values", "held", "reference")
-
-    balance: Balance
-    gain_db: float
+    balance: Built[Balance]
+    gain_db: Built[float]
     query: Target | None = None
     levels: list[float] = field(default_factory=list)
     values: list[float] = field(default_factory=list)

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import ClassVar
 
 from autoexpose_daemon.control.balance import Balance, FixedRatio
 from autoexpose_daemon.control.metrics.weighted_gradients import entropy
 from autoexpose_daemon.control.policy import ExposurePolicy, Observation, Target
 from autoexpose_daemon.control.search.query import Held, Reference, way_out
 from autoexpose_daemon.control.setup import ControlSetup
+from autoexpose_daemon.control.snapshot import Built
 from imaging.python310 import Self
 
 FIRST_STEP_STOPS = 1.0
@@ -48,9 +48,7 @@ class Lu2010(ExposurePolicy):
         The camera whose frames it compares.
     """
 
-    STATE: ClassVar[tuple[str, ...]] = ("query", "best_level", "best_value", "step", "turned", "held", "reference")
-
-    balance: Balance
+    balance: Built[Balance]
     query: Target | None = None
     best_level: float = 0.0
     best_value: float = 0.0

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar, Literal
+from typing import Literal
 
 from autoexpose_daemon.control.balance import Balance, ExposurePriority
 from autoexpose_daemon.control.metrics.gradient import mean_signal
 from autoexpose_daemon.control.policy import ExposurePolicy, Observation, Target
 from autoexpose_daemon.control.setup import ControlSetup
+from autoexpose_daemon.control.snapshot import Built
 from imaging.errors import ConfigurationError
 from imaging.python310 import Self
 
@@ -40,11 +41,10 @@ class Majer2018(ExposurePolicy):
         The level held between two decisions, stops; None before the first.
     """
 
-    STATE: ClassVar[tuple[str, ...]] = ("frames", "level")
     compensated = "frames"
 
-    region: Literal["top_half", "full"]
-    balance: Balance
+    region: Built[Literal["top_half", "full"]]
+    balance: Built[Balance]
     frames: int = 0
     level: float | None = None
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar
 
 from autoexpose_daemon.control.balance import Balance, ExposurePriority
 from autoexpose_daemon.control.policy import ExposurePolicy, Observation, Target
 from autoexpose_daemon.control.setup import ControlSetup
+from autoexpose_daemon.control.snapshot import Built
 from imaging.python310 import Self
 
 INTEGRAL_GAIN = 0.6
@@ -38,11 +38,10 @@ class Neves2009(ExposurePolicy):
         Error of the frame before, stops; None at the start.
     """
 
-    STATE: ClassVar[tuple[str, ...]] = ("previous_error",)
     compensated = "frames"
 
-    target: float
-    balance: Balance
+    target: Built[float]
+    balance: Built[Balance]
     previous_error: float | None = None
 
     @classmethod

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import ClassVar
 
 from autoexpose_daemon.control.balance import Balance, ExposurePriority
 from autoexpose_daemon.control.metrics.quality import CombinedQuality
@@ -12,6 +11,7 @@ from autoexpose_daemon.control.policy import ExposurePolicy, Observation, Target
 from autoexpose_daemon.control.search.nelder_mead import NelderMead, Point
 from autoexpose_daemon.control.search.query import Held, Reference, way_out
 from autoexpose_daemon.control.setup import ControlSetup
+from autoexpose_daemon.control.snapshot import Built
 from imaging.exposure import DB_PER_STOP
 from imaging.python310 import Self, exp2
 
@@ -46,10 +46,8 @@ class Shin2019(ExposurePolicy):
         The camera whose frames it compares.
     """
 
-    STATE: ClassVar[tuple[str, ...]] = ("search", "query", "queries", "held", "reference")
-
-    quality: CombinedQuality
-    balance: Balance
+    quality: Built[CombinedQuality]
+    balance: Built[Balance]
     search: NelderMead | None = None
     query: Target | None = None
     queries: int = 0

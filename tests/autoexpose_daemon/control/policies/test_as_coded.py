@@ -22,7 +22,7 @@ from autoexpose_daemon.control.policy import ExposurePolicy, Look, Observation
 from imaging.exposure import ExposureSetting
 from imaging.response import ResponseFunction
 
-from ..scene import LIMITS, expose, radiance, run
+from ..scene import LIMITS, NOTHING_GIVEN, expose, radiance, run
 
 LINEAR = ResponseFunction.linear()
 SETTING = ExposureSetting(1000.0, 6.0)
@@ -30,7 +30,7 @@ SETTING = ExposureSetting(1000.0, 6.0)
 
 def observe(image: NDArray[np.uint8], unfiltered: NDArray[np.uint8] | None = None) -> Observation:
     look = Look("left", image, LINEAR, before_median=unfiltered)
-    return Observation([look], SETTING, GradientMetric().measure(image), 0.0, 0.0, 0.0, LIMITS)
+    return Observation([look], SETTING, GradientMetric().measure(image), 0.0, 0.0, 0.0, LIMITS, NOTHING_GIVEN)
 
 
 def view(stops_from_half_scale: float) -> NDArray[np.uint8]:

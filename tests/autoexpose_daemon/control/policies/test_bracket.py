@@ -10,12 +10,11 @@ import pytest
 
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.loop import ControlLoop
-from autoexpose_daemon.control.override import Override
 from autoexpose_daemon.control.parameters import Bracketing, ControlParameters
 from autoexpose_daemon.control.policies.bracket import KEPT
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from autoexpose_daemon.control.setup import ControlSetup
-from autoexpose_daemon.control.step import StepInputs
+from autoexpose_daemon.control.step import Override, StepInputs
 from imaging.errors import ConfigurationError
 from imaging.exposure import ExposureLimits, ExposureSetting
 from imaging.frames import StereoPair

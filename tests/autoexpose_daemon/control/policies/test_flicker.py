@@ -23,7 +23,7 @@ from fake_camera.world.lighting import Change, Flicker, LightScript
 from imaging.exposure import ExposureLimits, ExposureSetting
 from imaging.frames import Frame, StereoPair
 from imaging.response import ResponseFunction
-from tests.autoexpose_daemon.control.scene import expose, radiance
+from tests.autoexpose_daemon.control.scene import NOTHING_GIVEN, expose, radiance
 
 LINEAR = ResponseFunction.linear()
 NOISE = SensorNoise(10_500.0, 3.0)
@@ -137,7 +137,9 @@ def test_a_level_is_judged_by_the_setting_that_it_would_get(balance: Balance) ->
     """Even near the upper limit, where the gain cannot make up for whole periods; in steps of the camera."""
     limits = ExposureLimits(20.0, 25_000.0, 0.0, 30.0, time_step_us=7.0)
     looks = [Look("left", np.zeros((136, 180), np.uint8), LINEAR)]
-    observation = Observation(looks, ExposureSetting(21_034.0, 24.0), 0.0, 0.0, 0.0, 0.0, limits, flicker_hz=100.0)
+    observation = Observation(
+        looks, ExposureSetting(21_034.0, 24.0), 0.0, 0.0, 0.0, 0.0, limits, NOTHING_GIVEN, flicker_hz=100.0
+    )
     levels = np.linspace(limits.darkest.level, limits.brightest.level, 40)
     for level, time_us in zip(levels.tolist(), times_of_levels(balance, levels, observation), strict=True):
         wanted_us = whole_periods_us(balance.exposure_time_us(level, 0.0, limits), level, limits, 100.0)

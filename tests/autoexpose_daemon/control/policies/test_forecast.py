@@ -7,8 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from autoexpose_daemon.control.policies.belief.forecast import LEAST_CHANGE, LEAST_FRAMES, RESIDUE, Forecast
-from autoexpose_daemon.control.policies.belief.timing import LoopDelay
+from autoexpose_daemon.control.policies.belief.forecast import LEAST_CHANGE, LEAST_FRAMES, RESIDUE, Forecast, LoopDelay
 
 
 def ahead(forecast: Forecast, frames: int, *, steady: bool) -> float:

@@ -26,7 +26,7 @@ from autoexpose_daemon.demo.reference_step import ReferenceStep, synthetic_frame
 from imaging.errors import AutoexposeError
 from imaging.exposure import ExposureSetting
 from imaging.response import ResponseFunction
-from tests.autoexpose_daemon.control.scene import LIMITS, expose, radiance, run
+from tests.autoexpose_daemon.control.scene import LIMITS, NOTHING_GIVEN, expose, radiance, run
 
 LINEAR = ResponseFunction.linear()
 START = ExposureSetting(1000.0, 0.0)
@@ -39,7 +39,7 @@ def look_at(image: NDArray[np.uint8], weights: NDArray[np.uint8] | None = None, 
 
 def observe(image: NDArray[np.uint8], setting: ExposureSetting = START) -> Observation:
     black, white = (float((image == grey).mean()) for grey in (0, 255))
-    return Observation([look_at(image)], setting, 0.1, white, black, 0.0, LIMITS)
+    return Observation([look_at(image)], setting, 0.1, white, black, 0.0, LIMITS, NOTHING_GIVEN)
 
 
 def built(policy_id: str) -> LearnedPolicy:

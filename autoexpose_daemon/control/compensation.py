@@ -1,9 +1,9 @@
-"""What a person asks of control while it runs: it overrides what the policy decides."""
+"""EV compensation: the world as a policy sees it without."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -15,38 +15,6 @@ from imaging.response import ResponseFunction, prediction_table
 
 MOSTLY = 0.5
 """Share of saturated pixels above which they are taken to be saturated even without the compensation."""
-
-
-@dataclass(frozen=True, slots=True)
-class Override:
-    """What applies to one step besides its frames.
-
-    Attributes
-    ----------
-    ev_stops
-        Stops that are added to what the policy decides.
-    held
-        The setting to stay at, whatever the policy decides; None: as it decides.
-    shot
-        The setting of the next pair alone, even if one is held; None: no shot.
-    unseen
-        This pair was taken for a shot: the policy does not see it. Only with `held`.
-    """
-
-    ev_stops: float = 0.0
-    held: ExposureSetting | None = None
-    shot: ExposureSetting | None = None
-    unseen: bool = False
-
-    @property
-    def reason(self) -> str:
-        """Why a setting is asked for that the policy has not decided on."""
-        if self.shot is not None:
-            return "one shot"
-        return "held: this pair is a shot" if self.unseen else "locked"
-
-
-NO_OVERRIDE = Override()
 
 
 class Compensation:
