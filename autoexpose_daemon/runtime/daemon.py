@@ -20,7 +20,7 @@ from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.config.request import Request
 from autoexpose_daemon.control.decision import Grounds
 from autoexpose_daemon.control.loop import ControlLoop
-from autoexpose_daemon.runtime.inputs import Source
+from autoexpose_daemon.runtime.inputs import InputSource
 from autoexpose_daemon.runtime.rig_control import Outlet, RigControl
 from autoexpose_daemon.runtime.setup import Tuning
 from autoexpose_daemon.status.inputs import Answer
@@ -99,7 +99,7 @@ class Daemon:
         """The present loop: for observers, which are called on its thread."""
         return self._control.active.loop
 
-    def follow(self, name: str, source: Source, feed: AbstractContextManager[Any] | None = None) -> None:
+    def follow(self, name: str, source: InputSource, feed: AbstractContextManager[Any] | None = None) -> None:
         """Have control ask a source for this field of `StepInputs` before each decision; `run` opens what feeds it."""
         self._control.sources[name] = source
         if feed is not None:

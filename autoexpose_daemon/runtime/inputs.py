@@ -33,7 +33,7 @@ _DISTRUST_NS = 60_000_000_000
 """After that, so that the slower turns between are not believed either."""
 
 
-class Source:
+class InputSource:
     """Where one of the `StepInputs` besides the pair comes from."""
 
     def __call__(self, frame_ns: int) -> Any:
@@ -47,7 +47,7 @@ class Source:
         """Control had no time for a pair."""
 
 
-class AngularRate(Source):
+class AngularRate(InputSource):
     """Keeps the newest sample. Samples arrive on one thread, control asks on another; neither waits for the other.
 
     Parameters
@@ -147,7 +147,7 @@ OLDEST_LIGHT_S: Final = 0.5
 """Oldest message that counts: a robot that has changed its speed since is elsewhere."""
 
 
-class ForetoldLight(Source):
+class ForetoldLight(InputSource):
     """Keeps the newest series. Messages arrive on one thread, control asks on another; neither waits for the other.
 
     Parameters
@@ -210,7 +210,7 @@ _WORDS = {
 }
 
 
-class Tracking(Source):
+class Tracking(InputSource):
     """Keeps what consumers report. Reports arrive on one thread, control asks on another; neither waits for the other.
 
     Parameters

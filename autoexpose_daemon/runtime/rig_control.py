@@ -11,7 +11,7 @@ from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.config.request import Request
 from autoexpose_daemon.control.step import ControlStep, StepInputs
 from autoexpose_daemon.runtime.active_loop import ActiveLoop
-from autoexpose_daemon.runtime.inputs import Source
+from autoexpose_daemon.runtime.inputs import InputSource
 from autoexpose_daemon.runtime.requests import Requests
 from autoexpose_daemon.runtime.rig_health import RigHealth
 from autoexpose_daemon.runtime.setup import Tuning
@@ -102,7 +102,7 @@ class RigControl:
     ) -> None:
         self.telemetry = Telemetry(period_s=1.0 / config.trigger.rate_hz)
         self.outlets: list[Outlet] = []
-        self.sources: dict[str, Source] = {}
+        self.sources: dict[str, InputSource] = {}
         mode = config.trigger.mode if config.trigger.mode != "primary" else "external"
         self.record = RigRecord(tuple(config.sides), config.trigger_sources, config.trigger.rate_hz, now_ns(), mode)
         self.active = ActiveLoop(Tuning(config))
