@@ -79,29 +79,18 @@ TriggerMode = Literal["external", "free_run", "software", "ptp"]
 
 @dataclass(frozen=True, slots=True)
 class TriggerSetup:
-    """What starts an exposure.
+    """What starts an exposure."""
 
-    Attributes
-    ----------
-    mode
-        "external": every rising edge on `line`; "free_run": the camera's own clock at `rate_hz`; "software": each
-        `Camera.trigger`; "ptp": when its clock, synchronised by PTP, shows the time of a `Camera.schedule`.
-    line
-        The camera's input line, by the name of its TriggerSource entry.
-    rate_hz
-        Frame rate (Hz); written to the camera only in a free run, otherwise that of its triggers. None, in a free run:
-        as fast as exposure and readout allow, so that exposures may have any length.
-    longest_exposure_us
-        The longest exposure time that will be asked for.
-    output_line
-        In a free run, the output line that the camera holds active while it exposes, to trigger another camera;
-        None: none.
-    """
-
+    # "external": every rising edge on `line`; "free_run": the camera's own clock at `rate_hz`; "software": each
+    # `Camera.trigger`; "ptp": when its clock, synchronised by PTP, shows the time of a `Camera.schedule`
     mode: TriggerMode
-    line: str = "Line0"
+    line: str = "Line0"  # the camera's input line, by the name of its TriggerSource entry
+    # frame rate (Hz); written to the camera only in a free run, otherwise that of its triggers. None, in a free run: as
+    # fast as exposure and readout allow, so that exposures may have any length
     rate_hz: float | None = 60.0
-    longest_exposure_us: float = 0.0
+    longest_exposure_us: float = 0.0  # the longest exposure time that will be asked for
+    # in a free run, the output line that the camera holds active while it exposes, to trigger another camera; None:
+    # none
     output_line: str | None = None
 
 
@@ -128,34 +117,18 @@ class LinkShare:
 
 @dataclass(frozen=True, slots=True)
 class CameraSetup:
-    """Trigger wiring, image format and transport of one camera; None keeps what the camera has.
+    """Trigger wiring, image format and transport of one camera; None keeps what the camera has."""
 
-    Attributes
-    ----------
-    trigger
-        What starts an exposure.
-    pixel_format
-        Its PixelFormat.
-    binning
-        `binning` x `binning` pixels are read as one, over the whole sensor.
-    packet_size_bytes
-        GigE Vision only: size of a stream packet, headers included; None uses the largest that gets through.
-    link_share
-        GigE Vision only: the link that its stream has to share; None: it sends as fast as it can.
-    features
-        Features to set before everything else, in this order.
-    gain_scale
-        What a gain that is not in dB means; None leaves such a gain alone. "own numbers" drives it in the numbers of
-        its node, as if they were dB, so that their meaning can be measured.
-    exposure_count_us
-        Microseconds in a count of an exposure time whose unit the camera does not give; None: there is none such.
-    """
-
-    trigger: TriggerSetup
-    pixel_format: PixelFormat | None = None
-    binning: int | None = None
+    trigger: TriggerSetup  # what starts an exposure
+    pixel_format: PixelFormat | None = None  # its PixelFormat
+    binning: int | None = None  # `binning` x `binning` pixels are read as one, over the whole sensor
+    # GigE Vision only: size of a stream packet, headers included; None uses the largest that gets through
     packet_size_bytes: int | None = None
+    # GigE Vision only: the link that its stream has to share; None: it sends as fast as it can
     link_share: LinkShare | None = None
-    features: tuple[FeatureSetting, ...] = ()
+    features: tuple[FeatureSetting, ...] = ()  # features to set before everything else, in this order
+    # what a gain that is not in dB means; None leaves such a gain alone. "own numbers" drives it in the numbers of its
+    # node, as if they were dB, so that their meaning can be measured
     gain_scale: GainScale | Literal["own numbers"] | None = None
+    # microseconds in a count of an exposure time whose unit the camera does not give; None: there is none such
     exposure_count_us: float | None = None

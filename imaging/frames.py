@@ -28,48 +28,26 @@ class ClockTrouble:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Frame:
-    """One image and how it was taken.
+    """One image and how it was taken."""
 
-    Attributes
-    ----------
-    pixels
-        Grey levels or a colour mosaic, shape (height, width), or more samples to a pixel, shape (height, width,
-        samples); uint8, or uint16 where a sample has more than 8 bits.
-    bit_depth
-        Significant bits of a sample, as in `PixelFormat`.
-    frame_id
-        The camera's frame counter, unwrapped: it never restarts while the camera stays open. As counted by the host
-        where the camera's is not believed.
-    device_time_ns
-        The camera's own time stamp of this frame, on its own clock; where it is not believed, the one before it
-        continued.
-    host_time_ns
-        When its exposure began, CLOCK_MONOTONIC: `device_time_ns` mapped, or by its arrival.
-    arrival_time_ns
-        When the frame was complete in the host's memory, CLOCK_MONOTONIC.
-    setting
-        Exposure time and gain that this frame was taken with.
-    setting_source
-        How that is known: "chunk", the frame itself says so; "ledger", inferred from when settings were written.
-    layout
-        What the samples are, as in `PixelFormat`.
-    by_arrival
-        Whether `host_time_ns` is late by the time of readout and transfer, as the camera's clock is not known.
-    clock_trouble
-        What of it is not believed, told with one frame.
-    """
-
+    # grey levels or a colour mosaic, shape (height, width), or more samples to a pixel, shape (height, width, samples);
+    # uint8, or uint16 where a sample has more than 8 bits
     pixels: Pixels
-    bit_depth: int
+    bit_depth: int  # significant bits of a sample, as in `PixelFormat`
+    # the camera's frame counter, unwrapped: it never restarts while the camera stays open. As counted by the host where
+    # the camera's is not believed
     frame_id: int
+    # the camera's own time stamp of this frame, on its own clock; where it is not believed, the one before it continued
     device_time_ns: int
-    host_time_ns: int
-    arrival_time_ns: int
-    setting: ExposureSetting
+    host_time_ns: int  # when its exposure began, CLOCK_MONOTONIC: `device_time_ns` mapped, or by its arrival
+    arrival_time_ns: int  # when the frame was complete in the host's memory, CLOCK_MONOTONIC
+    setting: ExposureSetting  # exposure time and gain that this frame was taken with
+    # how that is known: "chunk", the frame itself says so; "ledger", inferred from when settings were written
     setting_source: SettingSource = "chunk"
-    layout: Layout = "grey"
+    layout: Layout = "grey"  # what the samples are, as in `PixelFormat`
+    # whether `host_time_ns` is late by the time of readout and transfer, as the camera's clock is not known
     by_arrival: bool = False
-    clock_trouble: ClockTrouble | None = None
+    clock_trouble: ClockTrouble | None = None  # what of it is not believed, told with one frame
 
     def grey8(self, saturation: int = 255) -> NDArray[np.uint8]:
         """What control sees of the pixels: 8-bit grey levels (see `grey_plane`), at half size for a colour mosaic.

@@ -12,21 +12,11 @@ FINE_DB = 0.1
 
 @dataclass(frozen=True, slots=True)
 class GainScale:
-    """What settings of a gain node are in dB above the lowest: points in ascending order, straight lines between.
+    """What settings of a gain node are in dB above the lowest: points in ascending order, straight lines between."""
 
-    Attributes
-    ----------
-    node
-        The node that was measured, such as "GainRaw".
-    settings
-        Its settings, rising.
-    gains_db
-        Their gains in dB, not falling, the first 0.
-    """
-
-    node: str
-    settings: tuple[float, ...]
-    gains_db: tuple[float, ...]
+    node: str  # the node that was measured, such as "GainRaw"
+    settings: tuple[float, ...]  # its settings, rising
+    gains_db: tuple[float, ...]  # their gains in dB, not falling, the first 0
 
     def gain_db(self, setting: float) -> float:
         """The gain of a setting; outside the points, that of the nearest one."""

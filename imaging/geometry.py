@@ -14,32 +14,20 @@ assert set(COEFFICIENTS) == set(get_args(DistortionModel))
 
 @dataclass(frozen=True, slots=True)
 class CameraGeometry:
-    """Lens and rectification of one camera.
+    """Lens and rectification of one camera."""
 
-    Attributes
-    ----------
-    width, height
-        Size in pixels of the frames it holds for.
-    distortion_model, distortion
-        How the lens distorts, with as many coefficients as `COEFFICIENTS` says.
-    camera_matrix
-        K: focal lengths and principal point in pixels, 3x3, row by row; (0, 0) is the middle of the first pixel.
-    rectification
-        R: from this camera's axes to those of the rectified pair, 3x3, row by row.
-    projection
-        P: from the left camera's rectified axes (m) to pixels of the rectified frame, 3x4, row by row.
-    serial
-        The camera's serial number, if the file names it.
-    """
-
+    # size in pixels of the frames it holds for
     width: int
     height: int
+    # how the lens distorts, with as many coefficients as `COEFFICIENTS` says
     distortion_model: DistortionModel
     distortion: tuple[float, ...]
+    # K: focal lengths and principal point in pixels, 3x3, row by row; (0, 0) is the middle of the first pixel
     camera_matrix: tuple[float, ...]
-    rectification: tuple[float, ...]
+    rectification: tuple[float, ...]  # R: from this camera's axes to those of the rectified pair, 3x3, row by row
+    # P: from the left camera's rectified axes (m) to pixels of the rectified frame, 3x4, row by row
     projection: tuple[float, ...]
-    serial: str | None = None
+    serial: str | None = None  # the camera's serial number, if the file names it
 
     @property
     def baseline_m(self) -> float:

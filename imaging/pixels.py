@@ -203,23 +203,13 @@ class PixelFormat(StrEnum):
 
     A row is name, PFNC code, bit depth, layout and unpacker. Formats that differ only in how they are packed give the
     same pixels.
-
-    Attributes
-    ----------
-    pfnc_code
-        Number of the format, as frames carry it.
-    bit_depth
-        Significant bits of a sample.
-    layout
-        What the samples are.
-    unpack
-        From the bytes of an image to its samples, flat, and at most three more: uint8, or uint16 with the value in the
-        low bits. A read-only view of the bytes if they need no unpacking.
     """
 
-    pfnc_code: int
-    bit_depth: int
-    layout: Layout
+    pfnc_code: int  # number of the format, as frames carry it
+    bit_depth: int  # significant bits of a sample
+    layout: Layout  # what the samples are
+    # from the bytes of an image to its samples, flat, and at most three more: uint8, or uint16 with the value in the
+    # low bits. A read-only view of the bytes if they need no unpacking
     unpack: Callable[[memoryview], Pixels]
 
     MONO8 = "Mono8", 0x01080001, 8, "grey", _bytes

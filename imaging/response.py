@@ -20,25 +20,17 @@ class ResponseFunction:
 
     Exposure is known up to a factor only, so the log2 exposures have an arbitrary offset.
 
-    Attributes
-    ----------
-    log2_exposure
-        The inverse of f: log2 exposure (stops) of each grey level 0..255, float64, shape (256,), finite and
-        non-decreasing. Read-only.
-    black_level
-        The grey level without light. A pixel at or below it says only that there was little light.
-    saturation
-        The grey level of a full pixel. A pixel at or above it says only that there was much light.
-
     Raises
     ------
     ConfigurationError
         When the values are not those of a response function; the message begins with the key at fault.
     """
 
+    # the inverse of f: log2 exposure (stops) of each grey level 0..255, float64, shape (256,), finite and non-
+    # decreasing. Read-only
     log2_exposure: NDArray[np.float64]
-    black_level: int
-    saturation: int
+    black_level: int  # the grey level without light. A pixel at or below it says only that there was little light
+    saturation: int  # the grey level of a full pixel. A pixel at or above it says only that there was much light
 
     def __post_init__(self) -> None:
         curve = np.array(self.log2_exposure, dtype=np.float64)

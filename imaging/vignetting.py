@@ -25,27 +25,19 @@ _LOOK = (48, 64)
 class Vignetting:
     """Relative light by an even polynomial of the radius, or by a grid of nodes with straight lines between them.
 
-    Attributes
-    ----------
-    width, height
-        Size of the frames it is for, in pixels.
-    centre_px
-        Column and row around which light falls, for the polynomial.
-    coefficients
-        a2, a4, ... of ``1 + a2 r^2 + a4 r^4 + ...``; r is 1 at half the frame's diagonal from the centre.
-    grid
-        Rows of nodes spread evenly from the first pixel to the last; empty: the polynomial holds.
-
     Raises
     ------
     ConfigurationError
         For values that no lens has; the message begins with the key at fault.
     """
 
+    # size of the frames it is for, in pixels
     width: int
     height: int
-    centre_px: tuple[float, float]
+    centre_px: tuple[float, float]  # column and row around which light falls, for the polynomial
+    # a2, a4, ... of ``1 + a2 r^2 + a4 r^4 + ...``; r is 1 at half the frame's diagonal from the centre
     coefficients: tuple[float, ...]
+    # rows of nodes spread evenly from the first pixel to the last; empty: the polynomial holds
     grid: tuple[tuple[float, ...], ...] = ()
 
     def __post_init__(self) -> None:

@@ -44,28 +44,19 @@ class Foretold:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Findings:
-    """Everything that the page shows.
+    """Everything that the page shows."""
 
-    Attributes
-    ----------
-    plan_m, marks_m
-        The path from above as it was taught, and its local maps, float64, (n, 2); the start is at 0, ahead is up.
-    seen_share
-        Share of the features of each local map seen in each repetition, float64, (runs, places); NaN: not registered.
-    taught, kept, total
-        Features that were taught, those of them still there after each run, and all after each run, (runs,).
-    foretold
-        By model; empty with too few drives.
-    """
-
+    # the path from above as it was taught, and its local maps, float64, (n, 2); the start is at 0, ahead is up
     plan_m: NDArray[np.float64]
     marks_m: NDArray[np.float64]
     runs: list[MapDrive]
+    # share of the features of each local map seen in each repetition, float64, (runs, places); NaN: not registered
     seen_share: NDArray[np.float64]
+    # features that were taught, those of them still there after each run, and all after each run, (runs,)
     taught: int
     kept: NDArray[np.int64]
     total: NDArray[np.int64]
-    foretold: list[Foretold]
+    foretold: list[Foretold]  # by model; empty with too few drives
 
 
 def findings(file: MapFile) -> Findings:

@@ -15,21 +15,12 @@ from imaging.errors import AutoexposeError
 
 
 class Listing(NamedTuple):
-    """What is known of a command without loading it.
+    """What is known of a command without loading it."""
 
-    Attributes
-    ----------
-    summary
-        Its line of the help, which fits into 80 columns.
-    place
-        Where its function or Typer app is, as in an entry point; empty: an entry point of `autoexpose-lab` says so.
-    extra
-        The extra of `autoexpose-daemon` that its module imports, in brackets.
-    """
-
-    summary: str
+    summary: str  # its line of the help, which fits into 80 columns
+    # where its function or Typer app is, as in an entry point; empty: an entry point of `autoexpose-lab` says so
     place: str = ""
-    extra: str = ""
+    extra: str = ""  # the extra of `autoexpose-daemon` that its module imports, in brackets
 
 
 _HERE = "autoexpose_daemon.cli"

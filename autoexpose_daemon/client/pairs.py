@@ -44,37 +44,20 @@ _COMPARED = 5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReceivedPair:
-    """What both cameras took at one trigger, and what the daemon made of it.
+    """What both cameras took at one trigger, and what the daemon made of it."""
 
-    Attributes
-    ----------
-    left, right
-        The frames, each with its own exposure time and gain; `right` is None in a rig with one camera.
-        Their host and arrival times are from the daemon's machine; the pixels are read-only.
-    stamp_ns
-        The middle of the left frame's exposure, CLOCK_REALTIME, unless `publish.stamp` says otherwise.
-    trigger
-        The daemon's number for the trigger.
-    sequence
-        Number of the pair among those that the daemon sent.
-    decision
-        What the daemon decided on this pair.
-    received_ns
-        When the pair became complete in this process, CLOCK_MONOTONIC.
-    responses
-        The response function of each camera, if the client was opened with `normalised`.
-    vignettings
-        The vignetting of each camera for which it was measured, along with the responses.
-    """
-
+    # the frames, each with its own exposure time and gain; `right` is None in a rig with one camera. Their host and
+    # arrival times are from the daemon's machine; the pixels are read-only
     left: Frame
     right: Frame | None
-    stamp_ns: int
-    trigger: int
-    sequence: int
-    decision: Decision | None
-    received_ns: int
+    stamp_ns: int  # the middle of the left frame's exposure, CLOCK_REALTIME, unless `publish.stamp` says otherwise
+    trigger: int  # the daemon's number for the trigger
+    sequence: int  # number of the pair among those that the daemon sent
+    decision: Decision | None  # what the daemon decided on this pair
+    received_ns: int  # when the pair became complete in this process, CLOCK_MONOTONIC
+    # the response function of each camera, if the client was opened with `normalised`
     responses: Mapping[Side, ResponseFunction] = field(default_factory=dict)
+    # the vignetting of each camera for which it was measured, along with the responses
     vignettings: Mapping[Side, Vignetting] = field(default_factory=dict)
 
     @property

@@ -71,32 +71,17 @@ class ShotRequest(Section):
 
 
 class Request(Section):
-    """Changes to control, made all together or not at all; None and false leave things as they are.
+    """Changes to control, made all together or not at all; None and false leave things as they are."""
 
-    Attributes
-    ----------
-    by
-        Who asks, in their own words: for the log.
-    reset
-        Go back to the configuration first.
-    locked
-        True: keep the setting that was decided last; False: let the policy decide again.
-    ev_stops
-        Added to what the policy decides.
-    policy, limits, region
-        Used in place of those in the configuration.
-    shot
-        The setting of one pair.
-    """
-
-    by: Name
-    reset: Flag = False
-    locked: Flag | None = None
-    ev_stops: EvStops | None = None
+    by: Name  # who asks, in their own words: for the log
+    reset: Flag = False  # go back to the configuration first
+    locked: Flag | None = None  # true: keep the setting that was decided last; False: let the policy decide again
+    ev_stops: EvStops | None = None  # added to what the policy decides
+    # used in place of those in the configuration
     policy: str | None = None
     limits: LimitsRequest | None = None
     region: RegionRequest | None = None
-    shot: ShotRequest | None = None
+    shot: ShotRequest | None = None  # the setting of one pair
 
     @field_validator("policy", mode="before")
     @classmethod

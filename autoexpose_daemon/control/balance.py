@@ -29,18 +29,10 @@ class Balance(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class BlurNoiseBalance:
-    """Weighs motion blur against noise (Begin & Hunter 2022, eq. 23 to 26).
+    """Weighs motion blur against noise (Begin & Hunter 2022, eq. 23 to 26)."""
 
-    Attributes
-    ----------
-    weight
-        w, the cost of gain.
-    offset
-        k_offset, which keeps the gain up without motion.
-    """
-
-    weight: float
-    offset: float
+    weight: float  # w, the cost of gain
+    offset: float  # k_offset, which keeps the gain up without motion
 
     def exposure_time_us(self, level: float, motion_px: float, limits: ExposureLimits) -> float:
         """``t = c / g`` with ``g = sqrt((c d^2 + k_offset) / w)``, where c = t g is in seconds (eq. 24)."""
@@ -89,14 +81,9 @@ class FlickerBalance:
 
     Like `ExposurePriority`, with the time rounded down to whole periods. If not even one period fits under the
     upper bound of the time, or the light is too strong for it at the lowest gain, it is just exposure priority.
-
-    Attributes
-    ----------
-    flicker_hz
-        Flashes per second: twice the mains frequency, 100 or 120.
     """
 
-    flicker_hz: float
+    flicker_hz: float  # flashes per second: twice the mains frequency, 100 or 120
 
     def exposure_time_us(self, level: float, motion_px: float, limits: ExposureLimits) -> float:
         """The longest whole number of periods within the time of exposure priority and the bounds, or that time."""

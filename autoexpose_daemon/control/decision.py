@@ -13,55 +13,29 @@ class SceneHistogram:
     """What light the scene sends one camera, as far as is known, by log radiance in bins of `bin_stops`.
 
     Radiance is in stops from what saturates at exposure level 0, so frames of level E are white from about -E on.
-
-    Attributes
-    ----------
-    start
-        Lower bound of the first bin, stops.
-    bin_stops
-        Width of a bin.
-    known
-        Share of the picture in each bin, as frames showed it.
-    guessed
-        Share in each bin of what no frame has shown, which is clipped: where it is expected to lie.
-    contrast
-        Squared contrast in each bin, known or expected, as a share of all: it makes light worth showing.
-    black, white
-        Radiance between which the newest frame shows it.
     """
 
-    start: float
-    bin_stops: float
-    known: list[float]
-    guessed: list[float]
+    start: float  # lower bound of the first bin, stops
+    bin_stops: float  # width of a bin
+    known: list[float]  # share of the picture in each bin, as frames showed it
+    guessed: list[float]  # share in each bin of what no frame has shown, which is clipped: where it is expected to lie
+    # squared contrast in each bin, known or expected, as a share of all: it makes light worth showing
     contrast: list[float]
+    # radiance between which the newest frame shows it
     black: float
     white: float
 
 
 @dataclass(frozen=True, slots=True)
 class Grounds:
-    """What the latest decision of a policy that plans by a belief rests on.
+    """What the latest decision of a policy that plans by a belief rests on."""
 
-    Attributes
-    ----------
-    scenes
-        What each camera faces.
-    level
-        Exposure level of the newest frame, stops.
-    levels
-        Those that could be decided on, ascending.
-    worth
-        What a frame of each level would be worth by itself, as a share of the best.
-    value
-        What decides: the same, summed over the frames that are planned, if the first has this level and the best
-        follow, less what changes of brightness cost, and with what the first would reveal.
-    """
-
-    scenes: dict[Side, SceneHistogram]
-    level: float
-    levels: list[float]
-    worth: list[float]
+    scenes: dict[Side, SceneHistogram]  # what each camera faces
+    level: float  # exposure level of the newest frame, stops
+    levels: list[float]  # those that could be decided on, ascending
+    worth: list[float]  # what a frame of each level would be worth by itself, as a share of the best
+    # what decides: the same, summed over the frames that are planned, if the first has this level and the best follow,
+    # less what changes of brightness cost, and with what the first would reveal
     value: list[float]
 
     @property
@@ -77,29 +51,15 @@ class Grounds:
 
 @dataclass(frozen=True, slots=True)
 class Decision:
-    """The next setting for both cameras, and what it is based on.
+    """The next setting for both cameras, and what it is based on."""
 
-    Attributes
-    ----------
-    setting
-        Exposure time (us) and gain (dB), within the limits and on their increments.
-    level
-        The exposure level aimed at (stops), within the limits, before quantisation.
-    reason
-        Why, in a few words for the user.
-    metric
-        M_g of the reference frame, 0..1 per pixel (eq. 5): the left one, unless it is missing or not counted;
-        None: nobody asked for it.
-    saturated_share, black_share
-        Shares (0..1) of the reference frame's pixels at or above saturation, and at or below the black level.
-    motion_px
-        Mean speed of image points of the reference frame, pixels of full resolution per 1/60 s.
-    """
-
-    setting: ExposureSetting
-    level: float
-    reason: str
+    setting: ExposureSetting  # exposure time (us) and gain (dB), within the limits and on their increments
+    level: float  # the exposure level aimed at (stops), within the limits, before quantisation
+    reason: str  # why, in a few words for the user
+    # M_g of the reference frame, 0..1 per pixel (eq. 5): the left one, unless it is missing or not counted; None:
+    # nobody asked for it
     metric: float | None
+    # shares (0..1) of the reference frame's pixels at or above saturation, and at or below the black level
     saturated_share: float
     black_share: float
-    motion_px: float
+    motion_px: float  # mean speed of image points of the reference frame, pixels of full resolution per 1/60 s

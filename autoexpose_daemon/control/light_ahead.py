@@ -36,24 +36,14 @@ class LightAhead:
     """The light of an earlier drive, from a second behind the rig to some way ahead of it.
 
     Only differences count, so it does not matter whether the day was brighter then.
-
-    Attributes
-    ----------
-    levels
-        The exposure levels that served, stops, one for each frame at the present speed, in the order of driving. No
-        policy goes by them.
-    risen
-        By how much the light had risen, stops, at the same places.
-    now
-        Index of the present frame.
-    spread_frames
-        Standard deviation of the error of that index.
     """
 
+    # the exposure levels that served, stops, one for each frame at the present speed, in the order of driving. No
+    # policy goes by them
     levels: tuple[float, ...]
-    risen: tuple[float, ...]
-    now: int
-    spread_frames: float
+    risen: tuple[float, ...]  # by how much the light had risen, stops, at the same places
+    now: int  # index of the present frame
+    spread_frames: float  # standard deviation of the error of that index
 
     def __post_init__(self) -> None:
         if not 0 <= self.now < len(self.levels) <= MOST_LEVELS:
@@ -68,25 +58,14 @@ class LightAhead:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LightSeries:
-    """The light of an earlier drive, as a series in time.
+    """The light of an earlier drive, as a series in time."""
 
-    Attributes
-    ----------
-    levels, risen
-        As in `LightAhead`: stops, float64, (n,), in the order of driving.
-    now
-        Index of the present place.
-    step_s
-        From one place to the next at the present speed.
-    spread_s
-        Standard deviation of the error of the present place, as a time at the present speed.
-    """
-
+    # as in `LightAhead`: stops, float64, (n,), in the order of driving
     levels: NDArray[np.float64]
     risen: NDArray[np.float64]
-    now: int
-    step_s: float
-    spread_s: float
+    now: int  # index of the present place
+    step_s: float  # from one place to the next at the present speed
+    spread_s: float  # standard deviation of the error of the present place, as a time at the present speed
 
     def in_frames(self, later_s: float, rate_hz: float) -> LightAhead | None:
         """For a frame taken `later_s` after the series' present; None if the place is too uncertain."""

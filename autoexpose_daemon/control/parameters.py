@@ -26,24 +26,15 @@ REMEMBERED_STEPS = 32
 class Bracketing:
     """How a drive is recorded in brackets.
 
-    Attributes
-    ----------
-    exposures
-        Shots in a cycle.
-    range_stops
-        From the darkest to the brightest.
-    keep
-        Whether one more frame of each cycle is exposed by the policy.
-
     Raises
     ------
     ConfigurationError
         Names a number that is out of bounds.
     """
 
-    exposures: Annotated[int, Range(2, 12)] = 6
-    range_stops: Annotated[float, Range(1.0, 16.0, "stops")] = 6.0
-    keep: bool = False
+    exposures: Annotated[int, Range(2, 12)] = 6  # shots in a cycle
+    range_stops: Annotated[float, Range(1.0, 16.0, "stops")] = 6.0  # from the darkest to the brightest
+    keep: bool = False  # whether one more frame of each cycle is exposed by the policy
 
     def __post_init__(self) -> None:
         _check(self, BRACKET_RANGES)
@@ -53,52 +44,36 @@ class Bracketing:
 class ControlParameters:
     """Tuning; the defaults are those of Begin & Hunter 2022 (section 1.1, 2.1 and 3.3).
 
-    Attributes
-    ----------
-    metric_delta
-        delta of eq. (3), the smallest gradient that counts, as a share of full scale.
-    metric_lambda
-        lambda of eq. (3), which raises weak gradients relative to strong ones.
-    balance_weight
-        w of eq. (25): how much gain costs compared with motion blur.
-    balance_offset
-        k_offset of eq. (25).
-    mean_target
-        Mean signal that `neves2009` holds, as a share of saturation.
-    balance
-        How a level is split into time and gain; `policy`: as in the policy's paper (its Table 1).
-    flicker_hz
-        Flashes of the light per second, for the balance `flicker`: twice the mains frequency. None: found from the
-        frames, and times are whole periods whatever the balance.
-    motion
-        How motion is measured; `policy`: by Farneback's flow for the policies of Begin & Hunter, as in the paper, and
-        by tiles (`TileMotion`) for all others.
-    focal_length_px
-        Of the left camera, in pixels of its frames; needed for steps that are given an angular rate. None: unknown.
-    full_well_e, read_noise_e
-        Of the cameras' sensors, for our own policies: electrons that fill a pixel at 0 dB, and noise without light. The
-        defaults are those of common global shutters (Sony IMX273 and its kin).
-    bracket
-        Record brackets instead of doing as the policy decides; None: do as it decides.
-
     Raises
     ------
     ConfigurationError
         Names a parameter that is out of bounds.
     """
 
+    # delta of eq. (3), the smallest gradient that counts, as a share of full scale
     metric_delta: Annotated[float, Range(0.0, 0.99)] = 0.30
+    # lambda of eq. (3), which raises weak gradients relative to strong ones
     metric_lambda: Annotated[float, Range(0.001, 1_000_000.0)] = 1000.0
+    # w of eq. (25): how much gain costs compared with motion blur
     balance_weight: Annotated[float, Range(0.000_001, 1000.0)] = 0.02
-    balance_offset: Annotated[float, Range(0.0, 1_000_000.0)] = 8.0
+    balance_offset: Annotated[float, Range(0.0, 1_000_000.0)] = 8.0  # k_offset of eq. (25)
+    # mean signal that `neves2009` holds, as a share of saturation
     mean_target: Annotated[float, Range(0.001, 0.999)] = 0.20
+    # how a level is split into time and gain; `policy`: as in the policy's paper (its Table 1)
     balance: BalanceId = "policy"
+    # flashes of the light per second, for the balance `flicker`: twice the mains frequency. None: found from the
+    # frames, and times are whole periods whatever the balance
     flicker_hz: Annotated[float | None, Range(10.0, 1000.0, "Hz")] = 100.0
+    # how motion is measured; `policy`: by Farneback's flow for the policies of Begin & Hunter, as in the paper, and by
+    # tiles (`TileMotion`) for all others
     motion: MotionId = "policy"
+    # of the left camera, in pixels of its frames; needed for steps that are given an angular rate. None: unknown
     focal_length_px: Annotated[float | None, Range(1.0, 100_000.0, "pixels")] = None
+    # of the cameras' sensors, for our own policies: electrons that fill a pixel at 0 dB, and noise without light. The
+    # defaults are those of common global shutters (Sony IMX273 and its kin)
     full_well_e: Annotated[float, Range(100.0, 10_000_000.0, "electrons")] = 10_500.0
     read_noise_e: Annotated[float, Range(0.1, 1000.0, "electrons")] = 3.0
-    bracket: Bracketing | None = None
+    bracket: Bracketing | None = None  # record brackets instead of doing as the policy decides; None: do as it decides
 
     def __post_init__(self) -> None:
         _check(self, RANGES)

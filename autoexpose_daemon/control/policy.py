@@ -25,22 +25,13 @@ MISSED_FRAMES = 12
 
 @dataclass(frozen=True, slots=True)
 class PastStep:
-    """A decision whose outcome a later frame shows.
+    """A decision whose outcome a later frame shows."""
 
-    Attributes
-    ----------
-    setting
-        What was decided.
-    level, metric
-        Exposure level (stops) of the frame it was decided on, and its M_g as in `Observation`.
-    target
-        What the policy wanted, before bounds and increments made it `setting`.
-    """
-
-    setting: ExposureSetting
+    setting: ExposureSetting  # what was decided
+    # exposure level (stops) of the frame it was decided on, and its M_g as in `Observation`
     level: float
     metric: float | None
-    target: Target
+    target: Target  # what the policy wanted, before bounds and increments made it `setting`
 
     @property
     def predicted_metric(self) -> float | None:
@@ -50,44 +41,24 @@ class PastStep:
 
 @dataclass(frozen=True, eq=False)
 class Look:
-    """What control sees of one camera's frame.
+    """What control sees of one camera's frame."""
 
-    Attributes
-    ----------
-    side
-        Which camera it is.
-    image
-        The shrunk frame (`ImagePreparation`), uint8, (height, width). Valid during this step only.
-    response
-        The camera's response function.
-    weights
-        How much each pixel of `image` counts, uint8 of its shape; None: all alike. The figures of an `Observation`
-        respect them; a policy that looks at pixels must, too.
-    before_median
-        See `unfiltered`; None: `image` has had no median.
-    scale
-        Width of the frame over that of `image`.
-    averaged
-        How many samples of the sensor were averaged into a pixel of `image`.
-    relative_light
-        What the lens lets through to each of the 8x8 cells of the picture, row by row, float64, shape (64,), to a
-        quarter of a stop; None: not known.
-    setting
-        Exposure time and gain that the frame was taken with; None: as the reference frame.
-    device_time_ns
-        Its time stamp, on its camera's clock, which has nothing to do with another camera's.
-    """
-
-    side: Side
+    side: Side  # which camera it is
+    # the shrunk frame (`ImagePreparation`), uint8, (height, width). Valid during this step only
     image: NDArray[np.uint8]
-    response: ResponseFunction
+    response: ResponseFunction  # the camera's response function
+    # how much each pixel of `image` counts, uint8 of its shape; None: all alike. The figures of an `Observation`
+    # respect them; a policy that looks at pixels must, too
     weights: NDArray[np.uint8] | None = None
-    before_median: NDArray[np.uint8] | None = None
-    scale: float = 1.0
-    averaged: float = 1.0
+    before_median: NDArray[np.uint8] | None = None  # see `unfiltered`; None: `image` has had no median
+    scale: float = 1.0  # width of the frame over that of `image`
+    averaged: float = 1.0  # how many samples of the sensor were averaged into a pixel of `image`
+    # what the lens lets through to each of the 8x8 cells of the picture, row by row, float64, shape (64,), to a quarter
+    # of a stop; None: not known
     relative_light: NDArray[np.float64] | None = None
+    # exposure time and gain that the frame was taken with; None: as the reference frame
     setting: ExposureSetting | None = None
-    device_time_ns: int = 0
+    device_time_ns: int = 0  # its time stamp, on its camera's clock, which has nothing to do with another camera's
 
     @property
     def unfiltered(self) -> NDArray[np.uint8]:
@@ -97,44 +68,23 @@ class Look:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Observation:
-    """Everything a policy may look at.
+    """Everything a policy may look at."""
 
-    Attributes
-    ----------
-    looks
-        The frames, the reference first: the left camera's, unless it is missing or `ExposurePolicy.uncounted`.
-        Everything else refers to it.
-    setting
-        Exposure time and gain that the frame was actually taken with.
-    metric
-        M_g of `image`, 0..1 per pixel; may be None for a policy that is not `FILTERED`.
-    saturated_share, black_share
-        Shares (0..1) of the pixels of `image` at or beyond saturation and the black level.
-    motion_px
-        Mean speed of image points, pixels of full resolution per 1/60 s.
-    limits
-        Bounds and increments that the next setting will be cut to.
-    inputs
-        What the step was given; its frames are for those who made `looks`.
-    past
-        The latest decisions, oldest first, one per frame.
-    flicker_hz
-        Flashes of the light per second: the next exposure time will be whole periods, if they fit; None: any time.
-    ev_stops
-        The EV compensation by which frames will differ from targets.
-    """
-
+    # the frames, the reference first: the left camera's, unless it is missing or `ExposurePolicy.uncounted`. Everything
+    # else refers to it
     looks: Sequence[Look]
-    setting: ExposureSetting
-    metric: float | None
+    setting: ExposureSetting  # exposure time and gain that the frame was actually taken with
+    metric: float | None  # M_g of `image`, 0..1 per pixel; may be None for a policy that is not `FILTERED`
+    # shares (0..1) of the pixels of `image` at or beyond saturation and the black level
     saturated_share: float
     black_share: float
-    motion_px: float
-    limits: ExposureLimits
-    inputs: StepInputs
-    past: Sequence[PastStep] = ()
+    motion_px: float  # mean speed of image points, pixels of full resolution per 1/60 s
+    limits: ExposureLimits  # bounds and increments that the next setting will be cut to
+    inputs: StepInputs  # what the step was given; its frames are for those who made `looks`
+    past: Sequence[PastStep] = ()  # the latest decisions, oldest first, one per frame
+    # flashes of the light per second: the next exposure time will be whole periods, if they fit; None: any time
     flicker_hz: float | None = None
-    ev_stops: float = 0.0
+    ev_stops: float = 0.0  # the EV compensation by which frames will differ from targets
 
     @property
     def side(self) -> Side:
@@ -177,24 +127,14 @@ class Observation:
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """What a policy wants.
+    """What a policy wants."""
 
-    Attributes
-    ----------
-    level
-        The exposure level to take next (stops): absolute, not a change, so frames in flight are never corrected twice.
-    reason
-        Why, in a few words for the user.
-    predicted_metric
-        M_g expected at `level`; None when the policy does not predict.
-    exposure_time_us
-        The time, from a policy that chooses time and gain itself; the gain is what `level` leaves. None: split by the
-        policy's balance.
-    """
-
+    # the exposure level to take next (stops): absolute, not a change, so frames in flight are never corrected twice
     level: float
-    reason: str
-    predicted_metric: float | None = None
+    reason: str  # why, in a few words for the user
+    predicted_metric: float | None = None  # M_g expected at `level`; None when the policy does not predict
+    # the time, from a policy that chooses time and gain itself; the gain is what `level` leaves. None: split by the
+    # policy's balance
     exposure_time_us: float | None = None
 
 
@@ -206,31 +146,19 @@ class ExposurePolicy(Stateful, ABC):
     """Decides on one exposure level per stereo pair. One that is in the table also has a class method `build(setup)`.
 
     What a policy carries from frame to frame is plain data in the attributes that it annotates: see `snapshot`.
-
-    Attributes
-    ----------
-    FLOW
-        How motion is measured unless another way is configured: Farneback's flow for papers that measure it so.
-    OBJECTIVE
-        What it is judged by.
-    compensated
-        How it gets an EV compensation: `targets`, its targets are levels that do not depend on the frames they are
-        based on, so the compensation is added to them; `frames`, it is shown frames without the compensation;
-        `darker`, the same, but none above 0, since it is guided by what that would saturate.
-    STEERED
-        Whether it uses `StepInputs.steering`.
-    FILTERED
-        Whether it needs images that have had a median, as M_g does, which is measured only then.
-    balance
-        How the level is split into time and gain.
     """
 
+    # how motion is measured unless another way is configured: Farneback's flow for papers that measure it so
     FLOW: ClassVar[Literal["tiles", "farneback"]] = "tiles"
-    OBJECTIVE: ClassVar[Objective] = "metric"
+    OBJECTIVE: ClassVar[Objective] = "metric"  # what it is judged by
+    # how it gets an EV compensation: `targets`, its targets are levels that do not depend on the frames they are based
+    # on, so the compensation is added to them; `frames`, it is shown frames without the compensation; `darker`, the
+    # same, but none above 0, since it is guided by what that would saturate
     compensated: Built[Literal["targets", "frames", "darker"]] = "darker"
-    STEERED: ClassVar[bool] = False
+    STEERED: ClassVar[bool] = False  # whether it uses `StepInputs.steering`
+    # whether it needs images that have had a median, as M_g does, which is measured only then
     FILTERED: ClassVar[bool] = True
-    balance: Built[Balance]
+    balance: Built[Balance]  # how the level is split into time and gain
 
     @property
     def light_belief(self) -> float | None:

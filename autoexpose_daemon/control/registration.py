@@ -30,17 +30,10 @@ MARGIN = 0.03
 
 @dataclass(frozen=True, slots=True)
 class LightChange:
-    """What two frames say about the light between them.
+    """What two frames say about the light between them."""
 
-    Attributes
-    ----------
-    stops
-        The rise of the light.
-    measured
-        Whether enough pixels were unclipped in both frames; otherwise `stops` is only a bound, towards less change.
-    """
-
-    stops: float
+    stops: float  # the rise of the light
+    # whether enough pixels were unclipped in both frames; otherwise `stops` is only a bound, towards less change
     measured: bool
 
 
@@ -51,20 +44,12 @@ class LightRegistration(Stateful):
     changed by at least this much. The median sought is the M with as many pixels surely above as surely below it: the
     ordinary median when nothing is clipped. Without the bounds, a large change would be judged by the few pixels
     of extreme noise that remain unclipped.
-
-    Attributes
-    ----------
-    side
-        Camera of the frame before; None before the first.
-    previous
-        Grey levels of the frame before, every fifth across and down, uint8; None before the first.
-    previous_level
-        Its exposure level, stops.
     """
 
-    side: Side | None
+    side: Side | None  # camera of the frame before; None before the first
+    # grey levels of the frame before, every fifth across and down, uint8; None before the first
     previous: NDArray[np.uint8] | None
-    previous_level: float
+    previous_level: float  # its exposure level, stops
 
     def __init__(self, responses: Mapping[Side, ResponseFunction]) -> None:
         self._tables = {side: _tables(response) for side, response in responses.items()}

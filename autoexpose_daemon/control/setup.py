@@ -19,31 +19,17 @@ class ControlSetup:
     """The policy, and everything about cameras and tuning that it depends on.
 
     One loop is built from it, and recordings hold it, so that a replay builds the same one.
-
-    Attributes
-    ----------
-    policy_id
-        One of `POLICY_IDS`.
-    responses
-        Response function of each camera; a single one, given here, applies to all.
-    limits
-        Bounds and increments that both cameras can take.
-    start
-        The setting the cameras start with; the policy `fixed` stays there.
-    parameters
-        Tuning and choices.
-    regions
-        What counts in a camera's picture; without one, everything.
-    vignettings
-        What a camera's lens lets through; without one, contrast counts as frames show it.
     """
 
-    policy_id: str
+    policy_id: str  # one of `POLICY_IDS`
+    # response function of each camera; a single one, given here, applies to all
     responses: dict[Side, ResponseFunction]
-    limits: ExposureLimits
-    start: ExposureSetting
-    parameters: ControlParameters = field(default_factory=ControlParameters)
+    limits: ExposureLimits  # bounds and increments that both cameras can take
+    start: ExposureSetting  # the setting the cameras start with; the policy `fixed` stays there
+    parameters: ControlParameters = field(default_factory=ControlParameters)  # tuning and choices
+    # what counts in a camera's picture; without one, everything
     regions: dict[Side, Region] = field(default_factory=dict)
+    # what a camera's lens lets through; without one, contrast counts as frames show it
     vignettings: dict[Side, Vignetting] = field(default_factory=dict)
 
     def __post_init__(self) -> None:

@@ -13,24 +13,12 @@ from imaging.frames import StereoPair
 
 @dataclass(frozen=True, slots=True)
 class Override:
-    """What applies to one step besides its frames.
+    """What applies to one step besides its frames."""
 
-    Attributes
-    ----------
-    ev_stops
-        Stops that are added to what the policy decides.
-    held
-        The setting to stay at, whatever the policy decides; None: as it decides.
-    shot
-        The setting of the next pair alone, even if one is held; None: no shot.
-    unseen
-        This pair was taken for a shot: the policy does not see it. Only with `held`.
-    """
-
-    ev_stops: float = 0.0
-    held: ExposureSetting | None = None
-    shot: ExposureSetting | None = None
-    unseen: bool = False
+    ev_stops: float = 0.0  # stops that are added to what the policy decides
+    held: ExposureSetting | None = None  # the setting to stay at, whatever the policy decides; None: as it decides
+    shot: ExposureSetting | None = None  # the setting of the next pair alone, even if one is held; None: no shot
+    unseen: bool = False  # this pair was taken for a shot: the policy does not see it. Only with `held`
 
     @property
     def reason(self) -> str:
@@ -49,27 +37,18 @@ class StepInputs:
 
     What is added here is passed on, recorded and replayed by itself: it needs a source while the daemon runs, and
     something that uses it.
-
-    Attributes
-    ----------
-    pair
-        The frames.
-    angular_rate_rad_s
-        How fast the camera turns, from an inertial sensor; the speed of image points is then this rate times the
-        focal length, and no flow is computed. None: flow.
-    light_ahead
-        What an earlier drive along the same route saw, which `belief` uses; None: nothing is known.
-    override
-        What overrides the policy. While a setting is held, the policy keeps looking, so it knows the light when it
-        decides again.
-    steering
-        Where consumers track well, for policies that are `STEERED`; None: nothing is known.
     """
 
-    pair: StereoPair
+    pair: StereoPair  # the frames
+    # how fast the camera turns, from an inertial sensor; the speed of image points is then this rate times the focal
+    # length, and no flow is computed. None: flow
     angular_rate_rad_s: float | None = None
+    # what an earlier drive along the same route saw, which `belief` uses; None: nothing is known
     light_ahead: LightAhead | None = None
+    # what overrides the policy. While a setting is held, the policy keeps looking, so it knows the light when it
+    # decides again
     override: Override = NO_OVERRIDE
+    # where consumers track well, for policies that are `STEERED`; None: nothing is known
     steering: Steering | None = None
 
     @classmethod
@@ -80,21 +59,11 @@ class StepInputs:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ControlStep:
-    """A step of a running daemon, for those who watch it.
+    """A step of a running daemon, for those who watch it."""
 
-    Attributes
-    ----------
-    inputs
-        What control was given: the pair alone if it made no decision.
-    decision
-        None: a newer pair arrived before control looked at this one.
-    requests
-        The requests that took effect with this step, and who asked.
-    """
-
-    inputs: StepInputs
-    decision: Decision | None = None
-    requests: tuple[str, ...] = ()
+    inputs: StepInputs  # what control was given: the pair alone if it made no decision
+    decision: Decision | None = None  # none: a newer pair arrived before control looked at this one
+    requests: tuple[str, ...] = ()  # the requests that took effect with this step, and who asked
 
     @property
     def pair(self) -> StereoPair:

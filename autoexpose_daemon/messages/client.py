@@ -23,30 +23,18 @@ LAST_COUNT: Final = (1 << 63) - 1
 class ConsumerTally:
     """A consumer's own count of pairs, since it started.
 
-    Attributes
-    ----------
-    pairs
-        Handed to the consumer.
-    missed
-        Frames of the left camera between these pairs, by gaps in its frame id: lost anywhere, for any reason.
-    lost
-        Pairs that the daemon sent, but that never arrived complete.
-    too_slow
-        Pairs that arrived, and were replaced by newer ones before the consumer asked.
-    alone
-        Triggers with a frame of only one camera.
-
     Raises
     ------
     ValueError
         For a count that is not credible.
     """
 
-    pairs: int = 0
+    pairs: int = 0  # handed to the consumer
+    # frames of the left camera between these pairs, by gaps in its frame id: lost anywhere, for any reason
     missed: int = 0
-    lost: int = 0
-    too_slow: int = 0
-    alone: int = 0
+    lost: int = 0  # pairs that the daemon sent, but that never arrived complete
+    too_slow: int = 0  # pairs that arrived, and were replaced by newer ones before the consumer asked
+    alone: int = 0  # triggers with a frame of only one camera
 
     def __post_init__(self) -> None:
         counts = (getattr(self, name) for name in self.__slots__)

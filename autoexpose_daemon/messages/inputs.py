@@ -65,42 +65,23 @@ _LONGEST_REASON: Final = 200
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RegisteredView:
-    """How a frame of `autoexpose repeat` lies against the taught path, and what the robot was then commanded.
+    """How a frame of `autoexpose repeat` lies against the taught path, and what the robot was then commanded."""
 
-    Attributes
-    ----------
-    stamp_ns
-        The stamp of the frame, CLOCK_REALTIME.
-    distance_m, length_m
-        How far along the path the frame was taken, and how long the path is.
-    local_map
-        Which local map it was registered with, counted from 0 along the path.
-    shift_px
-        How far the frame is shifted to the right of the map; None: too few matches agreed.
-    x_px, y_px
-        Where in the frame each match lies, float32, (n,).
-    shifts_px
-        How far each match is shifted to the right of the map, float32, (n,).
-    agreed
-        Which of the matches agreed on a shift, bool, (n,).
-    forward_m_s, turn_rad_s
-        The command; positive to the left.
-    stopped
-        Why the robot is stopped, for a person; empty while it drives.
-    """
-
-    stamp_ns: int
+    stamp_ns: int  # the stamp of the frame, CLOCK_REALTIME
+    # how far along the path the frame was taken, and how long the path is
     distance_m: float
     length_m: float
-    local_map: int
-    shift_px: float | None
+    local_map: int  # which local map it was registered with, counted from 0 along the path
+    shift_px: float | None  # how far the frame is shifted to the right of the map; None: too few matches agreed
+    # where in the frame each match lies, float32, (n,)
     x_px: NDArray[np.float32]
     y_px: NDArray[np.float32]
-    shifts_px: NDArray[np.float32]
-    agreed: NDArray[np.bool_]
+    shifts_px: NDArray[np.float32]  # how far each match is shifted to the right of the map, float32, (n,)
+    agreed: NDArray[np.bool_]  # which of the matches agreed on a shift, bool, (n,)
+    # the command; positive to the left
     forward_m_s: float
     turn_rad_s: float
-    stopped: str
+    stopped: str  # why the robot is stopped, for a person; empty while it drives
 
     @property
     def votes(self) -> int:

@@ -51,23 +51,13 @@ _JPEG = (
 
 @dataclass(frozen=True, slots=True)
 class FramePicture:
-    """A frame for a browser, and what control would measure on the whole of it.
+    """A frame for a browser, and what control would measure on the whole of it."""
 
-    Attributes
-    ----------
-    jpeg
-        Saturated pixels are red, black ones blue: the pixels that the shares count, in the image that control uses.
-    width
-        Of what control and navigation see of the frame; they see a colour mosaic at half its size.
-    metric
-        M_g, 0..1 per pixel (eq. 5).
-    saturated_share, black_share
-        Shares (0..1) of its pixels, as in a decision.
-    """
-
+    # saturated pixels are red, black ones blue: the pixels that the shares count, in the image that control uses
     jpeg: bytes
-    width: int
-    metric: float
+    width: int  # of what control and navigation see of the frame; they see a colour mosaic at half its size
+    metric: float  # M_g, 0..1 per pixel (eq. 5)
+    # shares (0..1) of its pixels, as in a decision
     saturated_share: float
     black_share: float
 

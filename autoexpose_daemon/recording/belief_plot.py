@@ -38,27 +38,13 @@ _STYLE: dict[Any, Any] = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Moment:
-    """One decision to be drawn.
+    """One decision to be drawn."""
 
-    Attributes
-    ----------
-    words
-        When it was, and what for.
-    picture
-        The frame that it was made on, grey, uint8, shape (height, width).
-    scene
-        What is believed of the light that its camera faces.
-    grounds
-        What the decision rests on.
-    decided_level
-        What was decided, stops.
-    """
-
-    words: str
-    picture: NDArray[np.uint8]
-    scene: SceneHistogram
-    grounds: Grounds
-    decided_level: float
+    words: str  # when it was, and what for
+    picture: NDArray[np.uint8]  # the frame that it was made on, grey, uint8, shape (height, width)
+    scene: SceneHistogram  # what is believed of the light that its camera faces
+    grounds: Grounds  # what the decision rests on
+    decided_level: float  # what was decided, stops
 
 
 def draw(path: Path, moments: Sequence[Moment], title: str) -> None:

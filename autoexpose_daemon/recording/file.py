@@ -81,34 +81,18 @@ class RecordingError(AutoexposeError):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Step:
-    """One step of control.
+    """One step of control."""
 
-    Attributes
-    ----------
-    sequence
-        Counts the steps of control: a gap is what the recorder dropped.
-    cameras
-        How many cameras the rig has.
-    inputs
-        What control was given. A gap in the triggers of pairs without one in `sequence` means pairs that never reached
-        control.
-    decision
-        What control decided.
-    requests
-        What was requested of control since the step before, and who asked.
-    calibrations
-        Geometry of the calibrated cameras, in CameraInfo; a replay needs none.
-    stamp_ns
-        Of a step that was read: the stamp of its messages, CLOCK_REALTIME.
-    """
-
-    sequence: int
-    cameras: int
+    sequence: int  # counts the steps of control: a gap is what the recorder dropped
+    cameras: int  # how many cameras the rig has
+    # what control was given. A gap in the triggers of pairs without one in `sequence` means pairs that never reached
+    # control
     inputs: StepInputs
-    decision: Decision
-    requests: tuple[str, ...] = ()
+    decision: Decision  # what control decided
+    requests: tuple[str, ...] = ()  # what was requested of control since the step before, and who asked
+    # geometry of the calibrated cameras, in CameraInfo; a replay needs none
     calibrations: Mapping[Side, CameraGeometry] = field(default_factory=dict)
-    stamp_ns: int = 0
+    stamp_ns: int = 0  # of a step that was read: the stamp of its messages, CLOCK_REALTIME
 
     @property
     def pair(self) -> StereoPair:
@@ -118,18 +102,10 @@ class Step:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Setup:
-    """A new control loop, which makes the steps that follow.
+    """A new control loop, which makes the steps that follow."""
 
-    Attributes
-    ----------
-    control
-        What the loop is built from.
-    made_with
-        The software that made the decisions, with versions.
-    """
-
-    control: ControlSetup
-    made_with: dict[str, str]
+    control: ControlSetup  # what the loop is built from
+    made_with: dict[str, str]  # the software that made the decisions, with versions
 
 
 @dataclass(frozen=True, slots=True, eq=False)

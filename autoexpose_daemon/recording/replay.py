@@ -18,23 +18,14 @@ from documents.text import readable
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Replayed:
-    """A step, and what was decided on it in the replay.
-
-    Attributes
-    ----------
-    decision
-        None if it is unknown: before the first snapshot, between recorder drops and the next snapshot, and of a policy
-        that is no longer here.
-    dropped
-        Steps that the recorder dropped just before this one.
-    undelivered
-        Triggers just before this one whose frames never reached control.
-    """
+    """A step, and what was decided on it in the replay."""
 
     step: Step
+    # none if it is unknown: before the first snapshot, between recorder drops and the next snapshot, and of a policy
+    # that is no longer here
     decision: Decision | None
-    dropped: int
-    undelivered: int
+    dropped: int  # steps that the recorder dropped just before this one
+    undelivered: int  # triggers just before this one whose frames never reached control
 
     @property
     def same(self) -> bool:

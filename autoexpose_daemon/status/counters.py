@@ -18,26 +18,13 @@ Topic = Literal["triggers", "writes"]
 
 @dataclass(frozen=True, slots=True)
 class Counter:
-    """One of the counters.
+    """One of the counters."""
 
-    Attributes
-    ----------
-    name
-        Its name in `Counts`, in the status and in metrics; begins or ends with what is counted.
-    topic
-        The table of the page that shows it.
-    label
-        Its name in words, for terminal, page and log.
-    meaning
-        What is counted, in a sentence.
-    unusual
-        Whether it should stay at 0. Terminal and log show it when it is not 0, and the page marks it.
-    """
-
-    name: str
-    topic: Topic
-    label: str
-    meaning: str
+    name: str  # its name in `Counts`, in the status and in metrics; begins or ends with what is counted
+    topic: Topic  # the table of the page that shows it
+    label: str  # its name in words, for terminal, page and log
+    meaning: str  # what is counted, in a sentence
+    # whether it should stay at 0. Terminal and log show it when it is not 0, and the page marks it
     unusual: bool = True
 
 
@@ -95,21 +82,11 @@ def unusual_counts(counts: Counts) -> Iterator[tuple[Counter, int]]:
 
 @dataclass(frozen=True, slots=True)
 class Duration:
-    """One of the durations.
+    """One of the durations."""
 
-    Attributes
-    ----------
-    field
-        Its name in `Telemetry`, in `Status`, in the demo's summary and, without the unit, in metrics.
-    label
-        Its name in words, for terminal and page.
-    meaning
-        What is measured, in a sentence.
-    """
-
-    field: str
-    label: str
-    meaning: str
+    field: str  # its name in `Telemetry`, in `Status`, in the demo's summary and, without the unit, in metrics
+    label: str  # its name in words, for terminal and page
+    meaning: str  # what is measured, in a sentence
 
 
 DURATIONS = (

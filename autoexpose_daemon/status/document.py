@@ -77,51 +77,29 @@ class DurationStatus:
 
 @dataclass(frozen=True, slots=True)
 class CameraStatus:
-    """One camera of the rig.
+    """One camera of the rig."""
 
-    Attributes
-    ----------
-    camera
-        Model and serial; None while it is not open.
-    applied
-        The setting of its newest frame; None before the first, and if another camera alone sends frames.
-    drift_grey
-        Error of its response (grey levels rms); None without a verdict.
-    misfit
-        Why its calibration does not fit, in words; None if it fits.
-    ptp
-        What it says about its PTP clock; None except in `trigger.mode` ptp.
-    """
-
-    camera: str | None
+    camera: str | None  # model and serial; None while it is not open
+    # the setting of its newest frame; None before the first, and if another camera alone sends frames
     applied: Annotated[ExposureSetting, AfterValidator(_takes_time)] | None
-    drift_grey: float | None
-    misfit: str | None
+    drift_grey: float | None  # error of its response (grey levels rms); None without a verdict
+    misfit: str | None  # why its calibration does not fit, in words; None if it fits
+    # what it says about its PTP clock; None except in `trigger.mode` ptp
     ptp: Annotated[PtpState, AfterValidator(_fits_a_node)] | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class PublishStatus:
-    """What happened to the pairs on their way to other processes.
+    """What happened to the pairs on their way to other processes."""
 
-    Attributes
-    ----------
-    offered, sent, dropped
-        Pairs; `dropped` by reason.
-    trouble
-        Why there is no session, in words; empty if there is one.
-    consumers
-        The consumers that report, each with its own counts since it started.
-    unlisted_consumers
-        How many more consumers report.
-    """
-
+    # pairs; `dropped` by reason
     offered: Count
     sent: Count
     dropped: _Counts
-    trouble: str
+    trouble: str  # why there is no session, in words; empty if there is one
+    # the consumers that report, each with its own counts since it started
     consumers: Annotated[dict[str, ConsumerTally], _Few]
-    unlisted_consumers: Count = 0
+    unlisted_consumers: Count = 0  # how many more consumers report
 
 
 @dataclass(frozen=True, slots=True)

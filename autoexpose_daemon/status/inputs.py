@@ -18,38 +18,24 @@ from imaging.python310 import StrEnum
 
 @dataclass(slots=True)
 class ImuTally:
-    """Counts of one IMU, and what the latest decision used.
+    """Counts of one IMU, and what the latest decision used."""
 
-    Attributes
-    ----------
-    samples, refused
-        Messages with an angular rate, and messages without a credible one.
-    angular_rate_rad_s
-        The rate that the latest decision used; None: it used optical flow.
-    trouble
-        Why decisions use optical flow, or did less than a second ago, in words; empty if they do not.
-    """
-
+    # messages with an angular rate, and messages without a credible one
     samples: Count = 0
     refused: Count = 0
+    # the rate that the latest decision used; None: it used optical flow
     angular_rate_rad_s: Annotated[float, Field(ge=0, le=FASTEST_TURN_RAD_S)] | None = None
-    trouble: str = ""
+    trouble: str = ""  # why decisions use optical flow, or did less than a second ago, in words; empty if they do not
 
 
 @dataclass(slots=True)
 class LightTally:
-    """Counts of messages, and how the latest decision used them.
+    """Counts of messages, and how the latest decision used them."""
 
-    Attributes
-    ----------
-    messages, refused
-        Messages with a series of light, and messages without a credible one.
-    belief
-        How far the latest decision believed the series, 0 to 1; None: it had none, or the policy uses none.
-    """
-
+    # messages with a series of light, and messages without a credible one
     messages: Count = 0
     refused: Count = 0
+    # how far the latest decision believed the series, 0 to 1; None: it had none, or the policy uses none
     belief: Annotated[float, Field(ge=0, le=1)] | None = None
 
 
@@ -76,23 +62,16 @@ class TrackingRefusal(StrEnum):
 
 @dataclass(slots=True)
 class TrackingTally:
-    """Counts of reports, and how the latest decision used them.
+    """Counts of reports, and how the latest decision used them."""
 
-    Attributes
-    ----------
-    reports, refused
-        Reports that were taken, and those that were refused, by reason.
-    by
-        The consumers that steered the latest decision; empty: none did, or the policy cannot be steered.
-    age_s
-        Time from the frame that the newest report is about to the frame of the decision; None: nobody steered.
-    """
-
+    # reports that were taken, and those that were refused, by reason
     reports: Count = 0
     refused: Annotated[dict[str, Count], Field(max_length=100)] = field(
         default_factory=lambda: {str(reason): 0 for reason in TrackingRefusal}
     )
+    # the consumers that steered the latest decision; empty: none did, or the policy cannot be steered
     by: Annotated[tuple[str, ...], Field(max_length=100)] = ()
+    # time from the frame that the newest report is about to the frame of the decision; None: nobody steered
     age_s: Annotated[float, Field(ge=0, le=1e6)] | None = None
 
     def __str__(self) -> str:
@@ -127,31 +106,17 @@ class Bounds:
 
 @dataclass(slots=True)
 class RequestTally:
-    """Which requests are in force, and how many there were.
+    """Which requests are in force, and how many there were."""
 
-    Attributes
-    ----------
-    locked
-        The setting that is held; None: control decides.
-    ev_stops
-        Added to what the policy decides.
-    changed
-        Which of `policy`, `limits`, `region left` and `region right` are not as configured.
-    bounds
-        The exposures that control may choose; None before a camera is open.
-    taken, refused
-        Requests, since the cameras were opened.
-    latest
-        The latest request that was taken, and who asked; empty: none.
-    """
-
-    locked: ExposureSetting | None = None
-    ev_stops: float = 0.0
+    locked: ExposureSetting | None = None  # the setting that is held; None: control decides
+    ev_stops: float = 0.0  # added to what the policy decides
+    # which of `policy`, `limits`, `region left` and `region right` are not as configured
     changed: Annotated[tuple[_Text, ...], Field(max_length=10)] = ()
-    bounds: Bounds | None = None
+    bounds: Bounds | None = None  # the exposures that control may choose; None before a camera is open
+    # requests, since the cameras were opened
     taken: Count = 0
     refused: Count = 0
-    latest: _Text = ""
+    latest: _Text = ""  # the latest request that was taken, and who asked; empty: none
 
     def __str__(self) -> str:
         """What is in force, in words; empty: all is as configured."""
@@ -163,21 +128,11 @@ class RequestTally:
 
 @dataclass(frozen=True, slots=True)
 class AnsweredShot:
-    """The pair that was taken for a shot.
+    """The pair that was taken for a shot."""
 
-    Attributes
-    ----------
-    setting
-        The setting that its frames report they were taken with.
-    trigger
-        The daemon's number of the trigger.
-    frame_ids
-        The id of each camera's frame.
-    """
-
-    setting: ExposureSetting
-    trigger: Annotated[int, Field(ge=0, le=LAST_COUNT)]
-    frame_ids: dict[Side, Annotated[int, Field(ge=0, lt=1 << 64)]]
+    setting: ExposureSetting  # the setting that its frames report they were taken with
+    trigger: Annotated[int, Field(ge=0, le=LAST_COUNT)]  # the daemon's number of the trigger
+    frame_ids: dict[Side, Annotated[int, Field(ge=0, lt=1 << 64)]]  # the id of each camera's frame
 
 
 @dataclass(frozen=True, slots=True)

@@ -101,21 +101,13 @@ class Consumers:
 
 @dataclass(slots=True)
 class PublishTally:
-    """Counts of one publisher: each pair offered was sent, was dropped for one reason, or is waiting.
-
-    Attributes
-    ----------
-    trouble
-        Why there is no session, in words; empty if there is one.
-    consumers
-        The consumers that report.
-    """
+    """Counts of one publisher: each pair offered was sent, was dropped for one reason, or is waiting."""
 
     offered: int = 0
     sent: int = 0
     dropped: Counter[DropReason] = field(default_factory=Counter)
-    trouble: str = ""
-    consumers: Consumers = field(default_factory=Consumers)
+    trouble: str = ""  # why there is no session, in words; empty if there is one
+    consumers: Consumers = field(default_factory=Consumers)  # the consumers that report
 
 
 _KEPT = 1 << 14  # four and a half minutes at 60 Hz
@@ -165,29 +157,19 @@ class RecorderCounts(Protocol):
 
 @dataclass(slots=True)
 class CameraTally:
-    """What is known of the cameras; written by `RigHealth`.
+    """What is known of the cameras; written by `RigHealth`."""
 
-    Attributes
-    ----------
-    names
-        Model and serial of each camera that the daemon tried to open, or `GONE`.
-    last_frame_ns
-        Arrival of each camera's newest whole frame (CLOCK_MONOTONIC).
-    ptp
-        What each open camera says about its PTP clock, in `trigger.mode` ptp.
-    troubles
-        What is wrong with the cameras now, in words, by camera and kind.
-    misfits
-        Why a camera's calibration does not fit, in words, for each such camera.
-    drift_grey
-        Error of its response (grey levels rms), for each camera with a verdict.
-    """
-
+    # model and serial of each camera that the daemon tried to open, or `GONE`
     names: dict[Side, str] = field(default_factory=dict)
+    # arrival of each camera's newest whole frame (CLOCK_MONOTONIC)
     last_frame_ns: dict[Side, int] = field(default_factory=dict)
+    # what each open camera says about its PTP clock, in `trigger.mode` ptp
     ptp: dict[Side, PtpState] = field(default_factory=dict)
+    # what is wrong with the cameras now, in words, by camera and kind
     troubles: dict[tuple[Side, str], str] = field(default_factory=dict)
+    # why a camera's calibration does not fit, in words, for each such camera
     misfits: dict[Side, str] = field(default_factory=dict)
+    # error of its response (grey levels rms), for each camera with a verdict
     drift_grey: dict[Side, float] = field(default_factory=dict)
 
     @property
@@ -201,52 +183,33 @@ class Telemetry:
     """Counts and latest values, read by any thread. Each field, and each of the counts, is written by one party alone.
 
     `RigControl` writes, through the methods, what has no tally of its own.
-
-    Attributes
-    ----------
-    period_s
-        Time between two triggers.
-    opened_ns, failure
-        When the daemon began to open the cameras (CLOCK_MONOTONIC), with which all counts begin, and what ended it, in
-        words; None before that. By `Daemon`.
-    counts
-        Each by whoever knows: see `Counts`.
-    cameras
-        By `RigHealth`.
-    requests
-        What was requested of control while it runs, by `Requests`.
-    publishing, recorder, imu, light_ahead, tracking
-        Each by what counts there; None without it.
-    lost
-        Triggers that made no pair, by reason.
-    last_pair_ns
-        Arrival of the newest complete pair (CLOCK_MONOTONIC).
-    applied, newest
-        The setting of the newest frame that control saw, and of the newest frame of each camera, without those that
-        have stopped sending while another goes on.
-    decision, flicker_hz
-        The latest decision, and the flicker found in the light; None: none was found, or it is not looked for.
-    pairing_ms, decision_ms, held_ms, write_ms, frame_to_node_ms, command_to_effect_ms, skew_ms
-        See `DURATIONS`.
     """
 
-    period_s: float = 0.0
+    period_s: float = 0.0  # time between two triggers
+    # when the daemon began to open the cameras (CLOCK_MONOTONIC), with which all counts begin, and what ended it, in
+    # words; None before that. By `Daemon`
     opened_ns: int | None = None
     failure: str | None = None
-    counts: Counts = field(default_factory=Counts)
-    cameras: CameraTally = field(default_factory=CameraTally)
+    counts: Counts = field(default_factory=Counts)  # each by whoever knows: see `Counts`
+    cameras: CameraTally = field(default_factory=CameraTally)  # by `RigHealth`
+    # what was requested of control while it runs, by `Requests`
     requests: RequestTally = field(default_factory=RequestTally)
+    # each by what counts there; None without it
     publishing: PublishTally | None = None
     recorder: RecorderCounts | None = None
     imu: ImuTally | None = None
     light_ahead: LightTally | None = None
     tracking: TrackingTally | None = None
-    lost: dict[LossReason, int] = field(default_factory=dict)
-    last_pair_ns: int | None = None
+    lost: dict[LossReason, int] = field(default_factory=dict)  # triggers that made no pair, by reason
+    last_pair_ns: int | None = None  # arrival of the newest complete pair (CLOCK_MONOTONIC)
+    # the setting of the newest frame that control saw, and of the newest frame of each camera, without those that have
+    # stopped sending while another goes on
     applied: ExposureSetting | None = None
     newest: dict[Side, ExposureSetting] = field(default_factory=dict)
+    # the latest decision, and the flicker found in the light; None: none was found, or it is not looked for
     decision: Decision | None = None
     flicker_hz: float | None = None
+    # see `DURATIONS`
     pairing_ms: DurationSamples = field(default_factory=DurationSamples)
     decision_ms: DurationSamples = field(default_factory=DurationSamples)
     held_ms: DurationSamples = field(default_factory=DurationSamples)

@@ -23,21 +23,11 @@ LEAST, MOST = 0.01, 0.99
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FeatureHistory:
-    """When the features of a map were seen.
+    """When the features of a map were seen."""
 
-    Attributes
-    ----------
-    times_s
-        Times of the passings, seconds since 1970, ascending, float64, (d,).
-    states
-        1 correct, -1 wrong, 0 unmatched, int8, (d, n).
-    passed
-        Whether the map had the feature then, and the registration succeeded, bool, (d, n).
-    """
-
-    times_s: NDArray[np.float64]
-    states: NDArray[np.int8]
-    passed: NDArray[np.bool_]
+    times_s: NDArray[np.float64]  # times of the passings, seconds since 1970, ascending, float64, (d,)
+    states: NDArray[np.int8]  # 1 correct, -1 wrong, 0 unmatched, int8, (d, n)
+    passed: NDArray[np.bool_]  # whether the map had the feature then, and the registration succeeded, bool, (d, n)
 
     @property
     def seen(self) -> NDArray[np.float64]:

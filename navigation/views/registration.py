@@ -16,27 +16,15 @@ LEAST_VOTES = 3
 
 @dataclass(frozen=True, slots=True)
 class VoteRule:
-    """How matches vote.
+    """How matches vote."""
 
-    Attributes
-    ----------
-    ratio
-        A match counts when its distance is below this share of the second best one's (Lowe).
-    gate_px
-        Matches further apart vertically do not count; None for no limit.
-    bin_px, every_px
-        Width of the bins of the histogram of shifts, and distance between their centres. One centre lies at 0.
-    bins
-        How many there are around 0; None for as many as it takes.
-    correct_px
-        Shifts nearer than this to the centre of the fullest bin are correct; None for those in the bin.
-    """
-
-    ratio: float
-    gate_px: float | None
+    ratio: float  # a match counts when its distance is below this share of the second best one's (Lowe)
+    gate_px: float | None  # matches further apart vertically do not count; None for no limit
+    # width of the bins of the histogram of shifts, and distance between their centres. One centre lies at 0
     bin_px: float
     every_px: float
-    bins: int | None
+    bins: int | None  # how many there are around 0; None for as many as it takes
+    # shifts nearer than this to the centre of the fullest bin are correct; None for those in the bin
     correct_px: float | None
 
 

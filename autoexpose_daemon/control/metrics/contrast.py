@@ -21,17 +21,10 @@ class Contrast:
 
     A pixel is listed under the brightest among itself and the four that its gradient is computed from: the one that
     saturates first.
-
-    Attributes
-    ----------
-    energy
-        ``(I(x + 1) - I(x - 1))^2 + (I(y + 1) - I(y - 1))^2``, times the pixel's weight.
-    count
-        Its weight.
     """
 
-    energy: NDArray[np.float64]
-    count: NDArray[np.float64]
+    energy: NDArray[np.float64]  # ``(I(x + 1) - I(x - 1))^2 + (I(y + 1) - I(y - 1))^2``, times the pixel's weight
+    count: NDArray[np.float64]  # its weight
 
 
 class GreyBins:

@@ -14,18 +14,10 @@ _FLATTEST = 1e-3  # stops per grey level; where a response is flatter its slope 
 
 @dataclass(frozen=True, slots=True)
 class SensorNoise:
-    """Noise of a sensor whose full well is full scale at 0 dB; `autoexpose calibrate noise` measures both figures.
+    """Noise of a sensor whose full well is full scale at 0 dB; `autoexpose calibrate noise` measures both figures."""
 
-    Attributes
-    ----------
-    full_well_e
-        Electrons that fill a pixel at 0 dB.
-    read_noise_e
-        Standard deviation without light, electrons.
-    """
-
-    full_well_e: float
-    read_noise_e: float
+    full_well_e: float  # electrons that fill a pixel at 0 dB
+    read_noise_e: float  # standard deviation without light, electrons
 
     def variance_factors(
         self, slope: NDArray[np.float64], light: NDArray[np.float64]

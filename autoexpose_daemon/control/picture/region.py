@@ -28,23 +28,13 @@ class Rectangle:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Region:
-    """Which pixels of a camera count, and how much.
+    """Which pixels of a camera count, and how much."""
 
-    Attributes
-    ----------
-    name
-        What errors call this region: file and key of the configuration.
-    rectangles
-        Painted in this order: where two overlap, the later one counts. Without any: the whole picture.
-    background_weight
-        Weight 0 to 1 of what no rectangle covers.
-    mask
-        Grey 0 (does not count) to 255, uint8, of the size of the frames; multiplied with the rectangles.
-    """
-
-    name: str
+    name: str  # what errors call this region: file and key of the configuration
+    # painted in this order: where two overlap, the later one counts. Without any: the whole picture
     rectangles: tuple[Rectangle, ...] = ()
-    background_weight: float = 0.0
+    background_weight: float = 0.0  # weight 0 to 1 of what no rectangle covers
+    # grey 0 (does not count) to 255, uint8, of the size of the frames; multiplied with the rectangles
     mask: NDArray[np.uint8] | None = None
 
     def weights(self, shape: tuple[int, ...], seen: tuple[int, ...] | None = None) -> NDArray[np.uint8]:

@@ -24,22 +24,13 @@ the least favoured."""
 
 @dataclass(frozen=True, slots=True)
 class Steering:
-    """Which parts of the picture consumers track.
+    """Which parts of the picture consumers track."""
 
-    Attributes
-    ----------
-    favours
-        By camera, for each of 6 times 8 cells, row by row from the top left one: -1 (features, but none tracked) to 1
-        (many tracked), 0 where nothing is known. A camera that is missing is taken to see what the other one does.
-    by
-        Names of the consumers.
-    age_s
-        Time from the frame of the newest report to the one that is decided on.
-    """
-
+    # by camera, for each of 6 times 8 cells, row by row from the top left one: -1 (features, but none tracked) to 1
+    # (many tracked), 0 where nothing is known. A camera that is missing is taken to see what the other one does
     favours: dict[Side, tuple[float, ...]]
-    by: tuple[str, ...]
-    age_s: float
+    by: tuple[str, ...]  # names of the consumers
+    age_s: float  # time from the frame of the newest report to the one that is decided on
 
     def __post_init__(self) -> None:
         if not self.favours or not self.by:
@@ -82,18 +73,10 @@ DIGITS: Final = 2
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CellExposure:
-    """How the cells of a frame are exposed: shares of their pixels, float32, (6, 8).
+    """How the cells of a frame are exposed: shares of their pixels, float32, (6, 8)."""
 
-    Attributes
-    ----------
-    readable
-        Neither black nor saturated.
-    well
-        Neither dark nor saturated.
-    """
-
-    readable: NDArray[np.float32]
-    well: NDArray[np.float32]
+    readable: NDArray[np.float32]  # neither black nor saturated
+    well: NDArray[np.float32]  # neither dark nor saturated
 
     @classmethod
     def of(cls, image: NDArray[np.uint8], response: ResponseFunction) -> CellExposure:

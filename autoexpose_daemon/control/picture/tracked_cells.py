@@ -20,24 +20,13 @@ MOST_FEATURES: Final = 10_000
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrackedCells:
-    """A report on one frame.
+    """A report on one frame."""
 
-    Attributes
-    ----------
-    consumer
-        Who reports.
-    stamp_ns
-        Stamp of the frame, CLOCK_REALTIME, as in `ReceivedPair.stamp_ns`.
-    side
-        Which camera's frame.
-    features, inliers
-        How many features were looked for in each cell of the frame, and how many of them fit the motion that was found:
-        uint16, (6, 8), the top left cell first.
-    """
-
-    consumer: str
-    stamp_ns: int
-    side: Side
+    consumer: str  # who reports
+    stamp_ns: int  # stamp of the frame, CLOCK_REALTIME, as in `ReceivedPair.stamp_ns`
+    side: Side  # which camera's frame
+    # how many features were looked for in each cell of the frame, and how many of them fit the motion that was found:
+    # uint16, (6, 8), the top left cell first
     features: NDArray[np.uint16]
     inliers: NDArray[np.uint16]
 

@@ -41,21 +41,11 @@ leave less than the first, not even a lamp that goes out between flashes, whose 
 
 @dataclass(frozen=True, slots=True)
 class LightSample:
-    """The light during one exposure.
+    """The light during one exposure."""
 
-    Attributes
-    ----------
-    middle_ns
-        The middle of the exposure, by the camera's clock.
-    exposure_s
-        How long it was.
-    light
-        Stops of light, relative to the first of its window.
-    """
-
-    middle_ns: int
-    exposure_s: float
-    light: float
+    middle_ns: int  # the middle of the exposure, by the camera's clock
+    exposure_s: float  # how long it was
+    light: float  # stops of light, relative to the first of its window
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,21 +62,12 @@ class FlickerWatch(Stateful):
 
     Frames of whole flicker periods do not show it. So what was found stands until two windows in a row show another
     frequency, or steady light in exposures short enough to show the flicker if it were there.
-
-    Attributes
-    ----------
-    flicker_hz
-        Flashes per second, one of `MAINS_FLICKER_HZ`; None: no flicker is known.
-    glimpses
-        Of the present window.
-    suspected
-        What the window before said, as `_reading` does.
     """
 
     registration: LightRegistration
-    flicker_hz: float | None
-    glimpses: list[LightSample]
-    suspected: float | None
+    flicker_hz: float | None  # flashes per second, one of `MAINS_FLICKER_HZ`; None: no flicker is known
+    glimpses: list[LightSample]  # of the present window
+    suspected: float | None  # what the window before said, as `_reading` does
 
     def __init__(self, responses: dict[Side, ResponseFunction]) -> None:
         self.registration = LightRegistration(responses)

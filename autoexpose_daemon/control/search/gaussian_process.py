@@ -10,21 +10,11 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True, slots=True)
 class GaussianProcess:
-    """Regression with a squared-exponential kernel ``s^2 exp(-(x - x')^2 / (2 l^2))`` and prior mean 0.
+    """Regression with a squared-exponential kernel ``s^2 exp(-(x - x')^2 / (2 l^2))`` and prior mean 0."""
 
-    Attributes
-    ----------
-    length
-        l, the distance over which values resemble each other.
-    deviation
-        s, the prior standard deviation of the values.
-    noise
-        Standard deviation of a measured value.
-    """
-
-    length: float
-    deviation: float
-    noise: float
+    length: float  # l, the distance over which values resemble each other
+    deviation: float  # s, the prior standard deviation of the values
+    noise: float  # standard deviation of a measured value
 
     def predict(
         self, positions: NDArray[np.float64], values: NDArray[np.float64], queries: NDArray[np.float64]

@@ -20,27 +20,16 @@ class NelderMead:
     """Asks where to measure next, and is given the value there; all state is plain data.
 
     Points are kept within a box by clipping each coordinate.
-
-    Attributes
-    ----------
-    low, high
-        Corners of the box.
-    pending
-        Points still to be measured, the next one first: never empty.
-    vertices
-        Measured vertices of the simplex with their values, the best first once complete.
-    phase
-        Why `pending` is to be measured.
-    reflected
-        The reflected point and its value, while expanding or contracting.
     """
 
+    # corners of the box
     low: Point
     high: Point
-    pending: list[Point]
+    pending: list[Point]  # points still to be measured, the next one first: never empty
+    # measured vertices of the simplex with their values, the best first once complete
     vertices: list[tuple[Point, float]] = field(default_factory=list)
-    phase: Phase = "start"
-    reflected: tuple[Point, float] | None = None
+    phase: Phase = "start"  # why `pending` is to be measured
+    reflected: tuple[Point, float] | None = None  # the reflected point and its value, while expanding or contracting
 
     @classmethod
     def around(cls, start: Sequence[float], steps: Sequence[float], low: Point, high: Point) -> NelderMead:

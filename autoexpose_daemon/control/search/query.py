@@ -34,20 +34,11 @@ def way_out(observation: Observation) -> Target | None:
 
 @dataclass(slots=True)
 class Held:
-    """What a search found, and how its first frame looked: when that changes, search again.
+    """What a search found, and how its first frame looked: when that changes, search again."""
 
-    Attributes
-    ----------
-    target
-        Where the search ended.
-    expected
-        The metric it expects there.
-    value, mean
-        Metric and mean signal of the first frame taken there; None until it has arrived.
-    """
-
-    target: Target
-    expected: float
+    target: Target  # where the search ended
+    expected: float  # the metric it expects there
+    # metric and mean signal of the first frame taken there; None until it has arrived
     value: float | None = None
     mean: float | None = None
 
@@ -62,18 +53,10 @@ class Held:
 
 @dataclass(slots=True)
 class Reference:
-    """The camera whose frames a search compares: another one's picture would look like a changed scene.
+    """The camera whose frames a search compares: another one's picture would look like a changed scene."""
 
-    Attributes
-    ----------
-    side
-        Which it is; None before the first frame.
-    missed
-        Frames of it that were lost in a row.
-    """
-
-    side: Side | None = None
-    missed: int = 0
+    side: Side | None = None  # which it is; None before the first frame
+    missed: int = 0  # frames of it that were lost in a row
 
     def while_lost(self, observation: Observation, awaited: Target | None) -> Target | None:
         """What was decided last, while a frame of the camera is lost; None: the search may look at this frame.

@@ -36,23 +36,12 @@ class BlurPhotonBalance:
 
     Longer exposures blur; shorter ones need gain, which raises the noise of fewer photons. As noise below what front
     ends lose anyway costs little, gain stays at its minimum in good light.
-
-    Attributes
-    ----------
-    noise
-        Of the cameras' sensors.
-    scale
-        Pixels of a frame for each pixel of the image that control sees, along one side.
-    averaged
-        Samples of the sensor averaged into each pixel of that image.
-    longest_us
-        No time is longer (us), unless the greatest gain asks for it.
     """
 
-    noise: SensorNoise
-    scale: float = 2.0
-    averaged: float = 4.0
-    longest_us: float = math.inf
+    noise: SensorNoise  # of the cameras' sensors
+    scale: float = 2.0  # pixels of a frame for each pixel of the image that control sees, along one side
+    averaged: float = 4.0  # samples of the sensor averaged into each pixel of that image
+    longest_us: float = math.inf  # no time is longer (us), unless the greatest gain asks for it
 
     def exposure_time_us(self, level: float, motion_px: float, limits: ExposureLimits) -> float:
         """The best time (us); the longest of equals."""

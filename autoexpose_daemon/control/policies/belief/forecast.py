@@ -42,15 +42,9 @@ LONGEST_LEAD = 1.0
 
 @dataclass(slots=True)
 class Forecast(Stateful):
-    """The changes of light from frame to frame, and what follows from them.
+    """The changes of light from frame to frame, and what follows from them."""
 
-    Attributes
-    ----------
-    changes
-        Stops per frame, oldest first.
-    """
-
-    changes: deque[float] = field(default_factory=lambda: deque(maxlen=HISTORY))
+    changes: deque[float] = field(default_factory=lambda: deque(maxlen=HISTORY))  # stops per frame, oldest first
 
     def add(self, change: float, frames: int = 1) -> None:
         """One more frame, whose light differs by `change` stops from the frame before, which was `frames` ago.
@@ -115,20 +109,12 @@ class Foresight(Stateful):
     Where exactly the rig is on the route is not known, so each place it may be at is a hypothesis. How well it explains
     when the light of the last second changed, and by how much, gives its probability, and all of them against unchanged
     light give the belief.
-
-    Attributes
-    ----------
-    belief
-        Probability that the series foretells the light, from what it foretold so far.
-    untold_frames
-        Since the latest series.
-    here, places
-        Indices in the latest series at which the rig may be, and their probabilities, which sum to 1; not kept from one
-        frame to the next.
     """
 
-    belief: float = UNPROVEN
-    untold_frames: int = 0
+    belief: float = UNPROVEN  # probability that the series foretells the light, from what it foretold so far
+    untold_frames: int = 0  # since the latest series
+    # indices in the latest series at which the rig may be, and their probabilities, which sum to 1; not kept from one
+    # frame to the next
     here: Built[NDArray[np.int64]] = field(default_factory=lambda: np.zeros(1, np.int64))
     places: Built[NDArray[np.float64]] = field(default_factory=lambda: np.ones(1))
 
@@ -200,15 +186,9 @@ REMEMBERED = 9
 
 @dataclass(slots=True)
 class Cadence(Stateful):
-    """The interval between frames, learnt from their stamps.
+    """The interval between frames, learnt from their stamps."""
 
-    Attributes
-    ----------
-    intervals_s
-        The latest ones.
-    """
-
-    intervals_s: deque[float] = field(default_factory=lambda: deque(maxlen=REMEMBERED))
+    intervals_s: deque[float] = field(default_factory=lambda: deque(maxlen=REMEMBERED))  # the latest ones
 
     def frames(self, interval_s: float) -> int:
         """How many frames ago the frame before was, at least 1; `interval_s` is the time since then."""
@@ -227,18 +207,10 @@ DISTINCT_STOPS = 0.15
 
 @dataclass(slots=True)
 class LoopDelay(Stateful):
-    """The delay D of the loop, found by matching past targets with what frames were really taken with.
+    """The delay D of the loop, found by matching past targets with what frames were really taken with."""
 
-    Attributes
-    ----------
-    level
-        Level of the latest frame; None before the first.
-    found
-        The latest delays that were found.
-    """
-
-    level: float | None = None
-    found: deque[int] = field(default_factory=lambda: deque(maxlen=REMEMBERED))
+    level: float | None = None  # level of the latest frame; None before the first
+    found: deque[int] = field(default_factory=lambda: deque(maxlen=REMEMBERED))  # the latest delays that were found
 
     @property
     def frames(self) -> int:

@@ -53,35 +53,20 @@ HORIZON = 8
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Prospects:
-    """What the next frames can be.
+    """What the next frames can be."""
 
-    Attributes
-    ----------
-    levels
-        Exposure levels, stops, shape (n,), ascending, all the same `step` apart.
-    step
-        Of the levels, stops.
-    beyond
-        How many of them at either end cannot be taken: what they are worth now, others are worth in other light.
-    worth, look
-        What each level would be worth in the present light, and what for what it reveals, shape (n,).
-    light
-        Stops by which the light will have risen from now until the frame before those planned, and each of them, on
-        the paths that it may take, shape (paths, frames + 1).
-    chances
-        Of the paths, shape (paths,); they sum to 1.
-    before
-        Level of the frame before those planned, which is under way.
-    """
-
-    levels: Array
-    step: float
+    levels: Array  # exposure levels, stops, shape (n,), ascending, all the same `step` apart
+    step: float  # of the levels, stops
+    # how many of them at either end cannot be taken: what they are worth now, others are worth in other light
     beyond: int
+    # what each level would be worth in the present light, and what for what it reveals, shape (n,)
     worth: Array
     look: Array
+    # stops by which the light will have risen from now until the frame before those planned, and each of them, on the
+    # paths that it may take, shape (paths, frames + 1)
     light: Array
-    chances: Array
-    before: float
+    chances: Array  # of the paths, shape (paths,); they sum to 1
+    before: float  # level of the frame before those planned, which is under way
 
     def values(self) -> tuple[Array, Array]:
         """What the levels that can be taken promise for the first frame, if the best follows; and of that, for looks.

@@ -135,24 +135,12 @@ HYPOTHESES = 2 + len(DETACHED)
 
 
 class Outlook(NamedTuple):
-    """What frames at some levels are expected to hold, under each hypothesis; see `SceneBelief`.
+    """What frames at some levels are expected to hold, under each hypothesis; see `SceneBelief`."""
 
-    Attributes
-    ----------
-    probability
-        Of each hypothesis, shape (4,); they sum to 1.
-    information
-        Mean over the cells of the root of what a cell's mean pixel holds, at each level, shape (4, n).
-    favoured
-        The same with the cells as favours weight them; undefined without favours.
-    revealed
-        Share of what is hidden that such a frame would show, shape (4, n).
-    """
-
-    probability: Array
-    information: Array
-    favoured: Array
-    revealed: Array
+    probability: Array  # of each hypothesis, shape (4,); they sum to 1
+    information: Array  # mean over the cells of the root of what a cell's mean pixel holds, at each level, shape (4, n)
+    favoured: Array  # the same with the cells as favours weight them; undefined without favours
+    revealed: Array  # share of what is hidden that such a frame would show, shape (4, n)
 
     @classmethod
     def of_levels(cls, count: int) -> Outlook:
@@ -166,40 +154,23 @@ class SceneBelief(Stateful):
     A frame shows the part of it between black and white, and replaces what was believed of that part. Of what is
     clipped it tells how much there is; where that lies is remembered from frames that showed it, or guessed.
     Radiance is in stops from what saturates at level 0 in the present light.
-
-    Attributes
-    ----------
-    mass
-        Pixels by bin and cell, float64, shape (BINS, 64).
-    energy, precision
-        Squared contrast per pixel (stops^2) times the precision with which it is known, and that precision.
-    seen
-        How surely each bin has been looked at, 0 to 1, shape (BINS,).
-    drift
-        Stops by which the light has risen beyond the bins' shifts, within half a bin.
-    bounds
-        Log radiance of black and of white in the latest frame, stops, shape (2,).
-    hidden, tail, richness
-        Of what is beyond these two and not remembered: pixels by cell; stops over which it would fall off if it
-        continued what is seen; and what a pixel of it is expected to hold, shape (2, 64).
-    nothing
-        Probability that there is no contrast in what is clipped: looks that found none have raised it.
-    age_s
-        Since the latest frame that showed something new.
     """
 
-    mass: Array
+    mass: Array  # pixels by bin and cell, float64, shape (BINS, 64)
+    # squared contrast per pixel (stops^2) times the precision with which it is known, and that precision
     energy: Array
     precision: Array
-    seen: Array
-    bounds: Array
+    seen: Array  # how surely each bin has been looked at, 0 to 1, shape (BINS,)
+    bounds: Array  # log radiance of black and of white in the latest frame, stops, shape (2,)
+    # of what is beyond these two and not remembered: pixels by cell; stops over which it would fall off if it continued
+    # what is seen; and what a pixel of it is expected to hold, shape (2, 64)
     hidden: Array
     tail: Array
     richness: Array
-    drift: float
+    drift: float  # stops by which the light has risen beyond the bins' shifts, within half a bin
     usual_richness: float
-    nothing: float
-    age_s: float
+    nothing: float  # probability that there is no contrast in what is clipped: looks that found none have raised it
+    age_s: float  # since the latest frame that showed something new
     latest: Array | None
     by_cell: Array
     noise_share: float

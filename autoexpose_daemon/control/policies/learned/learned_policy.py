@@ -36,21 +36,11 @@ FINEST_STOPS = 0.01
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sight:
-    """One frame as the net sees it.
+    """One frame as the net sees it."""
 
-    Attributes
-    ----------
-    side
-        The camera that took it.
-    level
-        The exposure level it was taken with, stops.
-    features
-        float64, shape (features,).
-    """
-
-    side: Side
-    level: float
-    features: NDArray[np.float64]
+    side: Side  # the camera that took it
+    level: float  # the exposure level it was taken with, stops
+    features: NDArray[np.float64]  # float64, shape (features,)
 
 
 class LearnedPolicy(ExposurePolicy):

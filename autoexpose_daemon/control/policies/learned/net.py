@@ -27,25 +27,14 @@ class LearntRange:
     """A box around the inputs of the training, and an ellipsoid.
 
     The box notices a level that no camera had, the ellipsoid pictures that are put together like none.
-
-    Attributes
-    ----------
-    centre
-        Their mean, float64, shape (inputs,).
-    axes
-        Their first principal axes, shape (AXES, inputs).
-    deviations
-        Their standard deviation along each axis and, last, of the length of what is left over, shape (AXES + 1,).
-    furthest
-        The largest distance that is believed.
-    lowest, highest
-        Bounds of each input, shape (inputs,).
     """
 
-    centre: NDArray[np.float64]
-    axes: NDArray[np.float64]
+    centre: NDArray[np.float64]  # their mean, float64, shape (inputs,)
+    axes: NDArray[np.float64]  # their first principal axes, shape (AXES, inputs)
+    # their standard deviation along each axis and, last, of the length of what is left over, shape (AXES + 1,)
     deviations: NDArray[np.float64]
-    furthest: float
+    furthest: float  # the largest distance that is believed
+    # bounds of each input, shape (inputs,)
     lowest: NDArray[np.float64]
     highest: NDArray[np.float64]
 
@@ -79,21 +68,12 @@ WEIGHTS_FORMAT = 1
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Net:
-    """``x -> W x + b`` layer by layer, with an activation after each but the last.
+    """``x -> W x + b`` layer by layer, with an activation after each but the last."""
 
-    Attributes
-    ----------
-    layers
-        Matrix (outputs, inputs) and offsets (outputs,) of each layer, float64.
-    activation
-        Between layers.
-    learnt
-        Which inputs are like those that it was trained on.
-    """
-
+    # matrix (outputs, inputs) and offsets (outputs,) of each layer, float64
     layers: Sequence[tuple[NDArray[np.float64], NDArray[np.float64]]]
-    activation: Activation
-    learnt: LearntRange
+    activation: Activation  # between layers
+    learnt: LearntRange  # which inputs are like those that it was trained on
 
     def __call__(self, inputs: NDArray[np.float64]) -> float:
         """The first output for inputs of shape (n,)."""

@@ -47,28 +47,16 @@ class Kim2018(ExposurePolicy):
     Kim's camera sees only what its times reach at that gain. Ours does not stop there: when the best sample is at the
     end of the range, two more stops are searched, where the time stays at its bound and the gain gives the rest. A
     frame that is all but black or white when a search would begin is first left by two stops at a time.
-
-    Attributes
-    ----------
-    gain_db
-        The gain that time is searched at, dB, wherever the time suffices.
-    query
-        The level whose frame is awaited; None before the first frame.
-    levels, values
-        The samples: levels (stops), M_ewg.
-    held
-        The result while the search rests.
-    reference
-        The camera whose frames it compares.
     """
 
     balance: Built[Balance]
-    gain_db: Built[float]
-    query: Target | None = None
+    gain_db: Built[float]  # the gain that time is searched at, dB, wherever the time suffices
+    query: Target | None = None  # the level whose frame is awaited; None before the first frame
+    # the samples: levels (stops), M_ewg
     levels: list[float] = field(default_factory=list)
     values: list[float] = field(default_factory=list)
-    held: Held | None = None
-    reference: Reference = field(default_factory=Reference)
+    held: Held | None = None  # the result while the search rests
+    reference: Reference = field(default_factory=Reference)  # the camera whose frames it compares
 
     @classmethod
     def build(cls, setup: ControlSetup) -> Self:

@@ -31,31 +31,17 @@ class Lu2010(ExposurePolicy):
     a pattern search: go on in a direction while the entropy rises, else try the other, else halve the step. Each
     step waits for the frame that was really taken with it. When the last step is too short, the best level is held
     until the picture there changes; then the search starts again.
-
-    Attributes
-    ----------
-    query
-        The level whose frame is awaited; None before the first frame.
-    best_level, best_value
-        The best level so far (stops) and its entropy (bits).
-    step
-        Signed step, stops.
-    turned
-        Whether the other direction from the best level has been tried with this step.
-    held
-        The result while the search rests.
-    reference
-        The camera whose frames it compares.
     """
 
     balance: Built[Balance]
-    query: Target | None = None
+    query: Target | None = None  # the level whose frame is awaited; None before the first frame
+    # the best level so far (stops) and its entropy (bits)
     best_level: float = 0.0
     best_value: float = 0.0
-    step: float = FIRST_STEP_STOPS
-    turned: bool = False
-    held: Held | None = None
-    reference: Reference = field(default_factory=Reference)
+    step: float = FIRST_STEP_STOPS  # signed step, stops
+    turned: bool = False  # whether the other direction from the best level has been tried with this step
+    held: Held | None = None  # the result while the search rests
+    reference: Reference = field(default_factory=Reference)  # the camera whose frames it compares
 
     @classmethod
     def build(cls, setup: ControlSetup) -> Self:

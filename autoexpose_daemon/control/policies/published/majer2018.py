@@ -29,24 +29,15 @@ SMALLEST_SIGNAL = 0.5 / 255
 
 @dataclass(slots=True)
 class Majer2018(ExposurePolicy):
-    """``e <- e + c_e e (b_d / b - 1)`` once per five frames (Majer et al. 2018, eq. 1), e the linear exposure t g.
-
-    Attributes
-    ----------
-    region
-        What b is the mean of: the image's top half (the bottom shows the ground), or all of it.
-    frames
-        Frames seen so far.
-    level
-        The level held between two decisions, stops; None before the first.
-    """
+    """``e <- e + c_e e (b_d / b - 1)`` once per five frames (Majer et al. 2018, eq. 1), e the linear exposure t g."""
 
     compensated = "frames"
 
+    # what b is the mean of: the image's top half (the bottom shows the ground), or all of it
     region: Built[Literal["top_half", "full"]]
     balance: Built[Balance]
-    frames: int = 0
-    level: float | None = None
+    frames: int = 0  # frames seen so far
+    level: float | None = None  # the level held between two decisions, stops; None before the first
 
     @classmethod
     def build(cls, setup: ControlSetup) -> Self:

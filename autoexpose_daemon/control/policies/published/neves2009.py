@@ -29,20 +29,13 @@ class Neves2009(ExposurePolicy):
 
     In velocity form: ``E_next = E + k_i e + k_p (e - e_previous)``. The level itself is the integral, so bounds
     cannot wind it up.
-
-    Attributes
-    ----------
-    target
-        Mean signal to hold, 0..1; 0.20 in Begin & Hunter's comparison.
-    previous_error
-        Error of the frame before, stops; None at the start.
     """
 
     compensated = "frames"
 
-    target: Built[float]
+    target: Built[float]  # mean signal to hold, 0..1; 0.20 in Begin & Hunter's comparison
     balance: Built[Balance]
-    previous_error: float | None = None
+    previous_error: float | None = None  # error of the frame before, stops; None at the start
 
     @classmethod
     def build(cls, setup: ControlSetup) -> Self:

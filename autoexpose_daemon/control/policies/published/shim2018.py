@@ -28,20 +28,11 @@ class GammaStep:
     The E that public code multiplies in eq. (17) is the photographic exposure value ``EV = log2(F^2 / (t g))``, t in
     seconds: MIT-Bilab/vo-autoexpose (`find_exposure_value`), ishaanmht/aer_auto_exposure_gradient (`src/auto_exp.cpp`).
     So k_p belongs to it, and to the aperture.
-
-    Attributes
-    ----------
-    proportional_gain
-        k_p.
-    aperture
-        F, the F-number of the lens.
-    steepness
-        d, 0.1 in both codes.
     """
 
-    proportional_gain: float
-    aperture: float
-    steepness: float = 0.1
+    proportional_gain: float  # k_p
+    aperture: float  # F, the F-number of the lens
+    steepness: float = 0.1  # d, 0.1 in both codes
 
     def exposure_value(self, level: float) -> float:
         """EV at an exposure level (stops), at least `LEAST_VALUE`: 22.9 - level for f/2.8."""

@@ -29,30 +29,16 @@ class Shin2019(ExposurePolicy):
     its simplex is small; the best vertex is held until the picture there changes, then a new simplex is laid around
     it, towards more light when the mean is below half scale. From a black or white frame, where all simplices are
     flat, it first walks towards the light (`balance` splits these steps alone).
-
-    Attributes
-    ----------
-    quality
-        M_q.
-    search
-        The simplex in (log2 us, stops of gain); None before the first frame and after a change.
-    query
-        The setting whose frame is awaited; None before the first.
-    queries
-        Frames this search has measured.
-    held
-        The result while the search rests.
-    reference
-        The camera whose frames it compares.
     """
 
-    quality: Built[CombinedQuality]
+    quality: Built[CombinedQuality]  # M_q
     balance: Built[Balance]
+    # the simplex in (log2 us, stops of gain); None before the first frame and after a change
     search: NelderMead | None = None
-    query: Target | None = None
-    queries: int = 0
-    held: Held | None = None
-    reference: Reference = field(default_factory=Reference)
+    query: Target | None = None  # the setting whose frame is awaited; None before the first
+    queries: int = 0  # frames this search has measured
+    held: Held | None = None  # the result while the search rests
+    reference: Reference = field(default_factory=Reference)  # the camera whose frames it compares
 
     @classmethod
     def build(cls, setup: ControlSetup) -> Self:
