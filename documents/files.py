@@ -28,12 +28,8 @@ _KINDS = {
 def open_regular(path: Path) -> BinaryIO:
     """Open a file for reading.
 
-    Raises
-    ------
-    OSError
-        Also if it is not a regular file; `strerror` completes "cannot be read: ...".
-    ValueError
-        For a name that no file can have.
+    Raises OSError: also if it is not a regular file; `strerror` completes "cannot be read: ..."; ValueError for a name
+    that no file can have.
     """
     _check(path.stat())  # before opening it, to which some devices react
     descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
@@ -59,10 +55,7 @@ def read_regular(path: Path, most_bytes: int) -> bytes:
 def read_text(path: Path, most_bytes: int) -> str:
     """The text of a file in UTF-8, or in UTF-16 with a byte-order mark, which is left out.
 
-    Raises
-    ------
-    ConfigurationError
-        When the file cannot be read, is longer than `most_bytes`, or is no text.
+    Raises ConfigurationError when the file cannot be read, is longer than `most_bytes`, or is no text.
     """
     try:
         content = read_regular(path, most_bytes)
@@ -79,12 +72,8 @@ def read_text(path: Path, most_bytes: int) -> str:
 def replace_file(path: Path, content: bytes) -> None:
     """Write a file in one step: if that fails, a former one stays as it was.
 
-    A former file's mode is kept, and where permitted its owner; a link goes on pointing to it.
-
-    Raises
-    ------
-    OSError
-        Also if what is there is not a regular file; `strerror` completes "cannot be written: ...".
+    A former file's mode is kept, and where permitted its owner; a link goes on pointing to it. Raises OSError: also if
+    what is there is not a regular file; `strerror` completes "cannot be written: ...".
     """
     target = Path(os.path.realpath(path))
     former = _former(target)

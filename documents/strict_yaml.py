@@ -59,11 +59,8 @@ for _tag in ("opencv-matrix", "opencv-nd-matrix"):
 def load_mapping(path: Path, hint: str) -> dict[Any, Any]:
     """The mapping that a YAML file holds; what OpenCV adds to YAML is understood.
 
-    Raises
-    ------
-    ConfigurationError
-        When the file cannot be read, is too long, is not a regular file or not YAML, has a key twice, or has no keys
-        (then `hint` says what to write).
+    Raises ConfigurationError when the file cannot be read, is too long, is not a regular file or not YAML, has a key
+    twice, or has no keys (then `hint` says what to write).
     """
     return parse_mapping(read_text(path, MOST_BYTES), path, hint)
 

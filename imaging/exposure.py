@@ -114,10 +114,7 @@ class ExposureLimits:
     def within(self, other: ExposureLimits) -> ExposureLimits:
         """The range common to both, with the coarser increments of the two, counted from their own minimum.
 
-        Raises
-        ------
-        ConfigurationError
-            When they have no range in common.
+        Raises ConfigurationError when they have no range in common.
         """
         time_grid = max(self, other, key=lambda limits: limits.time_step_us)
         gain_grid = max(self, other, key=lambda limits: limits.gain_step_db)

@@ -46,6 +46,9 @@ def normalised(
 ) -> Pixels:
     """A frame's pixels brought to another exposure; new, writable, of the frame's shape.
 
+    Raises ConfigurationError for frames of luminance and chroma, bits other than 8 and 16, and a reference that no
+    camera comes near.
+
     Parameters
     ----------
     frame
@@ -63,11 +66,6 @@ def normalised(
         pattern stays in place while the scene moves.
     relative_light
         What the lens lets through to each pixel, 0..1, shape (height, width): it is divided out. None: it is not.
-
-    Raises
-    ------
-    ConfigurationError
-        For frames of luminance and chroma, bits other than 8 and 16, and a reference that no camera comes near.
 
     Notes
     -----

@@ -138,10 +138,7 @@ def green_samples(pixels: Pixels, layout: Layout) -> Pixels:
 def rgb_samples(pixels: Pixels, layout: Layout) -> Pixels:
     """Red, green and blue, shape (height, width, 3), in full depth; a mosaic at half its size, with its first green.
 
-    Raises
-    ------
-    ValueError
-        For grey, and for luminance and chroma.
+    Raises ValueError for grey, and for luminance and chroma.
     """
     if layout in ("RGB", "BGR"):
         return pixels if layout == "RGB" else pixels[..., ::-1]

@@ -18,12 +18,8 @@ GREY_LEVELS = 256
 class ResponseFunction:
     """How grey levels follow from exposure: ``I = f(log2 of exposure)`` (Begin & Hunter 2022, eq. 16).
 
-    Exposure is known up to a factor only, so the log2 exposures have an arbitrary offset.
-
-    Raises
-    ------
-    ConfigurationError
-        When the values are not those of a response function; the message begins with the key at fault.
+    Exposure is known up to a factor only, so the log2 exposures have an arbitrary offset. Raises ConfigurationError
+    when the values are not those of a response function; the message begins with the key at fault.
     """
 
     # the inverse of f: log2 exposure (stops) of each grey level 0..255, float64, shape (256,), finite and non-

@@ -25,10 +25,7 @@ _LOOK = (48, 64)
 class Vignetting:
     """Relative light by an even polynomial of the radius, or by a grid of nodes with straight lines between them.
 
-    Raises
-    ------
-    ConfigurationError
-        For values that no lens has; the message begins with the key at fault.
+    Raises ConfigurationError for values that no lens has; the message begins with the key at fault.
     """
 
     # size of the frames it is for, in pixels

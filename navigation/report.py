@@ -202,10 +202,7 @@ def pictures(found: Findings) -> list[Picture]:
 def write_report(file: MapFile, facts: Mapping[str, str], page: Path) -> None:
     """Write the HTML page of a map, with `facts` above its pictures; an existing page is replaced.
 
-    Raises
-    ------
-    MapError
-        When the map is damaged, or the page cannot be written.
+    Raises MapError when the map is damaged, or the page cannot be written.
     """
     loaders = (jinja2.FileSystemLoader(Path(__file__).parent), jinja2.PackageLoader("calibration.report", ""))  # style
     environment = jinja2.Environment(loader=jinja2.ChoiceLoader(loaders), autoescape=True)

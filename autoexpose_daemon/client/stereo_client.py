@@ -156,8 +156,9 @@ _NUMBERS = itertools.count(1)
 class StereoClient:
     """Iterates over a rig's stereo pairs without end; waits for a daemon that has not started yet, or has stopped.
 
-    Once a second it reports its losses to the daemon. A consumer slower than the cameras gets the newest
-    pairs; it delays nobody.
+    Once a second it reports its losses to the daemon. A consumer slower than the cameras gets the newest pairs; it
+    delays nobody. Raises ConfigurationError when `rig` or `name` is not a valid name, or `connect` names something that
+    is no endpoint.
 
     Parameters
     ----------
@@ -173,11 +174,6 @@ class StereoClient:
     normalised
         Hand out pairs only once the cameras' response functions are known, up to a second later, so that
         `ReceivedPair.normalised` and `alike` work; vignetting comes with them.
-
-    Raises
-    ------
-    ConfigurationError
-        When `rig` or `name` is not a valid name, or `connect` names something that is no endpoint.
     """
 
     def __init__(
@@ -226,6 +222,9 @@ class StereoClient:
     ) -> None:
         """Tell the daemon where and how well a frame was tracked, if it is connected: it exposes for that.
 
+        Raises ValueError for counts of another shape, below 0, or with a fraction, more than 10000 features in a cell,
+        more inliers than features, and another side or stamp than a frame has.
+
         Parameters
         ----------
         stamp_ns
@@ -235,12 +234,6 @@ class StereoClient:
             found: uint16, (6, 8), as `count_by_cell` makes them.
         side
             Which camera's frame.
-
-        Raises
-        ------
-        ValueError
-            For counts of another shape, below 0, or with a fraction, more than 10000 features in a cell, more inliers
-            than features, and another side or stamp than a frame has.
         """
         self._send("tracking", tracked_cells(TrackedCells(self._name, stamp_ns, side, features, inliers)))
 

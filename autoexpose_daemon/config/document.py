@@ -268,10 +268,8 @@ class Config(Section):
     def responses(self) -> dict[Side, ResponseFile]:
         """The response file of each camera, read once: linear if none is configured.
 
-        Raises
-        ------
-        ConfigurationError
-            Naming key and file if a file cannot be used, or is for another camera or image format.
+        Raises ConfigurationError naming key and file if a file cannot be used, or is for another camera or image
+        format.
         """
         files: dict[Side, ResponseFile] = {}
         for side, camera in self.sides.items():
@@ -286,10 +284,7 @@ class Config(Section):
     def gain_scales(self) -> dict[Side, GainScale | None]:
         """The scale of each camera's gain, read once; None if none is configured.
 
-        Raises
-        ------
-        ConfigurationError
-            Naming key and file if a file cannot be used, or is for another camera.
+        Raises ConfigurationError naming key and file if a file cannot be used, or is for another camera.
         """
         scales: dict[Side, GainScale | None] = dict.fromkeys(self.sides)
         for side, camera in self.sides.items():
@@ -305,10 +300,8 @@ class Config(Section):
     def calibrations(self) -> dict[Side, CameraGeometry]:
         """The geometry of each camera that has a calibration file, read once.
 
-        Raises
-        ------
-        ConfigurationError
-            Naming key and file if a file cannot be used, is for another camera, or does not fit the other camera's.
+        Raises ConfigurationError naming key and file if a file cannot be used, is for another camera, or does not fit
+        the other camera's.
         """
         geometries: dict[Side, CameraGeometry] = {}
         for side, camera in self.sides.items():
@@ -330,10 +323,7 @@ class Config(Section):
     def vignettings(self) -> dict[Side, VignettingFile]:
         """The vignetting file of each camera that has one, read once.
 
-        Raises
-        ------
-        ConfigurationError
-            Naming key and file if a file cannot be used, or is for another camera.
+        Raises ConfigurationError naming key and file if a file cannot be used, or is for another camera.
         """
         files: dict[Side, VignettingFile] = {}
         for side, camera in self.sides.items():
@@ -346,10 +336,7 @@ class Config(Section):
     def check_frames(self, side: Side, description: CameraDescription) -> None:
         """Refuse files that were made for a different pixel format or size than a camera sends.
 
-        Raises
-        ------
-        ConfigurationError
-            Naming key and file.
+        Raises ConfigurationError naming key and file.
         """
         camera = self.sides[side]
         self.responses[side].check_belongs(camera.serial, description.pixel_format)

@@ -65,17 +65,14 @@ _RANGE = re.compile(r"1:(\d{1,9}(?:\.\d+)?)")
 def bracketed(config: Config, bracket: bool, exposures: int | None, range_: str | None, keep: bool) -> Config:
     """A configuration with the brackets that options ask for; without `bracket`, the configuration itself.
 
+    Raises ConfigurationError naming the option at fault.
+
     Parameters
     ----------
     config
         What it is otherwise; its own brackets give what the options leave open.
     bracket, exposures, range_, keep
         The options; `range_` as in ``1:64``.
-
-    Raises
-    ------
-    ConfigurationError
-        Naming the option at fault.
     """
     if not bracket:
         if exposures is not None or range_ is not None or keep:
@@ -108,10 +105,7 @@ _OPTIONAL = ("publish", "cameras.right", "control.bracket", "motion.imu")
 def load_config(path: Path) -> Config:
     """Read and check a configuration file, with the calibration and mask files it names.
 
-    Raises
-    ------
-    ConfigurationError
-        One sentence for each thing that is wrong, with file and key.
+    Raises ConfigurationError: one sentence for each thing that is wrong, with file and key.
     """
     content = load_mapping(path, "begin with `cameras:`; see docs/configuration.md")
     _refuse_empty(path, content)

@@ -41,8 +41,8 @@ STATE_FORMAT = "autoexpose-control/13"
 class ControlLoop(Stateful):
     """Decides once per stereo pair, for both cameras.
 
-    Targets are absolute: the level of this frame, from its metadata, plus a change. So frames in flight while a
-    setting is written are never corrected twice.
+    Targets are absolute: the level of this frame, from its metadata, plus a change. So frames in flight while a setting
+    is written are never corrected twice. Raises ConfigurationError for a policy that does not exist.
 
     Parameters
     ----------
@@ -58,11 +58,6 @@ class ControlLoop(Stateful):
         What the latest step was given; None before the first.
     metric_asked
         Whether decisions are to tell M_g even if the policy does not go by it.
-
-    Raises
-    ------
-    ConfigurationError
-        For a policy that does not exist.
     """
 
     inputs: Built[StepInputs | None]
@@ -160,13 +155,8 @@ class ControlLoop(Stateful):
 
         Frames must have at least 90x68 pixels, colour mosaics 180x136. They may have been taken with different
         settings: everything refers to the reference frame, the left one if present and not `uncounted`, and to its own
-        setting.
-
-        Raises
-        ------
-        ConfigurationError
-            For a frame that is too small, a region or a vignetting that does not fit the frames, or an angular rate
-            beyond `FASTEST_TURN_RAD_S` or without a focal length.
+        setting. Raises ConfigurationError for a frame that is too small, a region or a vignetting that does not fit the
+        frames, or an angular rate beyond `FASTEST_TURN_RAD_S` or without a focal length.
         """
         self.inputs = inputs = StepInputs.of(inputs)
         override = inputs.override

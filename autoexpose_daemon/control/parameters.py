@@ -24,13 +24,7 @@ REMEMBERED_STEPS = 32
 
 @dataclass(frozen=True, slots=True)
 class Bracketing:
-    """How a drive is recorded in brackets.
-
-    Raises
-    ------
-    ConfigurationError
-        Names a number that is out of bounds.
-    """
+    """How a drive is recorded in brackets. Raises ConfigurationError, which names a number that is out of bounds."""
 
     exposures: Annotated[int, Range(2, 12)] = 6  # shots in a cycle
     range_stops: Annotated[float, Range(1.0, 16.0, "stops")] = 6.0  # from the darkest to the brightest
@@ -44,10 +38,7 @@ class Bracketing:
 class ControlParameters:
     """Tuning; the defaults are those of Begin & Hunter 2022 (section 1.1, 2.1 and 3.3).
 
-    Raises
-    ------
-    ConfigurationError
-        Names a parameter that is out of bounds.
+    Raises ConfigurationError, which names a parameter that is out of bounds.
     """
 
     # delta of eq. (3), the smallest gradient that counts, as a share of full scale

@@ -44,10 +44,7 @@ def take(holder: Stateful) -> dict[str, Plain]:
 def restore(holder: Stateful, state: Plain) -> None:
     """Give an object the state that `take` copied from one built the same way.
 
-    Raises
-    ------
-    ValueError
-        Names what does not fit; the object may then be half restored.
+    Raises ValueError, which names what does not fit; the object may then be half restored.
     """
     kind: type = type(holder)
     hints, names = _hints(kind), state_names(kind)
@@ -98,10 +95,7 @@ def plain(value: object) -> Plain:
 def parse(data: Plain, hint: Any) -> Any:
     """The value of an annotated type from which `plain` made this data.
 
-    Raises
-    ------
-    ValueError
-        For data that is not of this type.
+    Raises ValueError for data that is not of this type.
     """
     if get_origin(hint) in (Union, UnionType):
         if data is None and NoneType in get_args(hint):

@@ -21,13 +21,7 @@ LAST_COUNT: Final = (1 << 63) - 1
 
 @dataclass(slots=True)
 class ConsumerTally:
-    """A consumer's own count of pairs, since it started.
-
-    Raises
-    ------
-    ValueError
-        For a count that is not credible.
-    """
+    """A consumer's own count of pairs, since it started. Raises ValueError for a count that is not credible."""
 
     pairs: int = 0  # handed to the consumer
     # frames of the left camera between these pairs, by gaps in its frame id: lost anywhere, for any reason

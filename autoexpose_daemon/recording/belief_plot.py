@@ -163,6 +163,8 @@ _OTHER_STOPS = 0.25
 class BeliefStrip:
     """Watches a replay (see `report_replay`) and keeps the moments to be drawn.
 
+    Raises ConfigurationError when no picture can be drawn; from `see` and `draw`, too.
+
     Parameters
     ----------
     path
@@ -170,11 +172,6 @@ class BeliefStrip:
     triggers
         Of the decisions to draw. Without any it is the one that changes the exposure most, and then the first frames
         of each exposure that it led to, four moments in all.
-
-    Raises
-    ------
-    ConfigurationError
-        When no picture can be drawn; from `see` and `draw`, too.
     """
 
     def __init__(self, path: Path, triggers: Sequence[int]) -> None:

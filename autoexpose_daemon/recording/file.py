@@ -41,13 +41,7 @@ def to_json(data: Plain) -> str:
 
 
 def from_json(text: str) -> Any:
-    """What `to_json` was given.
-
-    Raises
-    ------
-    ValueError
-        For text that `to_json` would not write.
-    """
+    """What `to_json` was given. Raises ValueError for text that `to_json` would not write."""
     try:
         return json.loads(text, object_hook=_array_from_json)
     except RecursionError:
@@ -145,17 +139,14 @@ _String = TYPESTORE.types[STRING]
 class RecordingFile:
     """A new file, written step by step, in chunks of whole steps.
 
+    Every method raises RecordingError: when the file cannot be written, or its disk is nearly full.
+
     Parameters
     ----------
     path
         Must not exist.
     rig
         Name of the rig: topics are named like the keys of published frames.
-
-    Raises
-    ------
-    RecordingError
-        By every method: when the file cannot be written, or its disk is nearly full.
 
     Attributes
     ----------

@@ -166,17 +166,14 @@ _COUNT_DIGITS = 18
 class Recording:
     """The items of a file in order, one at a time in memory.
 
+    Raises RecordingError while iterating: in one sentence, what is wrong with the file.
+
     Attributes
     ----------
     cut_off
         Whether the file ends within a record, as after a full disk or a power cut; known when all items have been read.
     dropped
         Steps that the recorder dropped, according to the end of the file; None when that is missing.
-
-    Raises
-    ------
-    RecordingError
-        While iterating: in one sentence, what is wrong with the file.
     """
 
     def __init__(self, path: Path) -> None:

@@ -135,6 +135,8 @@ class Recorder(ABC):
 class ContinuousRecorder(Recorder):
     """Writes all steps to one file, which must not exist yet.
 
+    Raises RecordingError when the file cannot be written.
+
     Parameters
     ----------
     file
@@ -143,11 +145,6 @@ class ContinuousRecorder(Recorder):
         Steps per second; the queue has room for `QUEUE_S` of them.
     frames
         Name of the rig, and how frames are stamped.
-
-    Raises
-    ------
-    RecordingError
-        When the file cannot be written.
     """
 
     def __init__(self, file: Path, rate_hz: float, frames: PublishConfig) -> None:
@@ -190,6 +187,8 @@ class ContinuousRecorder(Recorder):
 class LastSecondsRecorder(Recorder):
     """Keeps the last seconds in memory, and writes them when asked to, and at the end: ``run-1.mcap``, ``run-2.mcap``.
 
+    Raises RecordingError when the folder does not exist.
+
     Parameters
     ----------
     file
@@ -200,11 +199,6 @@ class LastSecondsRecorder(Recorder):
         Name of the rig, and how frames are stamped.
     last_s
         How many seconds at that rate, and up to one more, so that each recording begins with a snapshot.
-
-    Raises
-    ------
-    RecordingError
-        When the folder does not exist.
     """
 
     def __init__(self, file: Path, rate_hz: float, frames: PublishConfig, last_s: float) -> None:
@@ -283,10 +277,7 @@ class LastSecondsRecorder(Recorder):
 def new_recorder(file: Path, config: Config, last_s: float | None) -> Recorder:
     """A recorder for a file: of the last seconds on demand, or of everything when `last_s` is None.
 
-    Raises
-    ------
-    RecordingError
-        When the file cannot be written, or its name is not that of a recording.
+    Raises RecordingError when the file cannot be written, or its name is not that of a recording.
     """
     if file.suffix != SUFFIX:
         raise RecordingError(f"{file}: is not a name for a recording: it must end in {SUFFIX}")

@@ -71,12 +71,8 @@ class Replay:
     def steps(self, items: Iterable[Item]) -> Iterator[Replayed]:
         """The outcome of each step.
 
-        Raises
-        ------
-        RecordingError
-            When a snapshot does not fit its setup, or there is no setup.
-        ConfigurationError
-            When the policy cannot work on these frames.
+        Raises RecordingError when a snapshot does not fit its setup, or there is no setup; ConfigurationError when the
+        policy cannot work on these frames.
         """
         for item in items:
             match item:
@@ -126,15 +122,12 @@ Watch = Callable[[Replay, Replayed], None]
 def report_replay(path: Path, policy_id: str | None, say: Say, watch: Watch | None = None) -> bool:
     """Replay a recording and print the outcome.
 
+    Raises RecordingError, ConfigurationError when the recording cannot be read, or the policy cannot run on it.
+
     Returns
     -------
     bool
         False when the recorded policy decided differently this time.
-
-    Raises
-    ------
-    RecordingError, ConfigurationError
-        When the recording cannot be read, or the policy cannot run on it.
     """
     recording, player = Recording(path), Replay(policy_id)
     second, total = _Figures(), _Figures()

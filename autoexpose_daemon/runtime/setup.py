@@ -29,10 +29,7 @@ from imaging.python310 import Self
 class Tuning:
     """Bounds, policy, parameters, regions and the cameras' calibrations; reads files unless the configuration has.
 
-    Raises
-    ------
-    ConfigurationError
-        When one of the files cannot be used.
+    Raises ConfigurationError when one of the files cannot be used.
     """
 
     def __init__(self, config: Config) -> None:

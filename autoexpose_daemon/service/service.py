@@ -222,10 +222,7 @@ class Service:
     def run(self, stop: threading.Event, show: Show, new_config: NewConfig = _none) -> None:
         """Run until `stop` is set, showing the status four times a second.
 
-        Raises
-        ------
-        Exception
-            Whatever ended a thread: a daemon with a dead thread must not look alive.
+        Raises Exception: whatever ended a thread: a daemon with a dead thread must not look alive.
         """
         former_hook, threading.excepthook = threading.excepthook, self._on_dead_thread
         self._begin()

@@ -132,12 +132,9 @@ def _described(index: int) -> FoundCamera | None:
 def open_camera(serial: str, setup: CameraSetup) -> AravisCamera:
     """Open a camera, take control of it and set it up; it is stopped until `AravisCamera.start`.
 
-    Raises
-    ------
-    CameraNotFoundError, CameraBusyError, CameraLostError
-        Try again later.
-    ConfigurationError, UnsupportedCameraError, NodeError
-        The setup does not fit this camera, or the camera cannot be driven: trying again does not help.
+    Raises CameraNotFoundError, CameraBusyError, CameraLostError: try again later; ConfigurationError,
+    UnsupportedCameraError, NodeError: the setup does not fit this camera, or the camera cannot be driven: trying again
+    does not help.
     """
     found, nodes = find_camera(serial), None
     try:
@@ -156,10 +153,7 @@ def open_camera(serial: str, setup: CameraSetup) -> AravisCamera:
 def open_nodes(serial: str) -> Iterator[AravisNodes]:
     """Open a camera for its nodes alone, as it is, with its acquisition stopped; closed when the block ends.
 
-    Raises
-    ------
-    CameraNotFoundError, CameraBusyError, CameraLostError
-        Try again later.
+    Raises CameraNotFoundError, CameraBusyError, CameraLostError: try again later.
     """
     nodes = _controlled(find_camera(serial))
     try:

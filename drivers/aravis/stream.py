@@ -95,14 +95,8 @@ class FrameStream:
 def create_stream(nodes: AravisNodes, setup: CameraSetup) -> FrameStream:
     """Create the stream and its buffers.
 
-    Chunks and format must be set before, as they decide the payload size.
-
-    Raises
-    ------
-    UnsupportedCameraError
-        When the camera does not say how large a frame is.
-    ConfigurationError
-        When its share of a link is not known, or is too small.
+    Chunks and format must be set before, as they decide the payload size. Raises UnsupportedCameraError when the camera
+    does not say how large a frame is; ConfigurationError when its share of a link is not known, or is too small.
     """
     if not is_number(nodes, "PayloadSize", "integer"):
         raise UnsupportedCameraError(
@@ -138,12 +132,8 @@ def create_stream(nodes: AravisNodes, setup: CameraSetup) -> FrameStream:
 def keep_to_share(nodes: AravisNodes, share: LinkShare, payload_bytes: int, rate_hz: float | None) -> None:
     """Limit what a camera sends by its own throughput limit, or else by a pause after each packet.
 
-    Its packet size must be set; it sends frames of `payload_bytes`, as many as it can take if `rate_hz` is None.
-
-    Raises
-    ------
-    ConfigurationError
-        When the speed of the link is not known, or frames at this rate do not fit.
+    Its packet size must be set; it sends frames of `payload_bytes`, as many as it can take if `rate_hz` is None. Raises
+    ConfigurationError when the speed of the link is not known, or frames at this rate do not fit.
     """
     mbps = share.mbps or _interface_mbps(nodes)
     packet_bytes = nodes.call("read the packet size", nodes.camera.gv_get_packet_size)

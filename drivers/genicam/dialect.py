@@ -89,10 +89,7 @@ class ExposureDialect:
     def write(self, nodes: NodeMap, setting: ExposureSetting, present: ExposureSetting | None) -> ExposureSetting:
         """Write what differs from `present` (None: everything), and return what the nodes read back.
 
-        Raises
-        ------
-        NodeError
-            When a node refuses the value, or reads back one that rounding does not explain.
+        Raises NodeError when a node refuses the value, or reads back one that rounding does not explain.
         """
         if self.gain is None and setting.gain_db != 0.0:
             raise NodeError(
@@ -125,12 +122,9 @@ def find_dialect(
 ) -> ExposureDialect:
     """Find the nodes that drive this camera's exposure; `gain_scale` and `count_us` as in `CameraSetup`.
 
-    Raises
-    ------
-    UnsupportedCameraError
-        When the camera offers no exposure time that can be written, in a known unit.
-    ConfigurationError
-        When the scale of its gain is for another gain, or the length of a count for a time that has a unit.
+    Raises UnsupportedCameraError when the camera offers no exposure time that can be written, in a known unit;
+    ConfigurationError when the scale of its gain is for another gain, or the length of a count for a time that has a
+    unit.
     """
     time = _find_time(nodes, count_us)
     gain, limitations = _find_gain(nodes, gain_scale)
@@ -145,10 +139,7 @@ def gain_driven(nodes: NodeMap) -> bool:
 def switch_auto_off(nodes: NodeMap) -> None:
     """Switch the camera's automatic exposure and gain off, and have ExposureTime set the exposure.
 
-    Raises
-    ------
-    NodeError
-        When the camera exposes otherwise, and cannot be had to expose like that.
+    Raises NodeError when the camera exposes otherwise, and cannot be had to expose like that.
     """
     if "All" in offered(nodes, "GainSelector"):
         hold(nodes, "GainSelector", "All")

@@ -92,12 +92,8 @@ _TAKEN = {
 def apply_features(nodes: NodeMap, setup: CameraSetup) -> None:
     """Set the features of a setup.
 
-    Raises
-    ------
-    ConfigurationError
-        Naming each feature that the daemon drives itself, or that the camera does not take, and why.
-    NodeError
-        When the camera refuses some for a reason that its description does not give.
+    Raises ConfigurationError naming each feature that the daemon drives itself, or that the camera does not take, and
+    why; NodeError when the camera refuses some for a reason that its description does not give.
     """
     features = setup.features
     if not features:
@@ -373,12 +369,8 @@ def changed_from_default(
 ) -> tuple[list[FeatureSetting], list[FeatureSetting]]:
     """Those present settings that differ from the camera's default user set, and those that were not put back.
 
-    Loads that user set, compares, and sets what differs again.
-
-    Raises
-    ------
-    UnsupportedCameraError
-        When the camera has no default user set.
+    Loads that user set, compares, and sets what differs again. Raises UnsupportedCameraError when the camera has no
+    default user set.
     """
     if DEFAULT not in nodes.entries(USER_SET) or nodes.kind(LOAD) != "command":
         raise UnsupportedCameraError(

@@ -35,12 +35,8 @@ _BY_PFNC_CODE = {pixel_format.pfnc_code: pixel_format for pixel_format in PixelF
 def choose_pixel_format(nodes: NodeMap, wanted: PixelFormat | None) -> PixelFormat:
     """Set the pixel format, or accept the camera's current one, and return it.
 
-    Raises
-    ------
-    ConfigurationError
-        When the camera does not offer the wanted one.
-    UnsupportedCameraError
-        When its current one is not supported, or it does not say which that is.
+    Raises ConfigurationError when the camera does not offer the wanted one; UnsupportedCameraError when its current one
+    is not supported, or it does not say which that is.
     """
     formats = offered(nodes, "PixelFormat")
     if not formats:
@@ -74,10 +70,7 @@ def present_format(nodes: NodeMap) -> PixelFormat | None:
 def send_low_byte_first(nodes: NodeMap, pixel_format: PixelFormat) -> None:
     """Have the camera send samples of two bytes as the host reads them.
 
-    Raises
-    ------
-    UnsupportedCameraError
-        When it sends the high byte first and cannot be told otherwise.
+    Raises UnsupportedCameraError when it sends the high byte first and cannot be told otherwise.
     """
     if not _of_words(pixel_format):
         return
@@ -118,10 +111,7 @@ def switch_white_balance_off(nodes: NodeMap, pixel_format: PixelFormat | None) -
 def set_binning(nodes: NodeMap, binning: int | None) -> None:
     """Bin `binning` x `binning` pixels into one and take the whole sensor; None leaves binning and region alone.
 
-    Raises
-    ------
-    ConfigurationError
-        When the camera cannot bin like that.
+    Raises ConfigurationError when the camera cannot bin like that.
     """
     if binning is None:
         return
@@ -161,7 +151,9 @@ def decode_pixels(
 ) -> Pixels:
     """The pixels of an image in the format that the camera was set to, in the shape of `Frame.pixels`.
 
-    They are a read-only view of `data` if they need no unpacking.
+    They are a read-only view of `data` if they need no unpacking. Raises ValueError when the frame says that it is in
+    another format, it has no pixels, its rows are padded, the number of bytes is not theirs, or samples of two bytes
+    come with the high one first.
 
     Parameters
     ----------
@@ -169,12 +161,6 @@ def decode_pixels(
         What was received: the image, perhaps at most `MOST_PADDING_BYTES` more, and with `has_chunks` any number more.
     pfnc_code, width, height, row_padding_bytes
         What the frame says about itself.
-
-    Raises
-    ------
-    ValueError
-        When the frame says that it is in another format, it has no pixels, its rows are padded, the number of bytes
-        is not theirs, or samples of two bytes come with the high one first.
     """
     if pfnc_code != expected.pfnc_code:
         says = _BY_PFNC_CODE.get(pfnc_code, f"the unknown pixel format {pfnc_code:#010x}")

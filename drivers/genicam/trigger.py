@@ -31,14 +31,9 @@ ACTION_NODES = ("ActionDeviceKey", "ActionGroupKey", "ActionGroupMask")
 def arm_trigger(nodes: NodeMap, setup: TriggerSetup) -> tuple[str, ...]:
     """Set the camera's trigger up as `setup` says, and return its limitations, in words.
 
-    Raises
-    ------
-    ConfigurationError
-        When the camera has no such line, or cannot run at that rate.
-    UnsupportedCameraError
-        When it has no such trigger, or no frame rate to set.
-    NodeError
-        When what is needed cannot be written, and is not as it should be.
+    Raises ConfigurationError when the camera has no such line, or cannot run at that rate; UnsupportedCameraError when
+    it has no such trigger, or no frame rate to set; NodeError when what is needed cannot be written, and is not as it
+    should be.
     """
     if "Continuous" in nodes.entries("AcquisitionMode"):
         hold(nodes, "AcquisitionMode", "Continuous")
@@ -274,10 +269,7 @@ _OFFSET_NODES = ("PtpOffsetFromMaster", "GevIEEE1588OffsetFromMasterLatched", "G
 class PtpNodes:
     """The PTP clock of a camera, switched on.
 
-    Raises
-    ------
-    UnsupportedCameraError
-        At construction, when the camera has none, or one without a status.
+    Raises UnsupportedCameraError at construction, when the camera has none, or one without a status.
     """
 
     def __init__(self, nodes: NodeMap) -> None:

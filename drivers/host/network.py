@@ -346,10 +346,7 @@ def refusal(answer: bytes) -> str | None:
 class ActionSender:
     """Sends scheduled action commands to one camera, without waiting for its answers.
 
-    Raises
-    ------
-    OSError
-        When the host has no route to the camera, or no socket to spare.
+    Raises OSError when the host has no route to the camera, or no socket to spare.
     """
 
     def __init__(self, camera_address: str, port: int = PORT) -> None:

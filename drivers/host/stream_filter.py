@@ -53,11 +53,7 @@ class StreamFilter:
     """Lets this process's UDP socket at `listening` receive only plausible stream packets of its camera.
 
     The stream comes from `addresses` and `port`, 0 meaning any; packets with an id above `largest_id` are refused.
-
-    Raises
-    ------
-    OSError
-        When the kernel refuses the filter, or there is no such socket.
+    Raises OSError when the kernel refuses the filter, or there is no such socket.
     """
 
     def __init__(self, addresses: Collection[str], port: int, largest_id: int, listening: Endpoint) -> None:

@@ -59,10 +59,7 @@ class RunningCamera:
     def inject(self, fault: Fault | str, after_trigger: int | None = None, count: int | None = 1) -> int:
         """Order a fault, of so many triggers; returns the number of the last trigger before it.
 
-        Raises
-        ------
-        ValueError
-            For an order that the camera refuses; it says why.
+        Raises ValueError for an order that the camera refuses; it says why.
         """
         fault = Fault(fault)
         order = {"fault": fault, "after_trigger": after_trigger}
@@ -86,10 +83,7 @@ class RunningCamera:
     def environment(self) -> dict[str, str]:
         """The environment of a program that sees this camera on its USB bus; over Ethernet that of this process.
 
-        Raises
-        ------
-        ShimError
-            Where the library that stands in for the bus was not built.
+        Raises ShimError where the library that stands in for the bus was not built.
         """
         return client_environment([] if self.socket is None else [self.socket])
 
@@ -112,6 +106,8 @@ def gige_camera(
 ) -> Iterator[RunningCamera]:
     """Run a GigE Vision camera until the context ends; when it begins, the camera answers.
 
+    Raises NotStartedError with the reason.
+
     Parameters
     ----------
     serial, address, line0
@@ -126,11 +122,6 @@ def gige_camera(
         More options of the command line.
     start
         How to begin the process.
-
-    Raises
-    ------
-    NotStartedError
-        With the reason.
     """
     address = address or loopback_address()
     arguments = ["--address", address, "--side", side, *_worn(description), *options]

@@ -138,11 +138,8 @@ class Features:
     def set(self, name: str, value: Value) -> None:
         """Write a feature: a number between increments is rounded to the nearest, one out of range is refused.
 
-        Raises
-        ------
-        FeatureError
-            "out_of_range" (also: no such enumeration entry), "read_only", or "locked" (by the acquisition or
-            by an auto function).
+        Raises FeatureError: "out_of_range" (also: no such enumeration entry), "read_only", or "locked" (by the
+        acquisition or by an auto function).
         """
         spec = self._specs[name]
         with self._lock:

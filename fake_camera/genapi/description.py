@@ -82,10 +82,7 @@ class Description:
     def from_bytes(cls, text: bytes, source: str) -> Description:
         """Read a description; text before it, such as a camera's name, is skipped.
 
-        Raises
-        ------
-        ValueError
-            When it is not a GenICam description; the message names `source` as the file.
+        Raises ValueError when it is not a GenICam description; the message names `source` as the file.
         """
         start = _START.search(text)
         data = text[start.start() if start else 0 :].strip()

@@ -82,10 +82,7 @@ class Evaluator:
     def value(self, name: str) -> Number:
         """The value of a node; an enumeration's is a number, a boolean's 0 or 1.
 
-        Raises
-        ------
-        NodeError
-            When the node has no value.
+        Raises NodeError when the node has no value.
         """
         if name in self._chosen:
             return self._chosen[name]
@@ -169,10 +166,7 @@ class Evaluator:
     def set(self, name: str, value: Number) -> None:
         """Set a node through its pValue and the formulas of its converters, down to a register.
 
-        Raises
-        ------
-        NodeError
-            When there is no way to a register: a SwissKnife, or a node that belongs to the client.
+        Raises NodeError when there is no way to a register: a SwissKnife, or a node that belongs to the client.
         """
         node = self.node(name)
         if node.kind in REGISTERS:

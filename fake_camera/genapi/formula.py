@@ -234,9 +234,6 @@ class _Parser:
 def compile_formula(text: str, integer: bool) -> Compiled:
     """The formula as a function of its variables; `integer` formulas compute with whole numbers of 64 bits.
 
-    Raises
-    ------
-    FormulaError
-        When the text is not a formula. The function raises it too, for a division by zero among others.
+    Raises FormulaError when the text is not a formula. The function raises it too, for a division by zero among others.
     """
     return _Parser(text, integer).parse()

@@ -96,10 +96,7 @@ class XmlCamera:
     def write(self, address: int, data: bytes) -> None:
         """Write memory, with the effects of the registers written.
 
-        Raises
-        ------
-        FeatureError
-            "locked" by an ordered fault; "out_of_range" when a number would leave its limits.
+        Raises FeatureError: "locked" by an ordered fault; "out_of_range" when a number would leave its limits.
         """
         if self._device.faults.spoils_command(Fault.REFUSE_WRITES):
             raise FeatureError("locked", "writes are refused, as ordered")

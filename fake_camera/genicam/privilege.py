@@ -58,10 +58,7 @@ class ControlPrivilege:
     def request(self, peer: Peer, value: int, now_s: float) -> None:
         """Take (exclusive, control) or return (0) the privilege.
 
-        Raises
-        ------
-        CommandError
-            ACCESS_DENIED when another client holds it, INVALID_PARAMETER for an unsupported bit.
+        Raises CommandError: ACCESS_DENIED when another client holds it, INVALID_PARAMETER for an unsupported bit.
         """
         if self.holder not in (None, peer):
             raise CommandError(Status.ACCESS_DENIED)

@@ -86,10 +86,8 @@ class RegisterMap:
     def read(self, address: int, count: int) -> bytes:
         """Read `count` bytes; they may span adjacent registers.
 
-        Raises
-        ------
-        CommandError
-            BAD_ALIGNMENT for what is not a multiple of the alignment, INVALID_ADDRESS where there is no register.
+        Raises CommandError: BAD_ALIGNMENT for what is not a multiple of the alignment, INVALID_ADDRESS where there is
+        no register.
         """
         self._check_alignment(address, count)
         data = b""
@@ -102,11 +100,9 @@ class RegisterMap:
     def write(self, address: int, data: bytes) -> None:
         """Write `data`; it may span adjacent registers, each as a whole.
 
-        Raises
-        ------
-        CommandError
-            BAD_ALIGNMENT (as for `read`, and for part of a register), INVALID_ADDRESS, WRITE_PROTECT, or the answer of
-            the register itself: INVALID_PARAMETER for a value out of range, ACCESS_DENIED for one that is locked.
+        Raises CommandError: BAD_ALIGNMENT (as for `read`, and for part of a register), INVALID_ADDRESS, WRITE_PROTECT,
+        or the answer of the register itself: INVALID_PARAMETER for a value out of range, ACCESS_DENIED for one that is
+        locked.
         """
         self._check_alignment(address, len(data))
         while data:

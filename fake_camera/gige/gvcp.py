@@ -82,10 +82,7 @@ class Resend:
     def from_payload(cls, payload: bytes) -> Resend:
         """Parse the payload of a PACKETRESEND (standard, 16-bit block ids).
 
-        Raises
-        ------
-        CommandError
-            INVALID_HEADER when the payload is too short.
+        Raises CommandError: INVALID_HEADER when the payload is too short.
         """
         channel, block_id, first, last = _unpack(">HHII", payload)
         return cls(channel, block_id, first & 0xFFFFFF, last & 0xFFFFFF)
@@ -137,10 +134,8 @@ def register_writes(payload: bytes) -> list[tuple[int, bytes]]:
 def memory_range(payload: bytes) -> tuple[int, int]:
     """The address and the number of bytes that a READMEM asks for.
 
-    Raises
-    ------
-    CommandError
-        INVALID_HEADER when the payload is too short, INVALID_PARAMETER when it asks for nothing or for too much.
+    Raises CommandError: INVALID_HEADER when the payload is too short, INVALID_PARAMETER when it asks for nothing or for
+    too much.
     """
     address, _reserved, count = _unpack(">IHH", payload)
     if not 0 < count <= MAX_READ_BYTES:

@@ -53,14 +53,9 @@ class GigeServer:
         """Bind the sockets; with `xml` the device shows the description and the memory of that camera.
 
         Its stream goes through `switch`, if given, and leaves from `second_address`, if given, that of a second network
-        interface. A device with a PTP clock uses `ptp_event_port` and the next one.
-
-        Raises
-        ------
-        AddressTakenError
-            When another camera listens at `address`.
-        OSError
-            When this machine has no such address, or a port of PTP cannot be used.
+        interface. A device with a PTP clock uses `ptp_event_port` and the next one. Raises AddressTakenError when
+        another camera listens at `address`; OSError when this machine has no such address, or a port of PTP cannot be
+        used.
         """
         self._device = device
         # Without SO_REUSEADDR, since two cameras at one address would each get some of the commands.

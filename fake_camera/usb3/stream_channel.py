@@ -65,10 +65,8 @@ class StreamChannel:
     def enable(self, on: bool) -> None:
         """Start or stop sending frames; what the host has not fetched is dropped.
 
-        Raises
-        ------
-        CommandError
-            STREAM_HALTED, or STREAM_SIZES_INCONSISTENT when leader or trailer do not fit their transfers.
+        Raises CommandError: STREAM_HALTED, or STREAM_SIZES_INCONSISTENT when leader or trailer do not fit their
+        transfers.
         """
         if on and self._endpoint.halted:
             raise CommandError(Status.STREAM_HALTED)

@@ -61,10 +61,8 @@ class Request:
 def memory_range(payload: bytes) -> tuple[int, int]:
     """The address and the number of bytes that a READMEM asks for.
 
-    Raises
-    ------
-    CommandError
-        INVALID_HEADER when the payload has another length, INVALID_PARAMETER when it asks for nothing or too much.
+    Raises CommandError: INVALID_HEADER when the payload has another length, INVALID_PARAMETER when it asks for nothing
+    or too much.
     """
     if len(payload) != 12:
         raise CommandError(Status.INVALID_HEADER)

@@ -76,10 +76,8 @@ class LightScript:
           - {at_s: 4, lux: 1}        # a step
           - {at_s: 8, lux: 50, ramp_s: 3}
 
-    Raises
-    ------
-    ValueError
-        When times do not increase, the first is not 0, light is negative, or a ramp overlaps the next change.
+    Raises ValueError when times do not increase, the first is not 0, light is negative, or a ramp overlaps the next
+    change.
     """
 
     changes: tuple[Change, ...]

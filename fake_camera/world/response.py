@@ -32,10 +32,7 @@ CURVES: dict[str, Callable[[Curve], Curve]] = {"linear": _linear, "gamma": _gamm
 def response_table(name: str, entries: int) -> NDArray[np.float64]:
     """The response to `entries` equally spaced linear signals from 0 to 1, shape (entries,), values in [0, 1].
 
-    Raises
-    ------
-    ValueError
-        When no response function has that name.
+    Raises ValueError when no response function has that name.
     """
     if name not in CURVES:
         raise ValueError(f"there is no response function {name!r}: choose one of {', '.join(CURVES)}")

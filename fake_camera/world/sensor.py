@@ -107,6 +107,8 @@ class Sensor:
     ) -> Pixels:
         """Take one image.
 
+        Raises ValueError when the region is not within the sensor.
+
         Parameters
         ----------
         radiance
@@ -121,11 +123,6 @@ class Sensor:
         Returns
         -------
         As from `ImageSource.take`.
-
-        Raises
-        ------
-        ValueError
-            When the region is not within the sensor.
         """
         if self._falloff is not None:
             radiance = radiance * self._falloff

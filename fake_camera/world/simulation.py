@@ -175,6 +175,8 @@ def build_image_source(
 ) -> ImageSource:
     """Build the world of one camera. The first image of each pixel format is slow unless kernels are compiled.
 
+    Raises ValueError: one sentence: what is wrong with the file, or that the response function is unknown.
+
     Parameters
     ----------
     scene
@@ -200,11 +202,6 @@ def build_image_source(
         Decides path and light in the room, instead of the time.
     size
         Width and height of the sensor, pixels; the angle of view across is the same for all.
-
-    Raises
-    ------
-    ValueError
-        One sentence: what is wrong with the file, or that the response function is unknown.
     """
     model = SensorModel(*size, lens_f_number=lens_f_number, corner_light=corner_light)
     sensor = Sensor(model, 2 * seed + (side == "right"), response)

@@ -97,10 +97,7 @@ class Lessons:
     def repeat(self, file: Path, light: str, policy: str) -> Lap:
         """Drive the lap again from beside the start, by what the cameras see, in one of `LIGHTS`.
 
-        Raises
-        ------
-        AutoexposeError
-            When it is interrupted.
+        Raises AutoexposeError when it is interrupted.
         """
         robot, lux_at = self._robot, LIGHTS[light]
         robot.light(lux := lux_at(0.0))
@@ -182,10 +179,7 @@ class Part:
 def navigate(options: DemoOptions, cameras: FakeCameras, folder: Path, stop: threading.Event, console: Console) -> None:
     """Teach and repeat on cameras that are starting, end them, and report.
 
-    Raises
-    ------
-    AutoexposeError
-        When a command fails, or the account of triggers does not balance.
+    Raises AutoexposeError when a command fails, or the account of triggers does not balance.
     """
     rate_hz = start(cameras, options, console, HIGHEST_HZ)
     daemon_at, robot_at = (f"tcp/127.0.0.1:{port}" for port in _free_ports())

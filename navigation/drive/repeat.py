@@ -39,12 +39,8 @@ class RepeatTally:
 class Repeater:
     """Repeats the path of a writable map file, which remembers what it saw.
 
-    With one of `MODELS` to `predict`, only the features of a local map that it foretells for now are looked for.
-
-    Raises
-    ------
-    MapError
-        When the map has nothing to repeat; in all methods, when it cannot be written.
+    With one of `MODELS` to `predict`, only the features of a local map that it foretells for now are looked for. Raises
+    MapError when the map has nothing to repeat; in all methods, when it cannot be written.
     """
 
     def __init__(self, file: MapFile, strategy: Strategy, predict: str | None = None) -> None:
@@ -121,12 +117,8 @@ class Repeater:
 def repeat(repeater: Repeater, source: Source, stop: threading.Event, progress: Progress) -> str:
     """Repeat until the end of the path, or until `stop` is set; returns how it went, in words.
 
-    The robot is commanded if `source.robot.command` names a key, and is told to stand still however this ends.
-
-    Raises
-    ------
-    MapError
-        When the map cannot be written, or frames have another size than its pictures.
+    The robot is commanded if `source.robot.command` names a key, and is told to stand still however this ends. Raises
+    MapError when the map cannot be written, or frames have another size than its pictures.
     """
     drives = bool(source.robot.command)
     tally, repetition = repeater.tally, repeater.repetition

@@ -22,10 +22,7 @@ _SILENT_S = 0.5
 class Teacher:
     """Writes a lesson to a new map file, which begins with the first frame after the first odometry.
 
-    Raises
-    ------
-    MapError
-        When the file exists; in all methods, when it cannot be written.
+    Raises MapError when the file exists; in all methods, when it cannot be written.
     """
 
     def __init__(self, path: Path, focal_length_px: float, detector: str) -> None:
@@ -86,10 +83,7 @@ class Teacher:
 def teach(teacher: Teacher, source: Source, stop: threading.Event, progress: Progress) -> str:
     """Teach until `stop` is set; returns what was taught, in words.
 
-    Raises
-    ------
-    MapError
-        When the map cannot be written, or nothing can repeat it, since no velocity arrived.
+    Raises MapError when the map cannot be written, or nothing can repeat it, since no velocity arrived.
     """
     with (
         StatusClient(source.rig, source.connect) as status,

@@ -64,12 +64,8 @@ def features_of(points: Sequence[cv2.KeyPoint], descriptors: NDArray[np.uint8] |
 def looked_at(image: NDArray[np.uint8], part: Part, below_px: int) -> NDArray[np.uint8]:
     """The rows that features of a part of a picture are computed from.
 
-    Below the top half, `below_px` more are needed, so that features reach down to its edge.
-
-    Raises
-    ------
-    ValueError
-        If the picture is not uint8 of shape (height, width).
+    Below the top half, `below_px` more are needed, so that features reach down to its edge. Raises ValueError if the
+    picture is not uint8 of shape (height, width).
     """
     if image.ndim != 2 or image.dtype != np.uint8:
         raise ValueError(

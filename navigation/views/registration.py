@@ -66,10 +66,7 @@ class Registration:
 def register(taught: Features, seen: Features, rule: VoteRule = RULES["overlapping"]) -> Registration:
     """Where the view with the features `seen` lies against the map with the features `taught`.
 
-    Raises
-    ------
-    ValueError
-        If the descriptors are of different kinds.
+    Raises ValueError if the descriptors are of different kinds.
     """
     matches = _matches(taught, seen, rule.ratio)
     across, down = (seen.positions[matches[:, 1]] - taught.positions[matches[:, 0]]).T

@@ -90,7 +90,7 @@ class ImagePreparation:
     def prepare(self, grey: NDArray[np.uint8], *, filtered: bool = True) -> NDArray[np.uint8]:
         """The image that control works on, uint8, valid until the next call.
 
-        Every pixel counts, so thin structures do not flicker.
+        Every pixel counts, so thin structures do not flicker. Raises ConfigurationError when the frame is too small.
 
         Parameters
         ----------
@@ -98,11 +98,6 @@ class ImagePreparation:
             8-bit grey levels, shape (height, width), at least 68 by 90.
         filtered
             Whether to take the median.
-
-        Raises
-        ------
-        ConfigurationError
-            When the frame is too small.
         """
         height, width = grey.shape
         if width < FLOW_SIZE[0] or height < FLOW_SIZE[1]:

@@ -59,6 +59,8 @@ class Motion(Stateful, ABC):
     def measure(self, image: NDArray[np.uint8], full_width: int, level: float, device_time_ns: int) -> float | None:
         """Their speed in pixels of full resolution per 1/60 s; None for a frame without a usable predecessor.
 
+        Raises ConfigurationError for frames that are too narrow.
+
         Parameters
         ----------
         image
@@ -69,11 +71,6 @@ class Motion(Stateful, ABC):
             Exposure level of this frame, stops.
         device_time_ns
             Time stamp of this frame on its camera's clock.
-
-        Raises
-        ------
-        ConfigurationError
-            For frames that are too narrow.
         """
         if image.shape != self._shape:
             self._shape, self._previous_time_ns = image.shape, None

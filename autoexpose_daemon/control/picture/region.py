@@ -42,13 +42,9 @@ class Region:
 
         `seen` is the shape of what control sees of them (`Frame.grey8`), if it differs.
 
-        A prepared pixel weighs as little as the least that it and its measures see, so not even the blurred
-        edge of a masked part counts.
-
-        Raises
-        ------
-        ConfigurationError
-            When the region does not fit such frames, or leaves nothing that counts.
+        A prepared pixel weighs as little as the least that it and its measures see, so not even the blurred edge of a
+        masked part counts. Raises ConfigurationError when the region does not fit such frames, or leaves nothing that
+        counts.
         """
         full = self._full_weights((shape[0], shape[1]))
         height, width = (seen or shape)[:2]

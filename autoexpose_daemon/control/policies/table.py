@@ -23,10 +23,7 @@ _BUILDERS = {policy_id: _builder(place) for policy_id, place in PLACES.items()}
 def build_policy(setup: ControlSetup) -> ExposurePolicy:
     """A fresh policy; with `ControlParameters.bracket`, brackets around it.
 
-    Raises
-    ------
-    ConfigurationError
-        For an id that does not exist.
+    Raises ConfigurationError for an id that does not exist.
     """
     check_policy_id(setup.policy_id)
     build, bracketing = _BUILDERS[setup.policy_id], setup.parameters.bracket

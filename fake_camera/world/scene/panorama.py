@@ -33,10 +33,7 @@ DISPARITY_PX = 24.0
 def load_radiance(path: Path) -> NDArray[np.float32]:
     """Luminance of a Radiance .hdr file, scaled to a log-mean of `GREY`, shape (rows, columns), finite and >= 0.
 
-    Raises
-    ------
-    ValueError
-        When the file is missing, unreadable, not an image, or black.
+    Raises ValueError when the file is missing, unreadable, not an image, or black.
     """
     try:
         content = np.frombuffer(read_regular(path, _MOST_BYTES), np.uint8)

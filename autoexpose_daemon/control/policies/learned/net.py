@@ -101,10 +101,7 @@ class Net:
 def trained_net(policy_id: str, activation: Activation) -> Net:
     """The net of a policy with its committed weights, read once.
 
-    Raises
-    ------
-    AutoexposeError
-        When the file is missing or damaged.
+    Raises AutoexposeError when the file is missing or damaged.
     """
     file = files(__package__).joinpath(f"{policy_id}.npz")
     try:
