@@ -18,15 +18,15 @@ import cv2
 import numpy as np
 
 from autoexpose_daemon.control.loop import ControlLoop
+from autoexpose_daemon.control.metrics import extension
 from autoexpose_daemon.control.metrics.contrast import GreyBins, contrast
-from autoexpose_daemon.control.metrics.extension import extension
 from autoexpose_daemon.control.metrics.gradient import ExtremeShares, GradientMetric, PackedTables, mean_signal
 from autoexpose_daemon.control.parameters import ControlParameters, MotionId
 from autoexpose_daemon.control.picture.image import ImagePreparation
 from autoexpose_daemon.control.picture.motion import FarnebackMotion, TileMotion
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY, LEARNED
 from autoexpose_daemon.control.policies.published.begin2022 import DEGREE, DELTA_LEVELS
-from autoexpose_daemon.control.search.optimum import PolynomialFit
+from autoexpose_daemon.control.search import PolynomialFit
 from autoexpose_daemon.demo.reference_step import ReferenceStep, synthetic_frames
 from imaging.exposure import ExposureLimits, ExposureSetting
 from imaging.frames import Frame, StereoPair

@@ -2,6 +2,6 @@
 
 from autoexpose_daemon.client.pairs import NormalisedPair, ReceivedPair, alike
 from autoexpose_daemon.client.stereo_client import StereoClient
-from autoexpose_daemon.control.picture.tracked_cells import count_by_cell
+from autoexpose_daemon.control.inputs import count_by_cell
 
 __all__ = ["NormalisedPair", "ReceivedPair", "StereoClient", "alike", "count_by_cell"]

@@ -17,7 +17,7 @@ from autoexpose_daemon.config.section import LONGEST_NAME
 from autoexpose_daemon.control.policies.ids import POLICY_IDS
 from autoexpose_daemon.messages.keys import LOOPBACK, check_endpoints, check_rig_name, check_zenoh_file, rig_key
 from autoexpose_daemon.publish.session import Endpoints, SessionError, open_session
-from autoexpose_daemon.status.inputs import Answer, AnsweredShot
+from autoexpose_daemon.status.counters import Answer, AnsweredShot
 from autoexpose_daemon.status.panel import plain
 from documents.text import readable
 from imaging.errors import AutoexposeError, ConfigurationError

@@ -20,8 +20,7 @@ import zenoh
 from numpy.typing import NDArray
 
 from autoexpose_daemon.client.pairs import PairAssembler, PairQueue, ReceivedPair
-from autoexpose_daemon.control.light_ahead import LightSeries
-from autoexpose_daemon.control.picture.tracked_cells import TrackedCells
+from autoexpose_daemon.control.inputs import LightSeries, TrackedCells
 from autoexpose_daemon.messages.client import ConsumerTally, response_from_json, vignetting_from_json
 from autoexpose_daemon.messages.frames import DamagedMessageError
 from autoexpose_daemon.messages.inputs import RegisteredView, light_ahead, registration, tracked_cells

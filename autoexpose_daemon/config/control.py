@@ -37,7 +37,7 @@ from autoexpose_daemon.control.parameters import (
     ControlParameters,
     MotionId,
 )
-from autoexpose_daemon.control.picture.region import Rectangle, Region
+from autoexpose_daemon.control.picture.image import Rectangle, Region
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY, check_policy_id
 from documents.files import is_whole_png, read_regular
 from documents.text import quoted

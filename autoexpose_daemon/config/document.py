@@ -191,38 +191,22 @@ class Config(Section):
     publish: PublishConfig | None = None
 
     @model_validator(mode="after")
-    def _wiring_fits_the_rig(self) -> Self:
+    def _sections_fit_each_other(self) -> Self:
         if self.trigger.mode == "free_run" and self.cameras.right is not None:
             raise ValueError("trigger.mode free_run is for one camera: two that run freely never see the same instant")
         if self.trigger.mode == "primary" and self.cameras.right is None:
             raise ValueError("trigger.mode primary needs two cameras: for a single one choose free_run")
-        return self
-
-    @model_validator(mode="after")
-    def _regions_have_cameras(self) -> Self:
         if self.control.roi.right is not None and self.cameras.right is None:
             raise ValueError("control.roi.right is given, but cameras.right is not: remove it")
-        return self
-
-    @model_validator(mode="after")
-    def _something_to_refine(self) -> Self:
         if self.response.refine and all(camera.response is None for camera in self.sides.values()):
             raise ValueError(
                 "response.refine needs a response file to refine: give cameras.left.response, or remove it"
             )
-        return self
-
-    @model_validator(mode="after")
-    def _an_imu_has_a_focal_length(self) -> Self:
         imu, focal_length_px = self.motion.imu, self.control.focal_length_px
         if imu is not None and focal_length_px is None:
             raise ValueError("motion.imu needs control.focal_length_px: give the left camera's focal length in pixels")
         if focal_length_px is not None and imu is None:
             raise ValueError("control.focal_length_px has no effect without motion.imu: give motion.imu, or remove it")
-        return self
-
-    @model_validator(mode="after")
-    def _exposure_fits(self) -> Self:
         period_us = 1e6 / self.trigger.rate_hz
         if self.exposure.max_time_us >= period_us:
             raise ValueError(

@@ -65,14 +65,8 @@ _RANGE = re.compile(r"1:(\d{1,9}(?:\.\d+)?)")
 def bracketed(config: Config, bracket: bool, exposures: int | None, range_: str | None, keep: bool) -> Config:
     """A configuration with the brackets that options ask for; without `bracket`, the configuration itself.
 
-    Raises ConfigurationError naming the option at fault.
-
-    Parameters
-    ----------
-    config
-        What it is otherwise; its own brackets give what the options leave open.
-    bracket, exposures, range_, keep
-        The options; `range_` as in ``1:64``.
+    Its own brackets give what the options leave open; `range_` is as in ``1:64``. Raises ConfigurationError naming the
+    option at fault.
     """
     if not bracket:
         if exposures is not None or range_ is not None or keep:

@@ -14,16 +14,9 @@ class Balance(Protocol):
     """Proposes an exposure time; `ExposureLimits.realise` applies the bounds and leaves the remainder to the gain."""
 
     def exposure_time_us(self, level: float, motion_px: float, limits: ExposureLimits) -> float:
-        """The exposure time wanted (us, not yet bounded).
+        """The exposure time (us, not yet bounded) for a level (stops).
 
-        Parameters
-        ----------
-        level
-            Exposure level to split, stops.
-        motion_px
-            Mean speed of image points, pixels of full resolution per 1/60 s.
-        limits
-            Bounds of time and gain.
+        `motion_px` is the mean speed of image points, pixels of full resolution per 1/60 s.
         """
 
 
@@ -77,36 +70,21 @@ class FixedGain:
 
 @dataclass(frozen=True, slots=True)
 class FlickerBalance:
-    """Exposure times of whole flicker periods, which average over all phases of the light; the gain provides the rest.
-
-    Like `ExposurePriority`, with the time rounded down to whole periods. If not even one period fits under the
-    upper bound of the time, or the light is too strong for it at the lowest gain, it is just exposure priority.
-    """
+    """`ExposurePriority` in `whole_periods_us`, which average over all phases of the light; the gain gives the rest."""
 
     flicker_hz: float  # flashes per second: twice the mains frequency, 100 or 120
 
     def exposure_time_us(self, level: float, motion_px: float, limits: ExposureLimits) -> float:
-        """The longest whole number of periods within the time of exposure priority and the bounds, or that time."""
+        """The longest whole number of periods that fits, or the time of exposure priority."""
         priority_us = ExposurePriority().exposure_time_us(level, motion_px, limits)
         return whole_periods_us(priority_us, level, limits, self.flicker_hz)
 
 
 def whole_periods_us(wanted_us: float, level: float, limits: ExposureLimits, flicker_hz: float) -> float:
-    """An exposure time (us) rounded down to whole periods of the light, but at least one.
+    """An exposure time for a level (stops), rounded down to whole periods of the light, but at least one.
 
     It is returned unchanged if not even one period fits: under the upper bound of the time, or because the light is
     too strong for it at the lowest gain.
-
-    Parameters
-    ----------
-    wanted_us
-        The time to round.
-    level
-        Exposure level that is split, stops.
-    limits
-        Bounds of time and gain.
-    flicker_hz
-        Flashes per second.
     """
     period_us = 1e6 / flicker_hz
     longest_us = min(exp2(level) / linear_gain(limits.min_gain_db), limits.max_time_us)

@@ -7,7 +7,6 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from autoexpose_daemon.control.balance import Balance, whole_periods_us
-from autoexpose_daemon.control.compensation import Compensation
 from autoexpose_daemon.control.decision import Decision, Grounds
 from autoexpose_daemon.control.parameters import FASTEST_TURN_RAD_S, REMEMBERED_STEPS
 from autoexpose_daemon.control.picture.image import median
@@ -19,7 +18,7 @@ from autoexpose_daemon.control.policy import ExposurePolicy, Look, Objective, Ob
 from autoexpose_daemon.control.setup import ControlSetup
 from autoexpose_daemon.control.snapshot import Built, Plain, Stateful, restore, take
 from autoexpose_daemon.control.step import StepInputs
-from autoexpose_daemon.control.view import View
+from autoexpose_daemon.control.view import Compensation, View
 from imaging.errors import ConfigurationError
 from imaging.exposure import ExposureSetting
 from imaging.frames import Frame, Side, StereoPair
@@ -33,7 +32,6 @@ _MOTIONS: dict[str, Callable[[ResponseFunction], Motion]] = {
     "farneback": FarnebackMotion,
 }
 
-
 STATE_FORMAT = "autoexpose-control/13"
 """Format of `ControlSetup` and `ControlLoop.state` as plain data: a new number when names, types or meaning change."""
 
@@ -43,40 +41,23 @@ class ControlLoop(Stateful):
 
     Targets are absolute: the level of this frame, from its metadata, plus a change. So frames in flight while a setting
     is written are never corrected twice. Raises ConfigurationError for a policy that does not exist.
-
-    Parameters
-    ----------
-    setup, parts, named
-        What it is built from: a `ControlSetup`, or the arguments of one, as in
-        ``ControlLoop("belief", responses, limits, start)``.
-
-    Attributes
-    ----------
-    setup
-        What it was built from.
-    inputs
-        What the latest step was given; None before the first.
-    metric_asked
-        Whether decisions are to tell M_g even if the policy does not go by it.
+    The arguments of a `ControlSetup` do as well: ``ControlLoop("belief", responses, limits, start)``.
     """
 
-    inputs: Built[StepInputs | None]
-    metric_asked: Built[bool]
-    _compensation: Built[Compensation | None]  # follows from the override
+    inputs: Built[StepInputs | None] = None  # what the latest step was given; None before the first
+    metric_asked: Built[bool] = False  # whether decisions are to tell M_g even if the policy does not go by it
+    _compensation: Built[Compensation | None] = None  # follows from the override
     _seen: Built[list[Look]]
     _past: deque[PastStep]
     _motions: dict[Side, Motion]
-    _motion_side: Side | None
-    _motion_px: float
+    _motion_side: Side | None = None
+    _motion_px: float = 0.0
     _policy: ExposurePolicy
     _flicker: FlickerWatch | None
 
     def __init__(self, setup: ControlSetup | str, *parts: Any, **named: Any) -> None:
         self.setup = setup if isinstance(setup, ControlSetup) else ControlSetup(setup, *parts, **named)
         setup, parameters = self.setup, self.setup.parameters
-        self.inputs = None
-        self.metric_asked = False
-        self._compensation = None
         self._limits = setup.limits
         self._metric = setup.metric
         self._policy = build_policy(setup)
@@ -87,8 +68,6 @@ class ControlLoop(Stateful):
         }
         flow = self._policy.FLOW if parameters.motion == "policy" else parameters.motion
         self._motions = {side: _MOTIONS[flow](response) for side, response in setup.responses.items()}
-        self._motion_side = None
-        self._motion_px = 0.0
         self._seen = []
         self._past = deque(maxlen=REMEMBERED_STEPS)
 

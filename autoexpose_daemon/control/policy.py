@@ -22,6 +22,9 @@ from imaging.response import ResponseFunction
 MISSED_FRAMES = 12
 """Frames of a camera that may be lost in a row, a fifth of a second at 60 Hz, before the other decides without it."""
 
+SMALLEST_SIGNAL = 0.5 / 255
+"""Mean of a black image, at most half a grey level: less would ask for infinitely many stops."""
+
 
 @dataclass(frozen=True, slots=True)
 class PastStep:
@@ -32,11 +35,6 @@ class PastStep:
     level: float
     metric: float | None
     target: Target  # what the policy wanted, before bounds and increments made it `setting`
-
-    @property
-    def predicted_metric(self) -> float | None:
-        """M_g that the policy predicted for frames taken with `setting`; None if it predicted nothing."""
-        return self.target.predicted_metric
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,7 +141,7 @@ Objective = Literal["metric", "information"]
 
 
 class ExposurePolicy(Stateful, ABC):
-    """Decides on one exposure level per stereo pair. One that is in the table also has a class method `build(setup)`.
+    """Decides on one exposure level per stereo pair. One that is in the table is built from a `ControlSetup` alone.
 
     What a policy carries from frame to frame is plain data in the attributes that it annotates: see `snapshot`.
     """

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from autoexpose_daemon.control.metrics.extension import extension as _native
+from autoexpose_daemon.control.metrics import extension as _native
 from autoexpose_daemon.control.policy import Look
 from autoexpose_daemon.control.snapshot import Stateful
 from imaging.frames import Side
@@ -46,19 +46,16 @@ class LightRegistration(Stateful):
     of extreme noise that remain unclipped.
     """
 
-    side: Side | None  # camera of the frame before; None before the first
+    side: Side | None = None  # camera of the frame before; None before the first
     # grey levels of the frame before, every fifth across and down, uint8; None before the first
-    previous: NDArray[np.uint8] | None
-    previous_level: float  # its exposure level, stops
+    previous: NDArray[np.uint8] | None = None
+    previous_level: float = 0.0  # its exposure level, stops
 
     def __init__(self, responses: Mapping[Side, ResponseFunction]) -> None:
         self._tables = {side: _tables(response) for side, response in responses.items()}
         self._saturated = {
             side: np.where(clipped > BETWEEN, np.uint8(255), np.uint8(0)) for side, (_, clipped) in self._tables.items()
         }
-        self.side = None
-        self.previous = None
-        self.previous_level = 0.0
 
     def change(self, look: Look, level: float) -> LightChange | None:
         """The change of light since the frame before, which was taken by the same camera.

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from autoexpose_daemon.control.balance import Balance, BlurNoiseBalance, ExposurePriority, FixedRatio, FlickerBalance
 from autoexpose_daemon.control.metrics.gradient import GradientMetric
 from autoexpose_daemon.control.parameters import ControlParameters
-from autoexpose_daemon.control.picture.region import Region
+from autoexpose_daemon.control.picture.image import Region
 from imaging.exposure import ExposureLimits, ExposureSetting
 from imaging.frames import SIDES, Side
 from imaging.response import ResponseFunction

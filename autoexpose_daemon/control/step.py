@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from autoexpose_daemon.control.decision import Decision
-from autoexpose_daemon.control.light_ahead import LightAhead
+from autoexpose_daemon.control.inputs import LightAhead
 from autoexpose_daemon.control.picture.steering import Steering
 from imaging.exposure import ExposureSetting
 from imaging.frames import StereoPair

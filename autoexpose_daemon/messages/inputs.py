@@ -9,9 +9,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from autoexpose_daemon.control.light_ahead import MOST_LEVELS, MOST_STOPS, LightSeries
+from autoexpose_daemon.control.inputs import COLUMNS, MOST_LEVELS, MOST_STOPS, ROWS, LightSeries, TrackedCells
 from autoexpose_daemon.control.parameters import FASTEST_M_S, FASTEST_TURN_RAD_S
-from autoexpose_daemon.control.picture.tracked_cells import COLUMNS, ROWS, TrackedCells
 from autoexpose_daemon.messages.frames import DamagedMessageError, deserialise, stamp_ns
 from autoexpose_daemon.messages.keys import CONSUMER_NAME
 from autoexpose_daemon.messages.types import (

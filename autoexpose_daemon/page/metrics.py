@@ -9,9 +9,8 @@ from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metri
 from prometheus_client.exposition import CONTENT_TYPE_PLAIN_0_0_4, generate_latest
 from prometheus_client.registry import Collector
 
-from autoexpose_daemon.status.counters import DURATIONS, counters
+from autoexpose_daemon.status.counters import DURATIONS, RequestTally, TrackingRefusal, TrackingTally, counters
 from autoexpose_daemon.status.document import CameraStatus, DurationStatus, PublishStatus, RecorderStatus, Status
-from autoexpose_daemon.status.inputs import RequestTally, TrackingRefusal, TrackingTally
 from autoexpose_daemon.status.states import State
 from autoexpose_daemon.status.telemetry import DropReason
 from drivers.triggers.outcomes import LossReason

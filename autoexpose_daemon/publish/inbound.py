@@ -18,7 +18,7 @@ from autoexpose_daemon.config.request import Request, check_size, read_request
 from autoexpose_daemon.messages.frames import read_angular_rate
 from autoexpose_daemon.publish.session import Endpoints, SessionHolder, reading
 from autoexpose_daemon.runtime.inputs import AngularRate
-from autoexpose_daemon.status.inputs import Answer
+from autoexpose_daemon.status.counters import Answer
 from documents.text import readable
 from imaging.errors import AutoexposeError, ConfigurationError
 from imaging.python310 import FutureTimeoutError, Self

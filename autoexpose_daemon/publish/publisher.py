@@ -17,7 +17,7 @@ from zenoh.handlers import Handler
 
 from autoexpose_daemon.config.document import PublishConfig
 from autoexpose_daemon.control.decision import Grounds
-from autoexpose_daemon.control.picture.tracked_cells import TrackedCells
+from autoexpose_daemon.control.inputs import TrackedCells
 from autoexpose_daemon.control.step import ControlStep
 from autoexpose_daemon.messages.client import LARGEST_REPORT_BYTES, ConsumerTally
 from autoexpose_daemon.messages.frames import TOPICS, MessageWriter, realtime_offset_ns

@@ -163,15 +163,9 @@ _OTHER_STOPS = 0.25
 class BeliefStrip:
     """Watches a replay (see `report_replay`) and keeps the moments to be drawn.
 
-    Raises ConfigurationError when no picture can be drawn; from `see` and `draw`, too.
-
-    Parameters
-    ----------
-    path
-        The PNG file to write.
-    triggers
-        Of the decisions to draw. Without any it is the one that changes the exposure most, and then the first frames
-        of each exposure that it led to, four moments in all.
+    Those are the decisions on some triggers. Without any it is the one that changes the exposure most, and then the
+    first frames of each exposure that it led to, four moments in all. Raises ConfigurationError when no picture can be
+    drawn; from `see` and `draw`, too.
     """
 
     def __init__(self, path: Path, triggers: Sequence[int]) -> None:

@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import cv2
 import numpy as np
@@ -24,12 +24,47 @@ from autoexpose_daemon.control.setup import ControlSetup
 from autoexpose_daemon.control.snapshot import Plain, plain
 from autoexpose_daemon.control.step import NO_OVERRIDE, StepInputs
 from autoexpose_daemon.messages.frames import TOPICS, MessageWriter, Stamp, realtime_offset_ns
-from autoexpose_daemon.messages.keys import DEFAULT, LATCHED, SENSOR_DATA
+from autoexpose_daemon.messages.keys import DEFAULT, LATCHED, SENSOR_DATA, OfferedQos
 from autoexpose_daemon.messages.types import IMAGE, TYPESTORE, definition
-from autoexpose_daemon.recording import rosbag2
 from imaging.errors import AutoexposeError
 from imaging.frames import Side, StereoPair
 from imaging.geometry import CameraGeometry
+
+OFFERED_QOS: Final = "offered_qos_profiles"
+"""Key in a channel's metadata: YAML that says how the topic was offered, so that `ros2 bag play` offers it that way."""
+
+ROSBAG2: Final = "rosbag2"
+EARLY_YAML: Final = {"serialized_metadata": ""}
+"""A metadata record of this name and content: the policies in the YAML are numbers.
+
+Up to Humble, rosbag2 reads nothing but numbers. Since Jazzy it takes them for names unless the file says that it is
+older, and this is how: by a record without the metadata that rosbag2 has written into it since.
+"""
+
+# The numbers are those of rmw/types.h.
+_KEEP_LAST, _AUTOMATIC = 1, 1
+_RELIABLE, _BEST_EFFORT = 1, 2
+_TRANSIENT_LOCAL, _VOLATILE = 1, 2
+
+_FOREVER: Final = "{sec: 9223372036, nsec: 854775807}"
+"""RMW_DURATION_INFINITE."""
+
+
+def profiles(qos: OfferedQos) -> str:
+    """The value of `OFFERED_QOS` for a topic with one publisher."""
+    policies = {
+        "history": _KEEP_LAST,
+        "depth": qos.depth,
+        "reliability": _RELIABLE if qos.reliable else _BEST_EFFORT,
+        "durability": _TRANSIENT_LOCAL if qos.latched else _VOLATILE,
+        "deadline": _FOREVER,
+        "lifespan": _FOREVER,
+        "liveliness": _AUTOMATIC,
+        "liveliness_lease_duration": _FOREVER,
+        "avoid_ros_namespace_conventions": "false",
+    }
+    return "- " + "\n  ".join(f"{policy}: {value}" for policy, value in policies.items())
+
 
 _DTYPES = ("uint8", "int16", "float32", "float64")
 _KEYS = {"dtype", "shape", "base64"}
@@ -139,19 +174,8 @@ _String = TYPESTORE.types[STRING]
 class RecordingFile:
     """A new file, written step by step, in chunks of whole steps.
 
-    Every method raises RecordingError: when the file cannot be written, or its disk is nearly full.
-
-    Parameters
-    ----------
-    path
-        Must not exist.
-    rig
-        Name of the rig: topics are named like the keys of published frames.
-
-    Attributes
-    ----------
-    steps
-        Steps that can be read back whatever happens next: those in the chunks already written.
+    Every method raises RecordingError: when the file exists, cannot be written, or its disk is nearly full. Topics are
+    named by the rig, like the keys of published frames.
     """
 
     def __init__(self, path: Path, rig: str) -> None:
@@ -161,7 +185,7 @@ class RecordingFile:
         self._time_ns = 0
         self._setup: ControlSetup | None = None
         self._broken = False
-        self.steps = 0
+        self.steps = 0  # that can be read back whatever happens next: those in the chunks already written
         self._chunk_steps = self._chunk_bytes = 0
         self._channels: dict[str, int] = {}
         self._schemas: dict[str, int] = {}
@@ -173,7 +197,7 @@ class RecordingFile:
             raise self._error(error) from error
         self._writer = Writer(self._stream, chunk_size=sys.maxsize, compression=COMPRESSION)
         self._writer.start(profile="ros2", library=f"autoexpose-daemon {version('autoexpose-daemon')}")
-        self._writer.add_metadata(rosbag2.METADATA, rosbag2.EARLY_YAML)
+        self._writer.add_metadata(ROSBAG2, EARLY_YAML)
 
     def write(self, step: Step, setup: ControlSetup, state: Plain, stamp: Stamp = "middle") -> None:
         """Append a step, with the setup of the loop that made it, and the loop's state after it unless None.
@@ -239,7 +263,7 @@ class RecordingFile:
             self._schemas[message_type] = self._writer.register_schema(message_type, "ros2msg", text)
         if topic not in self._channels:
             qos = SENSOR_DATA if owner != CONTROL else LATCHED if what == SETUP else DEFAULT
-            notes = {rosbag2.OFFERED_QOS: rosbag2.profiles(qos), **(FULL_SCALE if message_type == IMAGE else {})}
+            notes = {OFFERED_QOS: profiles(qos), **(FULL_SCALE if message_type == IMAGE else {})}
             self._channels[topic] = self._writer.register_channel(topic, "cdr", self._schemas[message_type], notes)
         self._writer.add_message(self._channels[topic], self._time_ns, data, self._time_ns, sequence & 0xFFFFFFFF)
         self._chunk_bytes += len(data)

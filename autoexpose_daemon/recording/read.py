@@ -27,11 +27,11 @@ from autoexpose_daemon.messages.frames import (
     read_image,
 )
 from autoexpose_daemon.messages.types import EXPOSURE_INFO, TYPESTORE, definition
-from autoexpose_daemon.recording import rosbag2
 from autoexpose_daemon.recording.file import (
     FULL_SCALE,
     GIVEN,
     METADATA,
+    OFFERED_QOS,
     REQUESTS,
     SETUP,
     STATE,
@@ -167,16 +167,11 @@ class Recording:
     """The items of a file in order, one at a time in memory.
 
     Raises RecordingError while iterating: in one sentence, what is wrong with the file.
-
-    Attributes
-    ----------
-    cut_off
-        Whether the file ends within a record, as after a full disk or a power cut; known when all items have been read.
-    dropped
-        Steps that the recorder dropped, according to the end of the file; None when that is missing.
     """
 
     def __init__(self, path: Path) -> None:
+        # When all items have been read: whether the file ends within a record, as after a full disk or a power cut; and
+        # the steps that the recorder dropped, according to the end of the file, None when that is missing.
         self.cut_off = False
         self.dropped: int | None = None
         self._path = path
@@ -259,7 +254,9 @@ class Recording:
                 if geometry is not None:
                     self._calibrations[side] = geometry
             case ["left" | "right" as side, "image"]:
-                return self._image(side, message.data, full_scale=_is_full_scale(channel))
+                notes = channel.metadata
+                full_scale = FULL_SCALE.items() <= notes.items() or bool(notes.get(OFFERED_QOS))
+                return self._image(side, message.data, full_scale=full_scale)
         return None
 
     def _of_control(self, what: str, data: bytes) -> Setup | LoopState | None:
@@ -320,11 +317,6 @@ class Recording:
 
     def _error(self, what: str) -> RecordingError:
         return RecordingError(f"{self._path}: {what}")
-
-
-def _is_full_scale(channel: Channel) -> bool:
-    """Whether deep samples of a channel's images are shifted to full scale."""
-    return FULL_SCALE.items() <= channel.metadata.items() or bool(channel.metadata.get(rosbag2.OFFERED_QOS))
 
 
 def _checked(given: Any) -> Any:

@@ -54,23 +54,14 @@ class Entry:
 class Recorder(ABC):
     """Takes the steps of daemons, and writes them in the background while its context is open.
 
-    Attributes
-    ----------
-    steps
-        Steps of control to be recorded.
-    dropped
-        Steps among them for which there was no room.
-    failure
-        What is wrong with the recording, in a sentence; None: nothing.
-    incomplete
-        Whether something that should be recorded is not: for the exit code.
+    `rate_hz` are steps per second, for `room_s` of which there is room; `frames` says how frames are stamped.
     """
 
     def __init__(self, rate_hz: float, room_s: float, frames: PublishConfig) -> None:
-        self.steps = 0
-        self.dropped = 0
-        self.failure: str | None = None
-        self.incomplete = False
+        self.steps = 0  # of control, to be recorded
+        self.dropped = 0  # steps among them for which there was no room
+        self.failure: str | None = None  # what is wrong with the recording, in a sentence; None: nothing
+        self.incomplete = False  # whether something that should be recorded is not: for the exit code
         self._ended = False
         self._room_s = room_s
         self._room = 0
@@ -133,19 +124,7 @@ class Recorder(ABC):
 
 
 class ContinuousRecorder(Recorder):
-    """Writes all steps to one file, which must not exist yet.
-
-    Raises RecordingError when the file cannot be written.
-
-    Parameters
-    ----------
-    file
-        The file to write.
-    rate_hz
-        Steps per second; the queue has room for `QUEUE_S` of them.
-    frames
-        Name of the rig, and how frames are stamped.
-    """
+    """Writes all steps to one file, which must not exist yet; raises RecordingError when it cannot be written."""
 
     def __init__(self, file: Path, rate_hz: float, frames: PublishConfig) -> None:
         super().__init__(rate_hz, QUEUE_S, frames)
@@ -187,18 +166,9 @@ class ContinuousRecorder(Recorder):
 class LastSecondsRecorder(Recorder):
     """Keeps the last seconds in memory, and writes them when asked to, and at the end: ``run-1.mcap``, ``run-2.mcap``.
 
-    Raises RecordingError when the folder does not exist.
-
-    Parameters
-    ----------
-    file
-        ``run.mcap``; the next free number is used.
-    rate_hz
-        Steps per second; memory is limited to this times the seconds, and twice that while it writes.
-    frames
-        Name of the rig, and how frames are stamped.
-    last_s
-        How many seconds at that rate, and up to one more, so that each recording begins with a snapshot.
+    `file` is ``run.mcap``; the next free number is used. The `last_s` seconds are up to one more, so that a recording
+    begins with a snapshot; memory is limited to them, and twice that while it writes. Raises RecordingError when the
+    folder does not exist.
     """
 
     def __init__(self, file: Path, rate_hz: float, frames: PublishConfig, last_s: float) -> None:

@@ -39,12 +39,7 @@ class Replay:
 
     The recorded policy starts at a snapshot of its state and continues until steps are missing that it would have
     learnt from; the next snapshot lets it resume. Another policy starts from scratch: it sees the frames that the
-    recorded policy asked for, not those that it would ask for itself.
-
-    Parameters
-    ----------
-    policy_id
-        Another policy; None: the recorded one.
+    recorded policy asked for, not those that it would ask for itself. `policy_id` None: the recorded one.
     """
 
     def __init__(self, policy_id: str | None = None) -> None:
@@ -120,14 +115,9 @@ Watch = Callable[[Replay, Replayed], None]
 
 
 def report_replay(path: Path, policy_id: str | None, say: Say, watch: Watch | None = None) -> bool:
-    """Replay a recording and print the outcome.
+    """Replay a recording and print the outcome; False when the recorded policy decided differently this time.
 
     Raises RecordingError, ConfigurationError when the recording cannot be read, or the policy cannot run on it.
-
-    Returns
-    -------
-    bool
-        False when the recorded policy decided differently this time.
     """
     recording, player = Recording(path), Replay(policy_id)
     second, total = _Figures(), _Figures()

@@ -23,7 +23,7 @@ from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.runtime.inputs import InputSource
 from autoexpose_daemon.runtime.rig_control import Outlet, RigControl
 from autoexpose_daemon.runtime.setup import Tuning
-from autoexpose_daemon.status.inputs import Answer
+from autoexpose_daemon.status.counters import Answer
 from drivers.camera import Camera
 from drivers.host import come_first, share_one_heap
 from drivers.rig import Rig
@@ -51,25 +51,13 @@ def silence_s(config: Config) -> float:
 
 
 class Daemon:
-    """Keeps the cameras of a rig well exposed until it is stopped.
-
-    Parameters
-    ----------
-    config
-        The checked configuration.
-    openers
-        For each side, a function that opens its camera.
-    start
-        The setting that the cameras start with; None: as configured.
-    outlets
-        Called with every pair, on the control thread.
-    """
+    """Keeps the cameras of a rig well exposed until it is stopped."""
 
     def __init__(
         self,
         config: Config,
-        openers: Mapping[Side, Callable[[], Camera]],
-        start: ExposureSetting | None = None,
+        openers: Mapping[Side, Callable[[], Camera]],  # for each side, a function that opens its camera
+        start: ExposureSetting | None = None,  # the setting that the cameras start with; None: as configured
         outlets: Sequence[Outlet] = (),
     ) -> None:
         self._config = config

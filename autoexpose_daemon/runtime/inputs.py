@@ -10,14 +10,12 @@ from collections.abc import Callable, Collection, Mapping
 from typing import Any, Final
 
 from autoexpose_daemon.config.document import ImuConfig
-from autoexpose_daemon.control.light_ahead import LightAhead, LightSeries
+from autoexpose_daemon.control.inputs import LightAhead, LightSeries, TrackedCells
 from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.picture.steering import CellExposure, Steering, TrackingMemory
-from autoexpose_daemon.control.picture.tracked_cells import TrackedCells
 from autoexpose_daemon.control.step import StepInputs
 from autoexpose_daemon.messages.frames import Stamp, moment_ns
-from autoexpose_daemon.status.counters import Counts
-from autoexpose_daemon.status.inputs import ImuTally, LightTally, TrackingRefusal, TrackingTally
+from autoexpose_daemon.status.counters import Counts, ImuTally, LightTally, TrackingRefusal, TrackingTally
 from drivers.log_throttle import LogThrottle
 from imaging.frames import Side, StereoPair
 
@@ -50,26 +48,12 @@ class InputSource:
 class AngularRate(InputSource):
     """Keeps the newest sample. Samples arrive on one thread, control asks on another; neither waits for the other.
 
-    Parameters
-    ----------
-    config
-        The key, for the log, and how old a sample may be.
-    counts
-        Where decisions without a rate are counted.
-    now_ns
-        The clock: CLOCK_MONOTONIC, except in virtual time.
-
-    Attributes
-    ----------
-    tally
-        For the status.
-    no_source
-        Why there can be no samples, in words; empty if there should be some.
+    Decisions without a rate are counted in `counts`.
     """
 
     def __init__(self, config: ImuConfig, counts: Counts, now_ns: Callable[[], int] = time.monotonic_ns) -> None:
         self.tally = ImuTally()
-        self.no_source = ""
+        self.no_source = ""  # why there can be no samples, in words; empty if there should be some
         self._config = config
         self._counts = counts
         self._now_ns = now_ns
@@ -148,20 +132,7 @@ OLDEST_LIGHT_S: Final = 0.5
 
 
 class ForetoldLight(InputSource):
-    """Keeps the newest series. Messages arrive on one thread, control asks on another; neither waits for the other.
-
-    Parameters
-    ----------
-    rate_hz
-        Rate of the frames.
-    now_ns
-        The clock: CLOCK_MONOTONIC, except in virtual time.
-
-    Attributes
-    ----------
-    tally
-        For the status.
-    """
+    """Keeps the newest series. Messages arrive on one thread, control asks on another; neither waits for the other."""
 
     def __init__(self, rate_hz: float, now_ns: Callable[[], int] = time.monotonic_ns) -> None:
         self.tally = LightTally()
@@ -213,21 +184,7 @@ _WORDS = {
 class Tracking(InputSource):
     """Keeps what consumers report. Reports arrive on one thread, control asks on another; neither waits for the other.
 
-    Parameters
-    ----------
-    sides
-        The rig's cameras.
-    rate_hz
-        Rate of the frames.
-    stamp
-        The moment of a frame that reports on it name.
-    now_ns
-        The clock: CLOCK_MONOTONIC, except in virtual time.
-
-    Attributes
-    ----------
-    tally
-        For the status.
+    `stamp` is the moment of a frame that reports on it name.
     """
 
     def __init__(

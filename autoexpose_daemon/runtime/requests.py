@@ -5,13 +5,13 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterable
 from concurrent.futures import Future
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 from autoexpose_daemon.config.request import Request, ShotRequest
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.step import Override
-from autoexpose_daemon.runtime.active_loop import ActiveLoop
-from autoexpose_daemon.status.inputs import Answer, AnsweredShot, Bounds, RequestTally
+from autoexpose_daemon.runtime.setup import ActiveLoop
+from autoexpose_daemon.status.counters import Answer, AnsweredShot, Bounds, RequestTally
 from drivers.log_throttle import LogThrottle
 from imaging.errors import AutoexposeError, ConfigurationError
 from imaging.exposure import ExposureLimits, ExposureSetting
@@ -27,40 +27,19 @@ LONGEST_PATIENCE_NS = 8_000_000_000
 """The caller waits for 10 s."""
 
 
+@dataclass(slots=True, eq=False)
 class PendingShot:
-    """A shot that was asked for, and not yet seen.
+    """A shot that was asked for, and not yet seen."""
 
-    Parameters
-    ----------
-    setting
-        What to take the pair with.
-    deadline_ns
-        When to give up.
-    answer
-        For the caller.
-
-    Attributes
-    ----------
-    is_decided
-        Whether the step that asks the cameras for it has been made.
-    command
-        The number of the latest command before it is decided on, and then of its own.
-    unwritten
-        Cameras that are still to be written.
-    written_ns
-        When the last of the other cameras was written (CLOCK_MONOTONIC).
-    """
-
-    def __init__(self, setting: ExposureSetting, deadline_ns: int, answer: Future[Answer]) -> None:
-        self.setting = setting
-        self.deadline_ns = deadline_ns
-        self.answer = answer
-        self.is_decided = False
-        self.command = 0
-        self.unwritten: set[Side] = set()
-        self.written_ns = 0
-        self._cameras: set[Side] = set()
-        self._seen: dict[Side, tuple[int, Frame]] = {}  # with the trigger
+    setting: ExposureSetting  # what to take the pair with
+    deadline_ns: int  # when to give up
+    answer: Future[Answer]
+    is_decided: bool = False  # whether the step that asks the cameras for it has been made
+    command: int = 0  # the number of the latest command before it is decided on, and then of its own
+    unwritten: set[Side] = field(default_factory=set)  # cameras that are still to be written
+    written_ns: int = 0  # when the last of the other cameras was written (CLOCK_MONOTONIC)
+    _cameras: set[Side] = field(default_factory=set)
+    _seen: dict[Side, tuple[int, Frame]] = field(default_factory=dict)  # with the trigger
 
     def decided(self, written_to: Iterable[Side], present: Iterable[Side]) -> None:
         """The cameras that are present are asked for it; some of them will be written."""
@@ -123,25 +102,11 @@ _MOST_FRESH = 16  # if no pair arrives
 class Requests:
     """Holds what was requested; all methods are called on the control thread.
 
-    Parameters
-    ----------
-    active
-        The loop that decides: policy, limits and regions are its tuning; the rest goes into each of its steps.
-    tally
-        For the status.
-    start
-        The setting that the cameras start with.
-    period_ns
-        Time between two triggers.
-
-    Attributes
-    ----------
-    shot
-        The shot that is under way.
+    Policy, limits and regions are the tuning of the active loop; the rest goes into each of its steps.
     """
 
     def __init__(self, active: ActiveLoop, tally: RequestTally, start: ExposureSetting, period_ns: float) -> None:
-        self.shot: PendingShot | None = None
+        self.shot: PendingShot | None = None  # that is under way
         self._active = active
         self._tally = tally
         self._fresh: tuple[str, ...] = ()
@@ -254,8 +219,10 @@ class Requests:
     def _knows_enough(self, request: Request) -> bool:
         """Whether the cameras that a request concerns have been open, so that it can be checked."""
         areas = {} if request.region is None else {"left": request.region.left, "right": request.region.right}
-        unknown = [side for side in SIDES if areas.get(side) is not None and not self._active.has_been_open(side)]
-        return not unknown and (request.limits is None or self._active.knows_all_limits)
+        concerned = {side for side, area in areas.items() if area is not None}
+        if request.limits is not None:
+            concerned |= self._active.tuning.config.sides.keys()
+        return self._active.cameras.keys() >= concerned
 
     def _shot_within(self, limits: ExposureLimits, request: ShotRequest) -> ExposureSetting:
         setting = ExposureSetting(request.exposure_time_us, request.gain_db)

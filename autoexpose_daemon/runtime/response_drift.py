@@ -7,7 +7,7 @@ import os
 import threading
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 
@@ -37,31 +37,24 @@ REFINE_EVERY = 64
 class _Camera:
     serial: str
     file: ResponseFile
-    watch: ResponseWatch = field(init=False)
+    watch: ResponseWatch
     next_attempt: int = REFINE_EVERY
-
-    def __post_init__(self) -> None:
-        self.watch = ResponseWatch(self.file.response)
 
 
 class ResponseDrift:
-    """Watches the responses of a configuration's cameras; for one thread.
-
-    Attributes
-    ----------
-    residual_grey
-        For each side with a verdict, how far its response is off (grey levels rms).
-    misfits
-        For each side whose response does not hold, how far it is off, in words.
-    """
+    """Watches the responses of a configuration's cameras; for one thread."""
 
     def __init__(self, config: Config) -> None:
+        # How far responses are off: grey levels rms, for each side with a verdict; in words, where it does not hold.
         self.residual_grey: dict[Side, float] = {}
         self.misfits: dict[Side, str] = {}
         self._refines = config.response.refine
         self._last_trigger = -1
         self._copies = refined_paths({side: file.path for side, file in config.responses.items() if file.path})
-        self._cameras = {side: _Camera(camera.serial, config.responses[side]) for side, camera in config.sides.items()}
+        self._cameras = {
+            side: _Camera(config.sides[side].serial, file, ResponseWatch(file.response))
+            for side, file in config.responses.items()
+        }
 
     def see(self, pair: StereoPair) -> None:
         """The next pair; frames without their own exposure metadata are ignored."""

@@ -10,12 +10,11 @@ from typing import Protocol
 from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.config.request import Request
 from autoexpose_daemon.control.step import ControlStep, StepInputs
-from autoexpose_daemon.runtime.active_loop import ActiveLoop
 from autoexpose_daemon.runtime.inputs import InputSource
 from autoexpose_daemon.runtime.requests import Requests
 from autoexpose_daemon.runtime.rig_health import RigHealth
-from autoexpose_daemon.runtime.setup import Tuning
-from autoexpose_daemon.status.inputs import Answer
+from autoexpose_daemon.runtime.setup import ActiveLoop, Tuning
+from autoexpose_daemon.status.counters import Answer
 from autoexpose_daemon.status.telemetry import Telemetry
 from drivers.rig.events import (
     CameraGone,
@@ -63,49 +62,22 @@ def _host_triggers(config: Config, now_ns: int) -> HostTriggers:
 
 
 class RigControl:
-    """Keeps the cameras of a rig well exposed, based on what they report.
-
-    Parameters
-    ----------
-    config
-        The checked configuration.
-    cameras
-        The cameras of the rig.
-    start
-        The setting that the cameras start with; None: as configured.
-    now_ns
-        The clock: CLOCK_MONOTONIC, except in virtual time.
-
-    Attributes
-    ----------
-    telemetry
-        Counts and latest values.
-    outlets
-        Called with every pair.
-    sources
-        By field of `StepInputs`.
-    record
-        What became of every trigger and write.
-    active
-        The loop that decides: for outlets, which run on its thread.
-    requests
-        What is requested of control while it runs.
-    """
+    """Keeps the cameras of a rig well exposed, based on what they report."""
 
     def __init__(
         self,
         config: Config,
         cameras: Cameras,
-        start: ExposureSetting | None = None,
+        start: ExposureSetting | None = None,  # the setting that the cameras start with; None: as configured
         *,
-        now_ns: Callable[[], int] = time.monotonic_ns,
+        now_ns: Callable[[], int] = time.monotonic_ns,  # another clock in virtual time
     ) -> None:
         self.telemetry = Telemetry(period_s=1.0 / config.trigger.rate_hz)
         self.outlets: list[Outlet] = []
-        self.sources: dict[str, InputSource] = {}
+        self.sources: dict[str, InputSource] = {}  # by field of `StepInputs`
         mode = config.trigger.mode if config.trigger.mode != "primary" else "external"
         self.record = RigRecord(tuple(config.sides), config.trigger_sources, config.trigger.rate_hz, now_ns(), mode)
-        self.active = ActiveLoop(Tuning(config))
+        self.active = ActiveLoop(Tuning(config))  # also for outlets, which run on its thread
         period_ns = 1e9 / config.trigger.rate_hz
         self.requests = Requests(self.active, self.telemetry.requests, start or config.start, period_ns)
         self._cameras = cameras

@@ -9,7 +9,6 @@ from collections.abc import Collection, Mapping
 from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.runtime.response_drift import ResponseDrift
 from autoexpose_daemon.runtime.setup import Tuning
-from autoexpose_daemon.status.counters import Counts
 from autoexpose_daemon.status.states import ADJUSTED, START_PATIENCE_NS
 from autoexpose_daemon.status.telemetry import GONE, Telemetry
 from drivers.camera import ClockReading, IncompleteFrame, RefusedPackets
@@ -19,7 +18,7 @@ from drivers.triggers import RigRecord
 from drivers.triggers.host import HostTriggers
 from drivers.triggers.rate import HOST_RATE_TOLERANCE, RATE_TOLERANCE, RateWatch
 from drivers.triggers.writes import EffectWatch
-from imaging.frames import ClockTrouble, Frame, Side, StereoPair
+from imaging.frames import Frame, Side, StereoPair
 
 log = logging.getLogger(__name__)
 
@@ -77,63 +76,6 @@ _INCOMPLETE = "all its frames arrive incomplete: check its cable, and network or
 _NO_METADATA = "its frames no longer say how they were taken: their exposure is inferred from when it was written"
 
 
-class FrameWatch:
-    """Checks every complete frame; counts, and reports in `troubles`."""
-
-    def __init__(self, counts: Counts, troubles: Troubles, record: RigRecord, config: Config) -> None:
-        self._counts = counts
-        self._troubles = troubles
-        self._record = record
-        tolerance = HOST_RATE_TOLERANCE if config.trigger.by_host else RATE_TOLERANCE
-        self._rates = RateWatch(config.trigger.rate_hz, config.trigger_sources, tolerance)
-        self._effects = {side: EffectWatch() for side in config.sides}
-        self._with_metadata: set[Side] = set()
-        self._incomplete: Counter[Side] = Counter()
-
-    def refused(self, side: Side) -> None:
-        """A camera refused a setting, and may have taken part of it."""
-        self._effects[side].gone()
-
-    def frame(self, side: Side, frame: Frame) -> None:
-        """The next complete frame of a camera."""
-        self._incomplete[side] = 0
-        self._troubles.end(side, "incomplete")
-        self._troubles.judge(side, "rate", self._rates.frame(side, frame))
-        self._troubles.judge(side, "effect", self._effects[side].frame(frame, self._record.history(side)))
-        self._counts.frames_off_setting = sum(watch.frames_off_setting for watch in self._effects.values())
-        if frame.setting_source == "chunk":
-            self._with_metadata.add(side)
-            self._troubles.end(side, "metadata")
-        elif side in self._with_metadata:
-            self._counts.frames_without_exposure_metadata += 1
-            self._troubles.begin(side, "metadata", _NO_METADATA)
-
-    def report_clock(self, side: Side, trouble: ClockTrouble) -> None:
-        """A camera's numbers or time stamps are not believed: told with any complete frame, and once."""
-        self._counts.clock_jumps += trouble.kind == "jump"
-        log.warning("%s camera: %s", side, trouble.sentence)
-
-    def incomplete(self, side: Side) -> None:
-        """A frame of a camera arrived with holes."""
-        self._incomplete[side] += 1
-        if self._incomplete[side] >= INCOMPLETE_FRAMES:
-            self._troubles.begin(side, "incomplete", _INCOMPLETE)
-
-    def silent(self, side: Side) -> None:
-        """A camera sends no frames: troubles about them end."""
-        self._rates.gone(side)
-        self._incomplete[side] = 0
-        for kind in ("rate", "incomplete"):
-            self._troubles.end(side, kind)
-
-    def gone(self, side: Side) -> None:
-        """The camera is lost: everything is judged afresh when it returns."""
-        self._rates.gone(side)
-        self._effects[side].gone()
-        self._incomplete[side] = 0
-        self._with_metadata.discard(side)
-
-
 FIRST_PAUSE_NS = 3_000_000_000
 LONGEST_PAUSE_NS = 600_000_000_000
 """How long a camera is silent before the first attempt; the pause doubles each time, since reopening does not help if
@@ -150,12 +92,7 @@ LIKE_ALL = "sends no frames"
 class StuckStreams:
     """Decides when to reopen a camera; for one thread.
 
-    Parameters
-    ----------
-    period_s
-        Between two triggers.
-    needs_pulses
-        Whether triggers come from elsewhere: if no camera sends anything, they may have stopped.
+    With `needs_pulses`, triggers come from elsewhere: if no camera sends anything, they may have stopped.
     """
 
     def __init__(self, period_s: float, *, needs_pulses: bool) -> None:
@@ -202,7 +139,11 @@ class RigHealth:
         self._telemetry = telemetry
         self._counts, self._cameras = telemetry.counts, telemetry.cameras
         self._troubles = Troubles(telemetry.cameras.troubles)
-        self._frame_watch = FrameWatch(telemetry.counts, self._troubles, record, config)
+        tolerance = HOST_RATE_TOLERANCE if config.trigger.by_host else RATE_TOLERANCE
+        self._rates = RateWatch(config.trigger.rate_hz, config.trigger_sources, tolerance)
+        self._effects = {side: EffectWatch() for side in config.sides}
+        self._with_metadata: set[Side] = set()
+        self._incomplete: Counter[Side] = Counter()
         # By PTP, too, cameras expose only on request, which pauses while their clocks are not synchronised.
         needs_pulses = config.trigger.mode in ("external", "ptp")
         self._stuck = StuckStreams(1.0 / config.trigger.rate_hz, needs_pulses=needs_pulses)
@@ -221,19 +162,39 @@ class RigHealth:
         self._silent.discard(side)
         self._troubles.end(side, "strangers")
         if isinstance(frame, IncompleteFrame):
-            self._frame_watch.incomplete(side)
+            self._incomplete[side] += 1
+            if self._incomplete[side] >= INCOMPLETE_FRAMES:
+                self._troubles.begin(side, "incomplete", _INCOMPLETE)
             return
-        if frame.clock_trouble is not None:
-            self._frame_watch.report_clock(side, frame.clock_trouble)
+        if (trouble := frame.clock_trouble) is not None:  # told with any complete frame, and once
+            self._counts.clock_jumps += trouble.kind == "jump"
+            log.warning("%s camera: %s", side, trouble.sentence)
         if not stale:
             self._cameras.last_frame_ns[side] = frame.arrival_time_ns
-            self._frame_watch.frame(side, frame)
+            self._check(side, frame)
+
+    def _check(self, side: Side, frame: Frame) -> None:
+        """Look at the next complete frame of a camera."""
+        self._incomplete[side] = 0
+        self._troubles.end(side, "incomplete")
+        self._troubles.judge(side, "rate", self._rates.frame(side, frame))
+        self._troubles.judge(side, "effect", self._effects[side].frame(frame, self._record.history(side)))
+        self._counts.frames_off_setting = sum(watch.frames_off_setting for watch in self._effects.values())
+        if frame.setting_source == "chunk":
+            self._with_metadata.add(side)
+            self._troubles.end(side, "metadata")
+        elif side in self._with_metadata:
+            self._counts.frames_without_exposure_metadata += 1
+            self._troubles.begin(side, "metadata", _NO_METADATA)
 
     def silent(self, side: Side, now_ns: int) -> None:
         """A camera sends no frames."""
         if side not in self._record.unpaced and self._throttle.due(side, now_ns):
             log.warning("%s camera: no frames; checking that it answers", side)
-        self._frame_watch.silent(side)
+        self._rates.gone(side)
+        self._incomplete[side] = 0
+        for kind in ("rate", "incomplete"):
+            self._troubles.end(side, kind)
         self._silent.add(side)
 
     def ready(self, event: CameraReady) -> None:
@@ -254,10 +215,15 @@ class RigHealth:
             self._troubles.end_all(side)
         self._cameras.names[side] = GONE
         self._cameras.ptp.pop(side, None)
-        self._frame_watch.gone(side)
+        self._rates.gone(side)  # everything is judged afresh when it returns
+        self._effects[side].gone()
+        self._incomplete[side] = 0
+        self._with_metadata.discard(side)
         if event.final:
             self._out.add(side)
-            if self._out == self._sides or (side not in self._ever_ready and self._starting(now_ns)):
+            opened_ns = self._telemetry.opened_ns
+            starting = opened_ns is None or now_ns - opened_ns < START_PATIENCE_NS
+            if self._out == self._sides or (side not in self._ever_ready and starting):
                 raise event.error
         what_now = "it stays out until the daemon is restarted" if event.final else "trying again"
         self._troubles.change(side, GONE, f"{event.error}; {what_now}")
@@ -275,7 +241,7 @@ class RigHealth:
     def write_failed(self, event: WriteFailed) -> None:
         """A camera refused a setting."""
         self._counts.refused_writes += 1
-        self._frame_watch.refused(event.side)
+        self._effects[event.side].gone()  # it may have taken part of it
         self._troubles.begin(event.side, "refused", f"{event.asked} was refused: {event.error}")
 
     def packets_refused(self, side: Side, packets: RefusedPackets) -> None:
@@ -309,7 +275,3 @@ class RigHealth:
         for side in self._cameras.present:
             self._troubles.judge(side, "clock", self._triggers.trouble(side, now_ns))
         return self._stuck.reasons(self._cameras.names, now_ns, self._record.unpaced)
-
-    def _starting(self, now_ns: int) -> bool:
-        opened_ns = self._telemetry.opened_ns
-        return opened_ns is None or now_ns - opened_ns < START_PATIENCE_NS

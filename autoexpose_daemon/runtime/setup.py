@@ -1,8 +1,9 @@
-"""From configuration to opened cameras, and the tuning that may change while they run."""
+"""From configuration to opened cameras; the tuning that may change while they run, and the loop built from it."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+import logging
+from collections.abc import Callable, Iterable, Iterator
 from copy import copy
 from functools import partial
 
@@ -13,15 +14,18 @@ from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.config.load import camera_setup
 from autoexpose_daemon.config.request import RegionRequest, Request
 from autoexpose_daemon.config.section import AreaConfig, error_sentences
+from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.loop import ControlLoop
-from autoexpose_daemon.control.picture.region import Region
+from autoexpose_daemon.control.picture.image import Region
 from autoexpose_daemon.control.setup import ControlSetup
+from autoexpose_daemon.control.step import StepInputs
 from drivers.aravis import open_camera
 from drivers.camera import Camera, CameraDescription
+from drivers.rig.events import CameraReady
 from drivers.setup import CameraSetup
 from imaging.errors import AutoexposeError, ConfigurationError
 from imaging.exposure import ExposureLimits
-from imaging.frames import SIDES, Side
+from imaging.frames import SIDES, Side, StereoPair
 from imaging.pixels import plane_shape
 from imaging.python310 import Self
 
@@ -82,11 +86,6 @@ class Tuning:
             raise ConfigurationError(f"region.{side}: the rig has no {side} camera: leave it out")
         return self.regions | asked
 
-    def check_belongs(self, cameras: Mapping[Side, CameraDescription]) -> None:
-        """Refuse files made for a pixel format or size that a camera does not send; raises ConfigurationError."""
-        for side, description in cameras.items():
-            self.config.check_frames(side, description)
-
     def limits(self, cameras: Iterable[ExposureLimits]) -> ExposureLimits:
         """The bounds, cut to those of the cameras; raises ConfigurationError if nothing is left."""
         limits = self.config.exposure.limits()
@@ -145,3 +144,77 @@ def _open(tuning: Tuning, side: Side, setup: CameraSetup) -> Camera:
         camera.close()
         raise
     return camera
+
+
+log = logging.getLogger(__name__)
+
+_ROUNDING_STOPS = 0.05
+"""Brackets that are clipped by less are not worth a word."""
+
+
+class ActiveLoop:
+    """The loop that decides: built when cameras are ready, and rebuilt when their limits or the tuning change."""
+
+    def __init__(self, tuning: Tuning) -> None:
+        self.tuning = tuning  # what the loop is built from, apart from the cameras' limits
+        self.loop: ControlLoop | None = None  # until a camera is ready
+        self._limits: dict[Side, ExposureLimits] = {}
+        self.cameras: dict[Side, CameraDescription] = {}  # that have been ready
+        self._newest: StereoPair | None = None
+
+    def ready(self, event: CameraReady) -> None:
+        """Take over the limits of a camera; raises ConfigurationError if no common range is left."""
+        self._limits[event.side] = event.limits
+        self.cameras[event.side] = event.description
+        limits = self.tuning.limits(self._limits.values())
+        if self.loop is None or limits != self.loop.setup.limits:
+            self._install(self.tuning.loop(limits))
+
+    def tune(self, tuning: Tuning) -> None:
+        """Switch to another tuning; ConfigurationError, with nothing changed, if it does not fit cameras or frames."""
+        self.use(tuning, self.prepared(tuning))
+
+    def prepared(self, tuning: Tuning) -> ControlLoop:
+        """The loop of another tuning, for `use`; ConfigurationError if it does not fit cameras or frames."""
+        for side, camera in self.cameras.items():
+            tuning.config.check_frames(side, camera)
+        loop = tuning.loop(tuning.limits(self._limits.values()))
+        for side, camera in self.cameras.items():
+            tuning.check_region(side, camera)
+        if self._newest is not None:
+            loop.step(self._newest)
+        return loop
+
+    def use(self, tuning: Tuning, loop: ControlLoop) -> None:
+        """Switch to another tuning and its loop."""
+        self.tuning = tuning
+        if self._limits:
+            self._install(loop)
+
+    def step(self, inputs: StepInputs) -> Decision | None:
+        """Decide; None before a camera is ready."""
+        if self.loop is None:
+            return None
+        known_hz = self.loop.flicker_hz
+        decision = self.loop.step(inputs)
+        if (flicker_hz := self.loop.flicker_hz) is None and known_hz is not None:
+            log.info("the light no longer flickers: any exposure time")
+        elif flicker_hz != known_hz:
+            log.info("the light flickers at %g Hz: exposure times of whole periods, where they fit", flicker_hz)
+        self._newest = inputs.pair
+        return decision
+
+    def _install(self, loop: ControlLoop) -> None:
+        limits = loop.setup.limits
+        log.info(
+            "exposure within %g to %g us, %g to %g dB",
+            limits.min_time_us, limits.max_time_us, limits.min_gain_db, limits.max_gain_db,
+        )  # fmt: skip
+        bracketing = self.tuning.config.control.bracket
+        room = limits.brightest.level - limits.darkest.level
+        if bracketing is not None and bracketing.range_stops > room + _ROUNDING_STOPS:
+            log.warning(
+                "brackets of %.1f stops do not fit into the %.1f stops of these limits, and their outer shots are "
+                "clipped: widen `exposure`, or narrow the brackets", bracketing.range_stops, room,
+            )  # fmt: skip
+        self.loop = loop

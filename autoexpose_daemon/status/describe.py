@@ -77,7 +77,7 @@ def health_of(telemetry: Telemetry, config: Config) -> Health:
 def describe(telemetry: Telemetry, config: Config, ending: bool = False) -> Status:
     """The present status of a daemon; callable on any thread."""
     now_ns = time.monotonic_ns()
-    health = health_of(telemetry, config)
+    health, recorder = health_of(telemetry, config), telemetry.recorder
     return Status(
         version=VERSION,
         rig=(config.publish or PublishConfig()).rig,
@@ -95,7 +95,7 @@ def describe(telemetry: Telemetry, config: Config, ending: bool = False) -> Stat
         decision=telemetry.decision,
         **{duration.field: _durations(getattr(telemetry, duration.field)) for duration in DURATIONS},
         publishing=None if telemetry.publishing is None else _publishing(telemetry.publishing, now_ns),
-        recorder=_recorder(telemetry),
+        recorder=None if recorder is None else RecorderStatus(recorder.steps, recorder.dropped, recorder.failure),
         faults=fault_log().faults,
         imu=None if telemetry.imu is None else replace(telemetry.imu),
         light_ahead=None if telemetry.light_ahead is None else replace(telemetry.light_ahead),
@@ -129,8 +129,3 @@ def _publishing(tally: PublishTally, now_ns: int) -> PublishStatus:
     dropped = {str(reason): count for reason, count in list(tally.dropped.items())}
     listed, unlisted = dict(tally.consumers.listed(now_ns)), tally.consumers.unlisted(now_ns)
     return PublishStatus(tally.offered, tally.sent, dropped, tally.trouble, listed, unlisted)
-
-
-def _recorder(telemetry: Telemetry) -> RecorderStatus | None:
-    recorder = telemetry.recorder
-    return None if recorder is None else RecorderStatus(recorder.steps, recorder.dropped, recorder.failure)

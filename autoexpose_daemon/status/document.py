@@ -10,8 +10,7 @@ from pydantic import AfterValidator, Field, TypeAdapter, ValidationError
 
 from autoexpose_daemon.control.decision import Decision, Grounds
 from autoexpose_daemon.messages.client import ConsumerTally
-from autoexpose_daemon.status.counters import Count, Counts
-from autoexpose_daemon.status.inputs import ImuTally, LightTally, RequestTally, TrackingTally
+from autoexpose_daemon.status.counters import Count, Counts, ImuTally, LightTally, RequestTally, TrackingTally
 from autoexpose_daemon.status.states import Health, State
 from drivers.camera import PtpState
 from imaging.exposure import ExposureSetting
@@ -124,74 +123,40 @@ class Fault:
 class Status:
     """The condition of a daemon. Counts and durations begin when its cameras are opened, by a start or a reload.
 
-    Attributes
-    ----------
-    rig, policy
-        Name of the rig, and the policy that decides.
-    unix_time_s
-        When this status was sent, by the wall clock of the daemon's machine.
-    uptime_s, open_s
-        Time since the process started, and since its cameras were opened.
-    ending
-        Whether this is the last status before the daemon stops or reopens its cameras for a reload.
-    state, reasons
-        The state, and why it is not better.
-    cameras
-        Every camera of the configuration.
-    rate_hz
-        Complete pairs per second, at present.
-    counts
-        See `Counts`.
-    lost
-        Triggers that made no pair, by reason (docs/account.md).
-    decision
-        The newest decision; its `setting` is the last one requested. None before the first.
-    pairing_ms, decision_ms, held_ms, write_ms, frame_to_node_ms, command_to_effect_ms, skew_ms
-        See `DURATIONS`. Writes count once per camera; `command_to_effect_ms` covers the cameras with chunk data.
-    publishing, recorder
-        None if frames are not published, or not recorded.
-    faults
-        The latest faults, oldest first.
-    imu
-        None if no IMU is configured.
-    light_ahead
-        How the light that `autoexpose repeat` foretold was used; None if nothing is published.
-    tracking
-        How consumers' reports on their tracking were used; None if nothing is published.
-    flicker_hz
-        The flicker found in the light; None: none was found, or `control.flicker_hz` is a number.
-    requests
-        What was requested of control while it runs; None from a daemon that takes no requests.
+    Writes count once per camera in durations; `command_to_effect_ms` covers the cameras with chunk data.
     """
 
     version: int
     rig: str
-    policy: str
-    unix_time_s: _Seconds
+    policy: str  # that decides
+    unix_time_s: _Seconds  # when this status was sent, by the wall clock of the daemon's machine
+    # time since the process started, and since its cameras were opened
     uptime_s: _Seconds
     open_s: _Seconds
-    ending: bool
+    ending: bool  # whether this is the last status before the daemon stops or reopens its cameras for a reload
     state: State
-    reasons: Annotated[tuple[str, ...], _Few]
-    cameras: dict[Side, CameraStatus]
-    rate_hz: _Hertz
+    reasons: Annotated[tuple[str, ...], _Few]  # why it is not better
+    cameras: dict[Side, CameraStatus]  # every camera of the configuration
+    rate_hz: _Hertz  # complete pairs per second, at present
     counts: Counts
-    lost: _Counts
+    lost: _Counts  # triggers that made no pair, by reason (docs/account.md)
+    # the newest decision; its `setting` is the last one requested. None before the first
     decision: Annotated[Decision, AfterValidator(lambda decision: _takes_time(decision.setting) and decision)] | None
+    # see `DURATIONS`
     pairing_ms: DurationStatus
     decision_ms: DurationStatus
     held_ms: DurationStatus
     write_ms: DurationStatus
     frame_to_node_ms: DurationStatus
     command_to_effect_ms: DurationStatus
-    publishing: PublishStatus | None
-    recorder: RecorderStatus | None
-    faults: Annotated[tuple[Fault, ...], _Few]
-    imu: ImuTally | None = None
-    light_ahead: LightTally | None = None
-    flicker_hz: _Hertz | None = None
-    requests: RequestTally | None = None
-    tracking: TrackingTally | None = None
+    publishing: PublishStatus | None  # None: frames are not published
+    recorder: RecorderStatus | None  # None: they are not recorded
+    faults: Annotated[tuple[Fault, ...], _Few]  # the latest ones, oldest first
+    imu: ImuTally | None = None  # None: no IMU is configured
+    light_ahead: LightTally | None = None  # how what `autoexpose repeat` foretold was used; None: nothing is published
+    flicker_hz: _Hertz | None = None  # as found in the light; None: none, or `control.flicker_hz` is a number
+    requests: RequestTally | None = None  # None: the daemon takes no requests
+    tracking: TrackingTally | None = None  # how consumers' reports were used; None: nothing is published
     skew_ms: DurationStatus = DurationStatus(0, 0.0, None, None)
 
     @property

@@ -15,7 +15,6 @@ from rich.text import Text
 
 from autoexpose_daemon.status.counters import DURATIONS, unusual_counts
 from autoexpose_daemon.status.document import CameraStatus, DurationStatus, PublishStatus, Status
-from autoexpose_daemon.status.inputs import ImuTally, LightTally
 from autoexpose_daemon.status.states import State
 from drivers.triggers.outcomes import LossReason
 from imaging.exposure import ExposureSetting
@@ -143,9 +142,12 @@ def _responses(status: Status) -> Iterator[tuple[str, str]]:
 
 def _outlets(status: Status) -> Iterator[tuple[str, str]]:
     if status.imu is not None:
-        yield "imu", _imu(status.imu)
-    if status.light_ahead is not None and (status.light_ahead.messages or status.light_ahead.refused):
-        yield "light ahead", _light_ahead(status.light_ahead)
+        imu, rate_rad_s = status.imu, status.imu.angular_rate_rad_s
+        used = "not used" if rate_rad_s is None else f"{rate_rad_s:.2f} rad/s"
+        yield "imu", f"{used}   samples: {imu.samples}, refused: {imu.refused or 'none'}"
+    if (light := status.light_ahead) is not None and (light.messages or light.refused):
+        used = "not used" if light.belief is None else f"{light.belief:.0%} trusted"
+        yield "light ahead", f"{used}   messages: {light.messages}, refused: {light.refused or 'none'}"
     if status.tracking is not None and (status.tracking.reports or any(status.tracking.refused.values())):
         yield "steered", str(status.tracking)
     if status.publishing is not None:
@@ -153,16 +155,6 @@ def _outlets(status: Status) -> Iterator[tuple[str, str]]:
     if status.recorder is not None:
         steps, dropped = status.recorder.steps, status.recorder.dropped
         yield "recorded", status.recorder.failure or f"{steps - dropped}, dropped: {dropped or 'none'}"
-
-
-def _imu(imu: ImuTally) -> str:
-    used = "not used" if imu.angular_rate_rad_s is None else f"{imu.angular_rate_rad_s:.2f} rad/s"
-    return f"{used}   samples: {imu.samples}, refused: {imu.refused or 'none'}"
-
-
-def _light_ahead(light: LightTally) -> str:
-    used = "not used" if light.belief is None else f"{light.belief:.0%} trusted"
-    return f"{used}   messages: {light.messages}, refused: {light.refused or 'none'}"
 
 
 def _publishing(publishing: PublishStatus) -> Iterator[tuple[str, str]]:

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.messages.client import ConsumerTally
-from autoexpose_daemon.status.counters import Counts
-from autoexpose_daemon.status.inputs import ImuTally, LightTally, RequestTally, TrackingTally
+from autoexpose_daemon.status.counters import Counts, ImuTally, LightTally, RequestTally, TrackingTally
 from drivers.camera import PtpState
 from drivers.rig.events import Written
 from drivers.triggers import RigRecord

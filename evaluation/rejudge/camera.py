@@ -10,7 +10,7 @@ from typing import Any, cast
 import cv2
 import numpy as np
 
-from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
+from autoexpose_daemon.control.metrics.contrast import SensorNoise
 from evaluation.arrays import Floats, Floats32, Greys
 from evaluation.odometry.stereo import StereoCamera
 from evaluation.rejudge.drive import Timeline

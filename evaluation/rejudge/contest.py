@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.loop import REFERENCE_RATE_HZ, ControlLoop
-from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
+from autoexpose_daemon.control.metrics.contrast import SensorNoise
 from autoexpose_daemon.control.setup import ControlSetup
 from autoexpose_daemon.control.step import StepInputs
 from evaluation.arrays import Greys

@@ -8,9 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from autoexpose_daemon.control.balance import Balance, ExposurePriority
-from autoexpose_daemon.control.metrics.contrast import Contrast, GreyBins, contrast
+from autoexpose_daemon.control.metrics.contrast import Contrast, GreyBins, SensorNoise, contrast, response_slopes
 from autoexpose_daemon.control.metrics.gradient import GradientMetric
-from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise, response_slopes
 from autoexpose_daemon.control.parameters import ControlParameters
 from autoexpose_daemon.control.picture.image import ImagePreparation
 from autoexpose_daemon.control.policy import Objective

@@ -8,8 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from autoexpose_daemon.control.policies.learned.berthold2013 import MEAN_TARGET, Berthold2013
-from autoexpose_daemon.control.policies.learned.learned_policy import Sight
+from autoexpose_daemon.control.policies.learned.policies import Berthold2013, Sight
 from evaluation.arrays import Floats
 from evaluation.training.episode import Episode, TrainingPicture, babbled_levels, sights_of, tuning_pictures
 from evaluation.training.training import Arrays, net_arrays
@@ -77,7 +76,7 @@ class TrainingOfBerthold:
     def _samples(self, rng: np.random.Generator) -> tuple[Floats, Floats]:
         """Inputs (rows, INPUTS) and wanted changes of level (rows,), stops, of one episode under random exposures."""
         episode = Episode(self._pictures, rng, FRAMES)
-        right = [episode.level_of_mean(frame, MEAN_TARGET) for frame in range(FRAMES)]
+        right = [episode.level_of_mean(frame, Berthold2013.MEAN_TARGET) for frame in range(FRAMES)]
         settings = [episode.setting(level) for level in babbled_levels(right, rng)]
         sights: Sequence[Sight] = sights_of(Berthold2013, episode, settings)
         inputs, wanted = [], []

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from autoexpose_daemon.control.policies.learned.learned_policy import LearnedPolicy, Sight
+from autoexpose_daemon.control.policies.learned.policies import LearnedPolicy, Sight
 from autoexpose_daemon.control.policy import Look
 from evaluation.arrays import Floats, Floats32, Greys
 from evaluation.scenes.scenarios import RATE_HZ

@@ -8,8 +8,7 @@ from functools import cached_property
 import cv2
 import numpy as np
 
-from autoexpose_daemon.control.policies.learned.learned_policy import Sight
-from autoexpose_daemon.control.policies.learned.tomasi2021 import Tomasi2021
+from autoexpose_daemon.control.policies.learned.policies import Sight, Tomasi2021
 from evaluation.arrays import Floats, Floats32, Greys
 from evaluation.training.episode import FAR_STOPS, Episode, TrainingPicture, tuning_pictures
 from evaluation.training.training import Arrays, Batch, TrainedNet, net_arrays

@@ -9,8 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
-from autoexpose_daemon.control.policies.learned.learned_policy import Sight
-from autoexpose_daemon.control.policies.learned.zhang2024 import LARGEST_STEP_STOPS, MEAN_TARGET, Zhang2024
+from autoexpose_daemon.control.policies.learned.policies import LARGEST_STEP_STOPS, Sight, Zhang2024
 from autoexpose_daemon.control.policy import Look
 from evaluation.training.episode import Episode, TrainingPicture, tuning_pictures
 from evaluation.training.training import Arrays, Batch, TrainedNet, net_arrays
@@ -184,7 +183,7 @@ class _Drive:
 
 def reward(mean: float, previous: float) -> float:
     """Zhang's, by the mean signals (0..1) of a frame and of the one before it."""
-    return -math.sqrt(abs(mean - MEAN_TARGET)) - FLICKER_WEIGHT * math.sqrt(abs(mean - previous))
+    return -math.sqrt(abs(mean - Zhang2024.MEAN_TARGET)) - FLICKER_WEIGHT * math.sqrt(abs(mean - previous))
 
 
 def _mean(look: Look) -> float:

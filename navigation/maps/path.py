@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from autoexpose_daemon.control.light_ahead import MOST_STOPS, LightSeries
+from autoexpose_daemon.control.inputs import MOST_STOPS, LightSeries
 from autoexpose_daemon.control.registration import LightRegistration
 from autoexpose_daemon.control.view import View
 from imaging.exposure import ExposureSetting

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.messages.client import ConsumerTally
-from autoexpose_daemon.status.counters import Counts
+from autoexpose_daemon.status.counters import Bounds, Counts, ImuTally, RequestTally, TrackingTally
 from autoexpose_daemon.status.document import (
     VERSION,
     CameraStatus,
@@ -14,7 +14,6 @@ from autoexpose_daemon.status.document import (
     RecorderStatus,
     Status,
 )
-from autoexpose_daemon.status.inputs import Bounds, ImuTally, RequestTally, TrackingTally
 from autoexpose_daemon.status.states import State
 from drivers.camera import PtpState
 from imaging.exposure import ExposureSetting

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from autoexpose_daemon.control.metrics.contrast import Contrast, GreyBins, contrast
-from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
+from autoexpose_daemon.control.metrics.contrast import Contrast, GreyBins, SensorNoise, contrast
 from evaluation.arrays import Floats, Greys
 from evaluation.stage.oracle import FRONT_END_DN, QUANTISATION, Information
 from imaging.response import ResponseFunction

@@ -44,8 +44,8 @@ from autoexpose_daemon.recording.read import Recording
 from autoexpose_daemon.recording.replay import Replay
 from autoexpose_daemon.runtime.setup import Tuning
 from autoexpose_daemon.service.last_exposure import FORMAT, LastExposure
+from autoexpose_daemon.status.counters import Answer, AnsweredShot
 from autoexpose_daemon.status.document import Status, grounds_from_json, grounds_to_json
-from autoexpose_daemon.status.inputs import Answer, AnsweredShot
 from autoexpose_daemon.status.panel import line_of
 from autoexpose_daemon.status.telemetry import Consumers
 from calibration.document import CameraIdentity, Finding

@@ -6,8 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from autoexpose_daemon.control.light_ahead import LightSeries
-from autoexpose_daemon.control.picture.tracked_cells import TrackedCells
+from autoexpose_daemon.control.inputs import LightSeries, TrackedCells
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from autoexpose_daemon.messages.inputs import light_ahead, odometry, registration, tracked_cells, twist, twist_stamped
 from imaging.exposure import ExposureSetting

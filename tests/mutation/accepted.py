@@ -6,7 +6,7 @@ A survivor that is not here is a test to be written, or a line to be written her
 from __future__ import annotations
 
 SAME = {
-    "autoexpose_daemon/control/registration.py: self.previous_level = 0.0: 0.0 -> 1.0":
+    "autoexpose_daemon/control/registration.py: previous_level: float = 0.0  # its exposure level, stops: 0.0 -> 1.0":
         "not looked at before there is a frame to compare with",
     "calibration/response/stillness.py: unit = 2.0 * (times - times.min()) / max(float(np.ptp(times)), 1e-9) - 1.0: "
     "2.0 -> 1.0":

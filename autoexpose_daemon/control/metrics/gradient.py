@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from autoexpose_daemon.control.metrics.extension import extension as _native
+from autoexpose_daemon.control.metrics import extension as _native
 from imaging.response import GREY_LEVELS, ResponseFunction
 
 _TABLES_PER_WORD = 8
@@ -32,12 +32,7 @@ class GradientMetric:
     The gradient magnitude is that of an unnormalised 3x3 Sobel on grey levels 0..255, rounded, clipped to 255 and
     divided by 255. So delta = 0.30 means 76.5 Sobel units rather than 0.30 of the steepest possible edge: the paper's
     code does it this way, and its numbers depend on it. Borders are mirrored. M_g is the mean over pixels, hence 0..1
-    at any resolution; with weights, the weighted mean.
-
-    Parameters
-    ----------
-    delta, lambda_
-        As for `gradient_weights`.
+    at any resolution; with weights, the weighted mean. Parameters as for `gradient_weights`.
     """
 
     def __init__(self, delta: float = 0.30, lambda_: float = 1000.0) -> None:
@@ -60,21 +55,14 @@ class GradientMetric:
 
 
 class PackedTables:
-    """Look-up tables (uint8, shape (n, 256)) side by side for `GradientMetric.measure_predictions`.
-
-    Attributes
-    ----------
-    count
-        n.
-    words
-        uint8, shape (words, 256, 8); the last word is padded with zeros.
-    """
+    """Look-up tables (uint8, shape (count, 256)) side by side for `GradientMetric.measure_predictions`."""
 
     def __init__(self, tables: NDArray[np.uint8]) -> None:
         self.count = len(tables)
         words = -(-len(tables) // _TABLES_PER_WORD)
         padded = np.zeros((words * _TABLES_PER_WORD, GREY_LEVELS), np.uint8)
         padded[: len(tables)] = tables
+        # shape (words, 256, 8); the last word is padded with zeros
         self.words = np.ascontiguousarray(padded.reshape(words, _TABLES_PER_WORD, GREY_LEVELS).transpose(0, 2, 1))
 
 
@@ -122,15 +110,10 @@ def _extreme_margin(response: ResponseFunction) -> int:
 
 
 class ExtremeShares:
-    """The shares of an image without information: saturated and black pixels.
-
-    Attributes
-    ----------
-    saturated_from, black_to
-        The lowest grey level that counts as saturated, and the highest that counts as black.
-    """
+    """The shares of an image without information: saturated and black pixels."""
 
     def __init__(self, response: ResponseFunction) -> None:
+        # the highest grey level that counts as black, and the lowest that counts as saturated
         self.black_to = response.black_level + _extreme_margin(response)
         self.saturated_from = saturated_from(response)
         self._mask = np.empty((0, 0), np.uint8)

@@ -1,8 +1,9 @@
-"""Frames shrunk for control: the preparation of Begin & Hunter 2022, algorithm 1, lines 38 and 39."""
+"""Frames shrunk for control (Begin & Hunter 2022, algorithm 1, lines 38 and 39), and which part of them counts."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -40,12 +41,8 @@ class Shrinking:
     but the first halving costs about the same for any sensor. At exactly one half or a quarter, as for 720x540 and
     1440x1080, nothing is interpolated.
 
-    Parameters
-    ----------
-    shape
-        Of the images: height, width and, with several samples per pixel, their number.
-    size
-        Width and height to shrink to, no larger than the images.
+    `shape` is that of the images: height, width and, with several samples per pixel, their number; `size` is width and
+    height to shrink to, no larger than the images.
     """
 
     def __init__(self, shape: tuple[int, ...], size: tuple[int, int]) -> None:
@@ -73,31 +70,19 @@ class Shrinking:
 
 
 class ImagePreparation:
-    """Shrinks the whole scene to about 360x270 and takes a 3x3 median; reuses its buffers.
-
-    Attributes
-    ----------
-    unfiltered
-        The latest image before the median, valid until the next one.
-    """
+    """Shrinks the whole scene to about 360x270 and takes a 3x3 median; reuses its buffers."""
 
     def __init__(self) -> None:
-        self.unfiltered = np.empty((0, 0), np.uint8)
+        self.unfiltered = np.empty((0, 0), np.uint8)  # the latest image before the median, valid until the next one
         self._shape: tuple[int, ...] = (0, 0)
         self._shrinking = Shrinking((0, 0), (0, 0))
         self._image = np.empty((0, 0), np.uint8)
 
     def prepare(self, grey: NDArray[np.uint8], *, filtered: bool = True) -> NDArray[np.uint8]:
-        """The image that control works on, uint8, valid until the next call.
+        """The image that control works on, uint8, valid until the next call; `filtered`: with the median.
 
-        Every pixel counts, so thin structures do not flicker. Raises ConfigurationError when the frame is too small.
-
-        Parameters
-        ----------
-        grey
-            8-bit grey levels, shape (height, width), at least 68 by 90.
-        filtered
-            Whether to take the median.
+        `grey` has shape (height, width), at least 68 by 90. Every pixel counts, so thin structures do not flicker.
+        Raises ConfigurationError when the frame is too small.
         """
         height, width = grey.shape
         if width < FLOW_SIZE[0] or height < FLOW_SIZE[1]:
@@ -114,3 +99,90 @@ class ImagePreparation:
             return self.unfiltered
         cv2.medianBlur(self.unfiltered, 3, dst=self._image)
         return self._image
+
+
+_REACH = np.ones((5, 5), np.uint8)
+"""What a measure of one prepared pixel sees: the median filter one pixel around it, the gradient another one."""
+
+
+@dataclass(frozen=True, slots=True)
+class Rectangle:
+    """A rectangle in pixels of the camera's frames, and its weight, 0 to 1."""
+
+    x: int
+    y: int
+    width: int
+    height: int
+    weight: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Region:
+    """Which pixels of a camera count, and how much."""
+
+    name: str  # what errors call this region: file and key of the configuration
+    # painted in this order: where two overlap, the later one counts. Without any: the whole picture
+    rectangles: tuple[Rectangle, ...] = ()
+    background_weight: float = 0.0  # weight 0 to 1 of what no rectangle covers
+    # grey 0 (does not count) to 255, uint8, of the size of the frames; multiplied with the rectangles
+    mask: NDArray[np.uint8] | None = None
+
+    def weights(self, shape: tuple[int, ...], seen: tuple[int, ...] | None = None) -> NDArray[np.uint8]:
+        """Weights for the prepared image of frames of `shape` (height, width): uint8, of the prepared size.
+
+        `seen` is the shape of what control sees of them (`Frame.grey8`), if it differs.
+
+        A prepared pixel weighs as little as the least that it and its measures see, so not even the blurred edge of a
+        masked part counts. Raises ConfigurationError when the region does not fit such frames, or leaves nothing that
+        counts.
+        """
+        full = self._full_weights((shape[0], shape[1]))
+        height, width = (seen or shape)[:2]
+        size = fit((height, width), CONTROL_SIZE)
+        small = cv2.resize(full, size, interpolation=cv2.INTER_AREA)
+        ignored = cv2.resize(_white(full == 0), (width, height), interpolation=cv2.INTER_AREA)
+        small[Shrinking((height, width), size).shrink(_white(ignored > 0)) > 0] = 0  # as the image is shrunk
+        weights = np.asarray(cv2.erode(small, _REACH), np.uint8)
+        if not weights.any():
+            raise ConfigurationError(
+                f"{self.name}: leaves no pixel of {shape[1]}x{shape[0]} frames that counts: enlarge the region"
+            )
+        return weights
+
+    def check_something_counts(self) -> None:
+        """Raise ConfigurationError if rectangles and background leave no pixel that counts, whatever the frame size."""
+        if not self.rectangles or round(255 * self.background_weight):
+            return
+        # All pixels between two neighbouring edges are alike, so one of each is enough.
+        columns = sorted({edge for one in self.rectangles for edge in (one.x, one.x + one.width)})
+        rows = sorted({edge for one in self.rectangles for edge in (one.y, one.y + one.height)})
+        weights = np.zeros((len(rows), len(columns)), np.float32)
+        for one in self.rectangles:
+            top, bottom = rows.index(one.y), rows.index(one.y + one.height)
+            left, right = columns.index(one.x), columns.index(one.x + one.width)
+            weights[top:bottom, left:right] = one.weight
+        if not np.rint(255 * weights).any():
+            raise ConfigurationError(f"{self.name}: no pixel counts: give a rectangle, or the background, more weight")
+
+    def _full_weights(self, shape: tuple[int, int]) -> NDArray[np.uint8]:
+        height, width = shape
+        weights = np.full(shape, 1.0 if not self.rectangles else self.background_weight, np.float32)
+        for index, rectangle in enumerate(self.rectangles):
+            right, bottom = rectangle.x + rectangle.width, rectangle.y + rectangle.height
+            if right > width or bottom > height:
+                raise ConfigurationError(
+                    f"{self.name}: rectangle {index} reaches to pixel ({right}, {bottom}), frames are {width}x{height}"
+                )
+            weights[rectangle.y : bottom, rectangle.x : right] = rectangle.weight
+        if self.mask is not None:
+            if self.mask.shape != shape:
+                raise ConfigurationError(
+                    f"{self.name}: the mask is {self.mask.shape[1]}x{self.mask.shape[0]} pixels, frames are "
+                    f"{width}x{height}: draw it in the size of the frames"
+                )
+            weights *= self.mask.astype(np.float32) / 255
+        return np.rint(255 * weights).astype(np.uint8)
+
+
+def _white(where: NDArray[np.bool_]) -> NDArray[np.uint8]:
+    return np.where(where, np.uint8(255), np.uint8(0))

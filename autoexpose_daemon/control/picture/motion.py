@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from autoexpose_daemon.control.metrics.extension import extension as _native
+from autoexpose_daemon.control.metrics import extension as _native
 from autoexpose_daemon.control.picture.image import FLOW_SIZE, fit
 from autoexpose_daemon.control.snapshot import Built, Stateful
 from imaging.errors import ConfigurationError
@@ -39,11 +39,10 @@ class Motion(Stateful, ABC):
 
     _shape: tuple[int, ...]
     _allocated_for: Built[tuple[int, ...]]
-    _previous_time_ns: int | None
+    _previous_time_ns: int | None = None
 
     def __init__(self) -> None:
         self._shape = self._allocated_for = (0, 0)
-        self._previous_time_ns = None
 
     @abstractmethod
     def _allocate(self, shape: tuple[int, ...]) -> None:
@@ -59,18 +58,8 @@ class Motion(Stateful, ABC):
     def measure(self, image: NDArray[np.uint8], full_width: int, level: float, device_time_ns: int) -> float | None:
         """Their speed in pixels of full resolution per 1/60 s; None for a frame without a usable predecessor.
 
-        Raises ConfigurationError for frames that are too narrow.
-
-        Parameters
-        ----------
-        image
-            The prepared image, uint8, (height, width).
-        full_width
-            Width of the frame that `image` was made from, pixels.
-        level
-            Exposure level of this frame, stops.
-        device_time_ns
-            Time stamp of this frame on its camera's clock.
+        `image` is the prepared one, uint8, (height, width), of a frame `full_width` pixels wide, taken at an exposure
+        level (stops) and a time on its camera's clock. Raises ConfigurationError for frames that are too narrow.
         """
         if image.shape != self._shape:
             self._shape, self._previous_time_ns = image.shape, None
@@ -85,14 +74,6 @@ class Motion(Stateful, ABC):
     def forget(self) -> None:
         """Treat the next frame as one without a predecessor."""
         self._previous_time_ns = None
-
-
-def _check_sides(width: int, height: int) -> None:
-    if min(height, width) < _LEAST_SIDE:
-        raise ConfigurationError(
-            f"frames shrunk to {width}x{height} pixels are too narrow to measure motion: at least {_LEAST_SIDE} pixels "
-            "either way are needed; use Farneback flow or a squarer region of the sensor"
-        )
 
 
 class TileMotion(Motion):
@@ -115,7 +96,11 @@ class TileMotion(Motion):
     def _allocate(self, shape: tuple[int, ...]) -> None:
         height, width = shape
         side = self._side = math.ceil(max(width / FLOW_SIZE[0], height / FLOW_SIZE[1]))
-        _check_sides(width // side, height // side)
+        if min(height // side, width // side) < _LEAST_SIDE:
+            raise ConfigurationError(
+                f"frames shrunk to {width // side}x{height // side} pixels are too narrow to measure motion: at least "
+                f"{_LEAST_SIDE} pixels either way are needed; use Farneback flow or a squarer region of the sensor"
+            )
         greys = np.arange(side * side * 255 + 1) / (side * side)
         black, white = self._response.inverse_between(np.array([self._response.black_level + BLACK, 255.0]))
         black = max(black, white - _MOST_LIGHT / _STEPS)
@@ -141,7 +126,7 @@ class FarnebackMotion(Motion):
     """
 
     _previous: NDArray[np.uint8]
-    _previous_level: float
+    _previous_level: float = 0.0
     _half: Built[NDArray[np.uint8]]
     _current: Built[NDArray[np.uint8]]
     _previous_here: Built[NDArray[np.uint8]]
@@ -153,7 +138,6 @@ class FarnebackMotion(Motion):
         super().__init__()
         self._response = response
         self._previous = np.empty((0, 0), np.uint8)
-        self._previous_level = 0.0
 
     def _allocate(self, shape: tuple[int, ...]) -> None:
         width, height = fit(shape, FLOW_SIZE)

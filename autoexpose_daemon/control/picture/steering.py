@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from autoexpose_daemon.control.inputs import CELLS, COLUMNS, ROWS, TrackedCells
 from autoexpose_daemon.control.metrics.gradient import ExtremeShares
-from autoexpose_daemon.control.picture.tracked_cells import CELLS, COLUMNS, ROWS, TrackedCells
 from imaging.frames import SIDES, Side
 from imaging.response import ResponseFunction
 

@@ -1,1 +1,1 @@
-"""What decides on the exposure: each policy in a file of its own, and the table of them in `ids`."""
+"""What decides on the exposure: the policies, and the table of them in `ids`."""

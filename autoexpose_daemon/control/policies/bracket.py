@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,7 +15,6 @@ import numpy as np
 from autoexpose_daemon.control.balance import ExposurePriority
 from autoexpose_daemon.control.parameters import Bracketing
 from autoexpose_daemon.control.policy import ExposurePolicy, Observation, PastStep, Target
-from autoexpose_daemon.control.setup import ControlSetup
 from imaging.exposure import ExposureLimits
 from imaging.python310 import exp2
 
@@ -49,21 +47,14 @@ class Bracket(ExposurePolicy):
 
     The shots are evenly spread, in an order that keeps neighbours on the ladder near each other in time. The ladder
     moves at the start of a cycle, if the light has changed by half a stop.
-
-    Parameters
-    ----------
-    bracketing
-        How many shots, over which range.
-    start_level
-        The middle of the first ladder, stops.
-    policy
-        Exposes one frame of each cycle, and sees only those; None: all frames are shots.
+    The first ladder has its middle at `start_level` (stops). The policy sees only the frames that it exposes; None: all
+    frames are shots.
     """
 
     _middle: float
     _seen: deque[BracketLight]
-    _turn: int
-    _kept: Target | None
+    _turn: int = 0
+    _kept: Target | None = None
     _policy: ExposurePolicy | None
 
     def __init__(self, bracketing: Bracketing, start_level: float, policy: ExposurePolicy | None) -> None:
@@ -71,18 +62,9 @@ class Bracket(ExposurePolicy):
         self._order = _order(bracketing.exposures)
         self._middle = start_level
         self._seen = deque(maxlen=bracketing.exposures)
-        self._turn = 0
-        self._kept = None
         self._policy = policy
         self.compensated = "targets" if policy is None else policy.compensated
         self.balance = ExposurePriority() if policy is None else policy.balance
-
-    @classmethod
-    def around(
-        cls, bracketing: Bracketing, setup: ControlSetup, build: Callable[[ControlSetup], ExposurePolicy]
-    ) -> Bracket:
-        """That of a setup; its policy is built only if it is kept."""
-        return cls(bracketing, setup.start.level, build(setup) if bracketing.keep else None)
 
     def decide(self, observation: Observation) -> Target:
         """The next shot of the cycle, or the policy's frame at its end."""

@@ -65,15 +65,13 @@ class FlickerWatch(Stateful):
     """
 
     registration: LightRegistration
-    flicker_hz: float | None  # flashes per second, one of `MAINS_FLICKER_HZ`; None: no flicker is known
+    flicker_hz: float | None = None  # flashes per second, one of `MAINS_FLICKER_HZ`; None: no flicker is known
     glimpses: list[LightSample]  # of the present window
-    suspected: float | None  # what the window before said, as `_reading` does
+    suspected: float | None = None  # what the window before said, as `_reading` does
 
     def __init__(self, responses: dict[Side, ResponseFunction]) -> None:
         self.registration = LightRegistration(responses)
-        self.flicker_hz = None
         self.glimpses = []
-        self.suspected = None
 
     def see(self, look: Look, setting: ExposureSetting, device_time_ns: int) -> None:
         """Take in a frame, its setting, and when its exposure began by its camera's clock."""

@@ -3,21 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from importlib import import_module
+from pkgutil import resolve_name
 
 from autoexpose_daemon.control.policies.bracket import Bracket
 from autoexpose_daemon.control.policies.ids import PLACES, check_policy_id
 from autoexpose_daemon.control.policy import ExposurePolicy
 from autoexpose_daemon.control.setup import ControlSetup
 
-
-def _builder(place: str) -> Callable[[ControlSetup], ExposurePolicy]:
-    module, _, name = place.rpartition(".")
-    build: Callable[[ControlSetup], ExposurePolicy] = getattr(import_module(f"{__package__}.{module}"), name).build
-    return build
-
-
-_BUILDERS = {policy_id: _builder(place) for policy_id, place in PLACES.items()}
+_CLASSES: dict[str, Callable[[ControlSetup], ExposurePolicy]] = {
+    policy_id: resolve_name(f"{__package__}.{place}") for policy_id, place in PLACES.items()
+}
 
 
 def build_policy(setup: ControlSetup) -> ExposurePolicy:
@@ -26,5 +21,7 @@ def build_policy(setup: ControlSetup) -> ExposurePolicy:
     Raises ConfigurationError for an id that does not exist.
     """
     check_policy_id(setup.policy_id)
-    build, bracketing = _BUILDERS[setup.policy_id], setup.parameters.bracket
-    return build(setup) if bracketing is None else Bracket.around(bracketing, setup, build)
+    kind, bracketing = _CLASSES[setup.policy_id], setup.parameters.bracket
+    if bracketing is None:
+        return kind(setup)
+    return Bracket(bracketing, setup.start.level, kind(setup) if bracketing.keep else None)

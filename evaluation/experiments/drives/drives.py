@@ -15,8 +15,12 @@ import numpy as np
 
 from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.metrics.gradient import GradientMetric
-from autoexpose_daemon.control.metrics.quality import CombinedQuality
-from autoexpose_daemon.control.metrics.weighted_gradients import entropy, entropy_weighted_gradient, median_gradient
+from autoexpose_daemon.control.metrics.published import (
+    CombinedQuality,
+    entropy,
+    entropy_weighted_gradient,
+    median_gradient,
+)
 from autoexpose_daemon.control.picture.image import ImagePreparation
 from evaluation.arrays import Floats
 from evaluation.committed import FURNISHED_ROOMS

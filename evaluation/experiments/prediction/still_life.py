@@ -16,7 +16,7 @@ from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.metrics.gradient import GradientMetric
 from autoexpose_daemon.control.picture.image import CONTROL_SIZE, ImagePreparation
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
-from autoexpose_daemon.control.policies.published.shim2018 import gamma_table
+from autoexpose_daemon.control.policies.published.gamma import gamma_table
 from autoexpose_daemon.control.policy import ExposurePolicy, Observation, Target
 from evaluation.arrays import Floats, Greys
 from evaluation.experiments.experiment import Plain

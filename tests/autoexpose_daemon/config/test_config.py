@@ -20,7 +20,7 @@ from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.config.load import load_config
 from autoexpose_daemon.control import parameters
 from autoexpose_daemon.control.parameters import ControlParameters
-from autoexpose_daemon.control.picture.region import Rectangle
+from autoexpose_daemon.control.picture.image import Rectangle
 from calibration.document import CameraIdentity
 from calibration.gain import GainFile
 from calibration.response.file import Origin, ResponseFile

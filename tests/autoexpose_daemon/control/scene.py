@@ -9,15 +9,26 @@ from numpy.typing import NDArray
 
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.loop import ControlLoop
+from autoexpose_daemon.control.parameters import ControlParameters
+from autoexpose_daemon.control.policies.table import build_policy
+from autoexpose_daemon.control.policy import ExposurePolicy
+from autoexpose_daemon.control.setup import ControlSetup
 from autoexpose_daemon.control.step import StepInputs
 from imaging.exposure import ExposureLimits, ExposureSetting
-from imaging.frames import Frame, StereoPair
+from imaging.frames import SIDES, Frame, StereoPair
+from imaging.response import ResponseFunction
 
 LIMITS = ExposureLimits(20.0, 7500.0, 0.0, 30.0)
 FRAME_NS = 16_666_667
 
 NOTHING_GIVEN = StepInputs(StereoPair(0, {}))
 """For observations that are made without a loop."""
+
+
+def policy_of(policy_id: str) -> ExposurePolicy:
+    """With exposure priority, for linear cameras."""
+    responses, tuning = dict.fromkeys(SIDES, ResponseFunction.linear()), ControlParameters(balance="exposure_priority")
+    return build_policy(ControlSetup(policy_id, responses, LIMITS, ExposureSetting(1000.0, 6.0), tuning))
 
 
 def radiance(seed: int = 0, spread_stops: float = 1.0, shape: tuple[int, int] = (136, 180)) -> NDArray[np.float64]:

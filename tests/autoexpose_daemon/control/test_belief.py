@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from autoexpose_daemon.control.loop import ControlLoop
-from autoexpose_daemon.control.metrics.contrast import contrast
-from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
+from autoexpose_daemon.control.metrics.contrast import SensorNoise, contrast
 from autoexpose_daemon.control.policies.belief.forecast import Cadence
 from autoexpose_daemon.control.policies.belief.policy import BRIGHTNESS_LOSS, Belief, Prospects
 from autoexpose_daemon.control.policies.belief.scene_belief import BIN, NOTHING, Optics, Outlook, SceneBelief

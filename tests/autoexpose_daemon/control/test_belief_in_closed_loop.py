@@ -13,7 +13,7 @@ from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.metrics.contrast import contrast
 from autoexpose_daemon.control.parameters import ControlParameters
-from autoexpose_daemon.control.picture.region import Region
+from autoexpose_daemon.control.picture.image import Region
 from autoexpose_daemon.control.policies.belief.policy import Belief
 from evaluation.stage.oracle import Information
 from imaging.exposure import ExposureSetting

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
+from autoexpose_daemon.control.metrics.contrast import SensorNoise
 from autoexpose_daemon.control.policies.belief.balance import BlurPhotonBalance
 
 from .scene import LIMITS

@@ -9,8 +9,7 @@ import pytest
 
 from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.metrics.gradient import GradientMetric
-from autoexpose_daemon.control.picture.image import ImagePreparation
-from autoexpose_daemon.control.picture.region import Rectangle, Region
+from autoexpose_daemon.control.picture.image import ImagePreparation, Rectangle, Region
 from autoexpose_daemon.control.view import View
 from fake_camera.imaging import ImageSettings
 from fake_camera.world.lighting import Change, LightScript

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from autoexpose_daemon.control.metrics import extension
 from autoexpose_daemon.control.metrics.contrast import CELLS, Contrast, GreyBins, contrast
-from autoexpose_daemon.control.metrics.extension import extension
 from autoexpose_daemon.control.metrics.gradient import ExtremeShares
 from imaging.response import ResponseFunction
 

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from autoexpose_daemon.control.metrics.weighted_gradients import entropy, grey_shares
+from autoexpose_daemon.control.metrics.published import entropy, grey_shares
 
 from .slow import pixels, random_image, random_weights, weight_of
 

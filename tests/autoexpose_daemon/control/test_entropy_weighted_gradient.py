@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from autoexpose_daemon.control.metrics.weighted_gradients import entropy_weighted_gradient
+from autoexpose_daemon.control.metrics.published import entropy_weighted_gradient
 
 from .slow import magnitude, pixels, random_image, random_weights, weight_of
 

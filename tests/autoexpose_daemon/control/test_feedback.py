@@ -5,16 +5,14 @@ from __future__ import annotations
 import pytest
 from numpy.polynomial import Polynomial
 
-from autoexpose_daemon.control.balance import ExposurePriority
 from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.metrics.gradient import GradientMetric
-from autoexpose_daemon.control.policies.published.begin2022 import Begin2022
 from autoexpose_daemon.control.policy import Look, Observation
 from imaging.exposure import ExposureLimits, ExposureSetting
 from imaging.frames import StereoPair
 from imaging.response import ResponseFunction, prediction_tables
 
-from .scene import LIMITS, NOTHING_GIVEN, at_time, expose, radiance
+from .scene import LIMITS, NOTHING_GIVEN, at_time, expose, policy_of, radiance
 
 LINEAR = ResponseFunction.linear()
 START = ExposureSetting(1000.0, 0.0)
@@ -31,7 +29,7 @@ def test_the_prediction_is_the_maximum_of_the_polynomial_not_the_best_sample(sto
     peak = min((place for place in peaks if through.deriv(2)(place) < 0), key=abs)
 
     seen = Observation([Look("left", image, LINEAR)], START, samples[3], 0.0, 0.0, 0.0, LIMITS, NOTHING_GIVEN)
-    target = Begin2022({"left": LINEAR}, GradientMetric(), ExposurePriority()).decide(seen)
+    target = policy_of("begin2022").decide(seen)
     assert target.level - START.level == pytest.approx(peak, abs=1e-3)
     assert target.predicted_metric == pytest.approx(through(peak), rel=1e-3)
     assert target.predicted_metric > 1.03 * max(samples)

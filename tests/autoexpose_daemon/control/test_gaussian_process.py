@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from autoexpose_daemon.control.search.gaussian_process import GaussianProcess
+from autoexpose_daemon.control.policies.published.kim2018 import GaussianProcess
 
 
 def slow_prediction(process: GaussianProcess, xs: list[float], ys: list[float], query: float) -> tuple[float, float]:

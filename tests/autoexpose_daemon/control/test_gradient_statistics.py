@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from autoexpose_daemon.control.metrics.weighted_gradients import (
+from autoexpose_daemon.control.metrics.published import (
     SoftPercentile,
     gradient_magnitude,
     median_gradient,

@@ -11,9 +11,8 @@ from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.metrics.gradient import GradientMetric
 from autoexpose_daemon.control.parameters import BalanceId, ControlParameters, MotionId
-from autoexpose_daemon.control.picture.image import ImagePreparation
+from autoexpose_daemon.control.picture.image import ImagePreparation, Rectangle, Region
 from autoexpose_daemon.control.picture.motion import FarnebackMotion, Motion, TileMotion
-from autoexpose_daemon.control.picture.region import Rectangle, Region
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY, POLICY_IDS
 from autoexpose_daemon.control.policy import Observation
 from autoexpose_daemon.control.step import StepInputs

@@ -10,8 +10,7 @@ from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
 from autoexpose_daemon.control import _native
-from autoexpose_daemon.control.metrics.contrast import CELLS, Contrast
-from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
+from autoexpose_daemon.control.metrics.contrast import CELLS, Contrast, SensorNoise
 from autoexpose_daemon.control.picture.motion import PER_US
 from autoexpose_daemon.control.picture.steering import STEERING_SHARE
 from autoexpose_daemon.control.policies.belief.policy import HOPE, LEAST_CAMERA, Prospects

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from autoexpose_daemon.control import _native
+from autoexpose_daemon.control.metrics.contrast import SensorNoise
 from autoexpose_daemon.control.metrics.gradient import ExtremeShares, grey_counts
-from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
 from autoexpose_daemon.control.policies.belief.balance import BlurPhotonBalance
 from autoexpose_daemon.control.policy import Look
 from autoexpose_daemon.control.registration import LEAST_SHARE, STRIDE, LightChange, LightRegistration

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from autoexpose_daemon.control.search.nelder_mead import NelderMead
+from autoexpose_daemon.control.policies.published.shin2019 import NelderMead
 
 LOW, HIGH = (-5.0, -5.0), (5.0, 5.0)
 Metric = Callable[[NDArray[np.float64]], float]

@@ -14,10 +14,14 @@ from numpy.typing import NDArray
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.metrics.gradient import GradientMetric
-from autoexpose_daemon.control.metrics.quality import CombinedQuality
-from autoexpose_daemon.control.metrics.weighted_gradients import SoftPercentile, entropy, entropy_weighted_gradient
+from autoexpose_daemon.control.metrics.published import (
+    CombinedQuality,
+    SoftPercentile,
+    entropy,
+    entropy_weighted_gradient,
+)
 from autoexpose_daemon.control.picture.image import ImagePreparation
-from autoexpose_daemon.control.policies.published.mehta2020 import next_level
+from autoexpose_daemon.control.policies.published.gamma import mehta_level
 from imaging.exposure import ExposureSetting
 from imaging.response import ResponseFunction
 
@@ -129,12 +133,12 @@ def test_mehta_brightens_above_gamma_one_by_the_law_on_ev(level: float, gamma: f
     r = d * math.tan((2 - gamma) * math.atan2(1, d) - math.atan2(1, d)) + 1
     ev_new = (1 + kp * (r - 1)) * ev
     new_seconds = 1.2**2 / 2**ev_new
-    assert next_level(level, gamma) == pytest.approx(math.log2(new_seconds * 1e6), abs=1e-9)
-    assert (next_level(level, gamma) - level) * (gamma - 1) >= 0
+    assert mehta_level(level, gamma) == pytest.approx(math.log2(new_seconds * 1e6), abs=1e-9)
+    assert (mehta_level(level, gamma) - level) * (gamma - 1) >= 0
 
 
 def test_mehta_holds_beyond_the_end_of_its_scale() -> None:
-    assert next_level(30.0, 1.9) > 30.0
+    assert mehta_level(30.0, 1.9) > 30.0
 
 
 def test_kim_follows_a_light_that_its_times_cannot_reach() -> None:

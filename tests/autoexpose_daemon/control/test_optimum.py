@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from autoexpose_daemon.control.policies.published.begin2022 import DEGREE, DELTA_LEVELS
-from autoexpose_daemon.control.search.optimum import PolynomialFit, best_sample
+from autoexpose_daemon.control.search import PolynomialFit, best_sample
 
 FIT = PolynomialFit(DELTA_LEVELS, DEGREE)
 X = np.array(DELTA_LEVELS)

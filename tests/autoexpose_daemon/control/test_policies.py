@@ -11,23 +11,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from autoexpose_daemon.control.balance import ExposurePriority
 from autoexpose_daemon.control.metrics.gradient import GradientMetric
-from autoexpose_daemon.control.policies.published.begin2022 import EPSILON, Begin2022, gain_ratio
-from autoexpose_daemon.control.policies.published.lu2010 import Lu2010
-from autoexpose_daemon.control.policies.published.majer2018 import Majer2018
-from autoexpose_daemon.control.policies.published.mehta2020 import GAMMAS, Mehta2020
-from autoexpose_daemon.control.policies.published.mehta2020 import next_level as mehta_level
-from autoexpose_daemon.control.policies.published.neves2009 import Neves2009
-from autoexpose_daemon.control.policies.published.shim2018 import Shim2018, gamma_table, next_level
-from autoexpose_daemon.control.policy import Look, Observation, PastStep, Target
-from autoexpose_daemon.control.search.query import way_out
+from autoexpose_daemon.control.policies.published.begin2022 import EPSILON, gain_ratio
+from autoexpose_daemon.control.policies.published.gamma import MEHTA_GAMMAS, gamma_table, mehta_level, next_level
+from autoexpose_daemon.control.policy import ExposurePolicy, Look, Observation, PastStep, Target
+from autoexpose_daemon.control.search import way_out
 from imaging.errors import ConfigurationError
 from imaging.exposure import ExposureSetting
 from imaging.frames import SIDES, Side
 from imaging.response import ResponseFunction
 
-from .scene import LIMITS, NOTHING_GIVEN, expose, radiance
+from .scene import LIMITS, NOTHING_GIVEN, expose, policy_of, radiance
 
 LINEAR = ResponseFunction.linear()
 SETTING = ExposureSetting(1000.0, 6.0)
@@ -48,12 +42,12 @@ def view(stops_from_half_scale: float, seed: int = 0) -> NDArray[np.uint8]:
     return frame.grey8()
 
 
-def shim() -> Shim2018:
-    return Shim2018(GradientMetric(), ExposurePriority())
+def shim() -> ExposurePolicy:
+    return policy_of("shim2018")
 
 
-def begin() -> Begin2022:
-    return Begin2022({"left": LINEAR}, GradientMetric(), ExposurePriority())
+def begin() -> ExposurePolicy:
+    return policy_of("begin2022")
 
 
 def test_gamma_follows_equation_15() -> None:
@@ -120,7 +114,7 @@ def test_begin_predicts_the_metric_at_its_target() -> None:
 
 
 def test_neves_moves_by_the_error_of_the_mean() -> None:
-    policy = Neves2009(0.20, ExposurePriority())
+    policy = policy_of("neves2009")
     assert policy.decide(observe(flat(51))).level == SETTING.level
     # one stop too dark: integral 0.6 plus proportional 0.15 of the change from 0
     assert policy.decide(observe(flat(51 // 2))).level - SETTING.level == pytest.approx(0.75, abs=0.03)
@@ -128,7 +122,7 @@ def test_neves_moves_by_the_error_of_the_mean() -> None:
 
 
 def test_majer_follows_equation_1_every_five_frames() -> None:
-    policy = Majer2018("full", ExposurePriority())
+    policy = policy_of("majer2018-full")
     image = flat(64)
     targets = [policy.decide(observe(image)).level for _ in range(5)]
     factor = 1 + 0.9 * (0.5 / (64 / 255) - 1)
@@ -139,9 +133,9 @@ def test_majer_follows_equation_1_every_five_frames() -> None:
 def test_majer_standard_looks_at_the_top_half() -> None:
     image = flat(10)
     image[34:] = 250
-    assert Majer2018("top_half", ExposurePriority()).decide(observe(image)).level > SETTING.level
+    assert policy_of("majer2018-standard").decide(observe(image)).level > SETTING.level
     image = image[::-1].copy()
-    assert Majer2018("top_half", ExposurePriority()).decide(observe(image)).level < SETTING.level
+    assert policy_of("majer2018-standard").decide(observe(image)).level < SETTING.level
 
 
 @pytest.mark.parametrize("side", SIDES)
@@ -152,17 +146,17 @@ def test_majer_refuses_a_region_below_the_top_half_of_either_camera_at_once(side
     looks = [Look(each, flat(64), LINEAR, weights if each == side else None) for each in SIDES]
     observation = replace(observe(flat(64)), looks=looks)
     with pytest.raises(ConfigurationError, match=f"leaves nothing of the top half of the {side} image"):
-        Majer2018("top_half", ExposurePriority()).decide(observation)
+        policy_of("majer2018-standard").decide(observation)
 
 
 @pytest.mark.parametrize("stops", [-1.5, 0.25, 2.75])
 def test_mehta_takes_the_highest_point_of_the_polynomial_between_the_outer_anchors(stops: float) -> None:
     image = view(stops)
-    brightened = [GradientMetric().measure(gamma_table(1 / gamma)[image]) for gamma in GAMMAS]
-    grid = np.linspace(GAMMAS[0], GAMMAS[-1], 20_001)
-    best = grid[np.polyval(np.polyfit(GAMMAS, brightened, 5), grid).argmax()]
-    target = Mehta2020(GradientMetric(), ExposurePriority()).decide(observe(image))
-    assert not min(abs(best - gamma) for gamma in GAMMAS) < 0.01
+    brightened = [GradientMetric().measure(gamma_table(1 / gamma)[image]) for gamma in MEHTA_GAMMAS]
+    grid = np.linspace(MEHTA_GAMMAS[0], MEHTA_GAMMAS[-1], 20_001)
+    best = grid[np.polyval(np.polyfit(MEHTA_GAMMAS, brightened, 5), grid).argmax()]
+    target = policy_of("mehta2020").decide(observe(image))
+    assert not min(abs(best - gamma) for gamma in MEHTA_GAMMAS) < 0.01
     assert target.level == pytest.approx(mehta_level(SETTING.level, best), abs=1e-3)
 
 
@@ -178,7 +172,7 @@ def test_a_search_gives_up_only_on_frames_that_show_nothing(black: float, satura
 def test_lu_looks_first_where_the_middle_of_the_scale_lies(stops: float, brighter: bool) -> None:
     image = view(stops)
     assert (image.mean() < 127) == brighter
-    assert (Lu2010(ExposurePriority()).decide(observe(image)).level > SETTING.level) == brighter
+    assert (policy_of("lu2010").decide(observe(image)).level > SETTING.level) == brighter
 
 
 def test_ids_are_known_without_loading_the_policies() -> None:

@@ -9,8 +9,13 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from autoexpose_daemon.control.metrics.gradient import gradient_weights
-from autoexpose_daemon.control.metrics.quality import UNKNOWN_NOISE, CombinedQuality, gradient_uniformity, noise_level
-from autoexpose_daemon.control.metrics.weighted_gradients import entropy
+from autoexpose_daemon.control.metrics.published import (
+    UNKNOWN_NOISE,
+    CombinedQuality,
+    entropy,
+    gradient_uniformity,
+    noise_level,
+)
 
 from .slow import filtered, magnitude, pixels, random_image, random_weights, weight_of
 

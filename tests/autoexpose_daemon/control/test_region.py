@@ -6,8 +6,7 @@ import pytest
 from numpy.typing import NDArray
 
 from autoexpose_daemon.control.loop import ControlLoop
-from autoexpose_daemon.control.picture.image import ImagePreparation
-from autoexpose_daemon.control.picture.region import Rectangle, Region
+from autoexpose_daemon.control.picture.image import ImagePreparation, Rectangle, Region
 from autoexpose_daemon.control.policies.ids import POLICY_IDS
 from imaging.errors import ConfigurationError
 from imaging.exposure import ExposureSetting

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from autoexpose_daemon.control.loop import ControlLoop
-from autoexpose_daemon.control.picture.region import Region
+from autoexpose_daemon.control.picture.image import Region
 from autoexpose_daemon.control.policies.ids import POLICY_IDS
 from imaging.exposure import ExposureSetting
 from imaging.frames import Frame, Side, StereoPair

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from autoexpose_daemon.control.loop import STATE_FORMAT, ControlLoop
 from autoexpose_daemon.control.parameters import Bracketing, ControlParameters, MotionId
-from autoexpose_daemon.control.picture.region import Rectangle, Region
+from autoexpose_daemon.control.picture.image import Rectangle, Region
 from autoexpose_daemon.control.policies.ids import POLICY_IDS
 from autoexpose_daemon.control.setup import ControlSetup
 from autoexpose_daemon.control.snapshot import Plain, Stateful, parse, plain, state_names
@@ -188,7 +188,7 @@ def _policy_state(loop: ControlLoop) -> dict[str, Plain]:
         ("levels", [1.0, "two"], "'two' is no float"),
         ("levels", {"a": 1.0}, "a dict is no list"),
         ("query", {"level": 1.0}, "Target needs level, reason, predicted_metric, exposure_time_us, not level"),
-        ("surprise", 1, "Kim2018 needs query, levels, values, held, reference, not .*surprise"),
+        ("surprise", 1, "Kim2018 needs query, held, reference, levels, values, not .*surprise"),
     ],
 )
 def test_a_state_that_does_not_fit_is_refused(key: str, value: Plain, complaint: str) -> None:

@@ -12,6 +12,14 @@ from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
 from autoexpose_daemon.control.decision import Decision
+from autoexpose_daemon.control.inputs import (
+    CELLS,
+    COLUMNS,
+    MOST_FEATURES,
+    ROWS,
+    TrackedCells,
+    count_by_cell,
+)
 from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.metrics.contrast import contrast
 from autoexpose_daemon.control.parameters import ControlParameters
@@ -26,14 +34,6 @@ from autoexpose_daemon.control.picture.steering import (
     Steering,
     TrackingMemory,
     favours,
-)
-from autoexpose_daemon.control.picture.tracked_cells import (
-    CELLS,
-    COLUMNS,
-    MOST_FEATURES,
-    ROWS,
-    TrackedCells,
-    count_by_cell,
 )
 from autoexpose_daemon.control.policies.belief.scene_belief import BIN
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY, POLICY_IDS

@@ -28,8 +28,8 @@ from autoexpose_daemon.publish.publisher import Publisher
 from autoexpose_daemon.publish.session import Endpoints, open_session
 from autoexpose_daemon.recording.recorder import ContinuousRecorder
 from autoexpose_daemon.runtime.daemon import Daemon
+from autoexpose_daemon.status.counters import LARGEST_ANSWER_BYTES, Answer, AnsweredShot, RequestTally
 from autoexpose_daemon.status.describe import describe
-from autoexpose_daemon.status.inputs import LARGEST_ANSWER_BYTES, Answer, AnsweredShot, RequestTally
 from autoexpose_daemon.status.panel import line_of
 from imaging.errors import AutoexposeError, ConfigurationError
 from imaging.exposure import ExposureSetting

@@ -20,8 +20,7 @@ from hypothesis import strategies as st
 
 from autoexpose_daemon.client import StereoClient
 from autoexpose_daemon.config.document import ImuConfig, PublishConfig
-from autoexpose_daemon.control.light_ahead import LightSeries
-from autoexpose_daemon.control.picture.tracked_cells import COLUMNS, ROWS, TrackedCells
+from autoexpose_daemon.control.inputs import COLUMNS, ROWS, LightSeries, TrackedCells
 from autoexpose_daemon.messages.frames import DamagedMessageError
 from autoexpose_daemon.messages.inputs import (
     LARGEST_LIGHT_BYTES,

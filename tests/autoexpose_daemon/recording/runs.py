@@ -11,11 +11,10 @@ from numpy.typing import NDArray
 
 from autoexpose_daemon.config.document import PublishConfig
 from autoexpose_daemon.control.decision import Decision
-from autoexpose_daemon.control.light_ahead import LightAhead
+from autoexpose_daemon.control.inputs import CELLS, LightAhead
 from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.parameters import ControlParameters
 from autoexpose_daemon.control.picture.steering import Steering
-from autoexpose_daemon.control.picture.tracked_cells import CELLS
 from autoexpose_daemon.control.step import NO_OVERRIDE, ControlStep, Override, StepInputs
 from autoexpose_daemon.recording.read import Recording
 from autoexpose_daemon.recording.recorder import ContinuousRecorder, Recorder

@@ -23,9 +23,8 @@ from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from autoexpose_daemon.config.document import Config, PublishConfig
-from autoexpose_daemon.control.light_ahead import LightAhead
+from autoexpose_daemon.control.inputs import CELLS, LightAhead
 from autoexpose_daemon.control.picture.steering import Steering
-from autoexpose_daemon.control.picture.tracked_cells import CELLS
 from autoexpose_daemon.control.step import StepInputs
 from autoexpose_daemon.messages.types import CAMERA_INFO, EXPOSURE_INFO, TYPESTORE
 from autoexpose_daemon.recording.file import METADATA, RESERVE_BYTES, Item, RecordingError, RecordingFile, Step
@@ -418,7 +417,7 @@ def test_deep_pixels_of_former_recordings_are_in_the_low_bits(tmp_path: Path, mo
     with monkeypatch.context() as patch:
         patch.setattr("autoexpose_daemon.messages.frames.to_full_scale", lambda _depth: 0)
         patch.setattr("autoexpose_daemon.recording.file.FULL_SCALE", {})
-        patch.setattr("autoexpose_daemon.recording.rosbag2.profiles", lambda _qos: "")
+        patch.setattr("autoexpose_daemon.recording.file.profiles", lambda _qos: "")
         old = record(tmp_path / "old.mcap", VirtualRun(bits=12), 4)
     pairs = zip(frames_of(new), frames_of(old), strict=True)
     assert all(np.array_equal(one.pixels, other.pixels) for one, other in pairs)

@@ -216,7 +216,7 @@ def test_another_policy_decides_on_all_the_frames(tmp_path: Path) -> None:
 
 def test_a_decision_that_differs_is_shown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = record(tmp_path / "run.mcap", VirtualRun("neves2009"), 40)
-    monkeypatch.setattr("autoexpose_daemon.control.policies.published.neves2009.INTEGRAL_GAIN", 0.61)
+    monkeypatch.setattr("autoexpose_daemon.control.policies.published.mean.INTEGRAL_GAIN", 0.61)
     monkeypatch.setattr("cv2.__version__", "9.9.9")
     said: list[str] = []
     assert not report_replay(path, None, said.append)

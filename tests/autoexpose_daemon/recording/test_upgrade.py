@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from autoexpose_daemon.control.light_ahead import LightAhead
+from autoexpose_daemon.control.inputs import LightAhead
 from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.parameters import Bracketing, ControlParameters
 from autoexpose_daemon.control.policies.belief.policy import Belief

@@ -9,7 +9,7 @@ import pytest
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.step import StepInputs
-from autoexpose_daemon.runtime.active_loop import ActiveLoop
+from autoexpose_daemon.runtime.setup import ActiveLoop
 from drivers.camera import CameraDescription
 from drivers.rig.events import CameraReady
 from imaging.exposure import ExposureLimits, ExposureSetting

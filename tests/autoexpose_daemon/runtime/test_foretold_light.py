@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from autoexpose_daemon.control.light_ahead import WIDEST_SPREAD_FRAMES, WINDOW_FRAMES, LightSeries
+from autoexpose_daemon.control.inputs import WIDEST_SPREAD_FRAMES, WINDOW_FRAMES, LightSeries
 from autoexpose_daemon.runtime.inputs import OLDEST_LIGHT_S, ForetoldLight
 
 RATE_HZ = 50.0

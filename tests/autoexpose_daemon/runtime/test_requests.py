@@ -12,10 +12,9 @@ from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.config.request import new_request
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.step import NO_OVERRIDE, Override, StepInputs
-from autoexpose_daemon.runtime.active_loop import ActiveLoop
 from autoexpose_daemon.runtime.requests import PendingShot, Requests
-from autoexpose_daemon.runtime.setup import Tuning
-from autoexpose_daemon.status.inputs import Answer, RequestTally
+from autoexpose_daemon.runtime.setup import ActiveLoop, Tuning
+from autoexpose_daemon.status.counters import Answer, RequestTally
 from drivers.camera import CameraDescription
 from drivers.rig.events import CameraReady
 from imaging.errors import AutoexposeError, ConfigurationError

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from autoexpose_daemon.control.inputs import COLUMNS, ROWS, TrackedCells
 from autoexpose_daemon.control.picture.steering import FORGOTTEN_S, MOST_CONSUMERS, CellExposure
-from autoexpose_daemon.control.picture.tracked_cells import COLUMNS, ROWS, TrackedCells
 from autoexpose_daemon.control.step import StepInputs
 from autoexpose_daemon.runtime.inputs import APART_NS, MOST_WAITING, OLDEST_REPORT_S, Tracking
 from imaging.exposure import ExposureSetting

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
+from autoexpose_daemon.control.metrics.contrast import SensorNoise
 from evaluation.experiments.rejudge import OFFSETS, measure_still
 from evaluation.rejudge.camera import Exposer, SeenLight
 from imaging.exposure import ExposureSetting

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autoexpose_daemon.control.balance import Balance, whole_periods_us
-from autoexpose_daemon.control.metrics.extension import extension as _native
-from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
+from autoexpose_daemon.control.metrics import extension as _native
+from autoexpose_daemon.control.metrics.contrast import SensorNoise
 from autoexpose_daemon.control.picture.motion import PER_US
 from autoexpose_daemon.control.policies.belief.forecast import SWING_FRAMES, Forecast
 from autoexpose_daemon.control.policy import Look, Observation

@@ -12,8 +12,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from autoexpose_daemon.control.light_ahead import SPREADS, UNPROVEN, WINDOW_FRAMES, LightAhead
-from autoexpose_daemon.control.metrics.extension import extension as _native
+from autoexpose_daemon.control.inputs import SPREADS, UNPROVEN, WINDOW_FRAMES, LightAhead
+from autoexpose_daemon.control.metrics import extension as _native
 from autoexpose_daemon.control.snapshot import Built, Stateful
 
 HISTORY = 96
@@ -127,12 +127,7 @@ class Foresight(Stateful):
     def weigh(self, ahead: LightAhead, changes: Collection[float]) -> float:
         """The probability that what the earlier drive saw comes again; sets that of each place, `places`.
 
-        Parameters
-        ----------
-        ahead
-            What the earlier drive saw.
-        changes
-            Of the light from frame to frame so far, stops, oldest first.
+        `changes` are those of the light from frame to frame so far, stops, oldest first.
         """
         self.untold_frames = 0
         reach = math.ceil(SPREADS * ahead.spread_frames)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 
 from autoexpose_daemon.control.balance import Balance
 from autoexpose_daemon.control.decision import Grounds
-from autoexpose_daemon.control.metrics.contrast import CELLS, Contrast, contrast
-from autoexpose_daemon.control.metrics.extension import extension as _native
-from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
+from autoexpose_daemon.control.metrics import extension as _native
+from autoexpose_daemon.control.metrics.contrast import CELLS, Contrast, SensorNoise, contrast
 from autoexpose_daemon.control.picture.motion import PER_US, blur_length_px
 from autoexpose_daemon.control.picture.steering import STEERING_SHARE
 from autoexpose_daemon.control.policies.belief.balance import BlurPhotonBalance, bounded, fitted, times_of_levels
@@ -34,8 +33,6 @@ from autoexpose_daemon.control.setup import ControlSetup
 from autoexpose_daemon.control.snapshot import Built
 from imaging.exposure import ExposureLimits, linear_gain
 from imaging.frames import Side
-from imaging.python310 import Self
-from imaging.response import ResponseFunction
 
 Array = NDArray[np.float64]
 
@@ -127,24 +124,18 @@ class Belief(ExposurePolicy):
     latency: LoopDelay
     beliefs: dict[Side, SceneBelief]
     seen_ns: dict[Side, int]
-    _planned_for: Built[tuple[float, Prospects, Array] | None]
+    _planned_for: Built[tuple[float, Prospects, Array] | None] = None
 
-    def __init__(self, responses: Mapping[Side, ResponseFunction], balance: Balance, noise: SensorNoise) -> None:
-        self.balance = balance
-        self.registrations = {side: LightRegistration({side: response}) for side, response in responses.items()}
+    def __init__(self, setup: ControlSetup) -> None:
+        noise = SensorNoise(setup.parameters.full_well_e, setup.parameters.read_noise_e)
+        self.balance = setup.balance(BlurPhotonBalance(noise))
+        self.registrations = {side: LightRegistration({side: each}) for side, each in setup.responses.items()}
         self.forecast = Forecast()
         self.foresight = Foresight()
         self.cadence = Cadence()
         self.latency = LoopDelay()
-        self.beliefs = {side: SceneBelief(Optics(response, noise)) for side, response in responses.items()}
+        self.beliefs = {side: SceneBelief(Optics(each, noise)) for side, each in setup.responses.items()}
         self.seen_ns = {}
-        self._planned_for = None
-
-    @classmethod
-    def build(cls, setup: ControlSetup) -> Self:
-        """With its own balance, unless another is configured."""
-        noise = SensorNoise(setup.parameters.full_well_e, setup.parameters.read_noise_e)
-        return cls(setup.responses, setup.balance(BlurPhotonBalance(noise)), noise)
 
     def balance_for(self, look: Look) -> Balance:
         """Its own balance follows what is left of blur and noise in the shrunk image."""
@@ -182,7 +173,10 @@ class Belief(ExposurePolicy):
 
     def _see(self, observation: Observation) -> None:
         """Take in what the frames show."""
-        seen = [(look, self._contrast(look)) for look in observation.looks]
+        seen = [
+            (look, contrast(look.unfiltered, self.beliefs[look.side].optics.bins, look.weights))
+            for look in observation.looks
+        ]
         news = [(look, each) for look, each in seen if self.beliefs[look.side].is_news(each)]
         since_s = self._since_before_s(observation.looks)
         seconds = min(since_s.values())
@@ -207,9 +201,6 @@ class Belief(ExposurePolicy):
         since_ns = {side: time_ns - self.seen_ns.get(side, time_ns) for side, time_ns in now_ns.items()}
         self.seen_ns |= now_ns
         return {side: max(interval_ns, 0) * 1e-9 for side, interval_ns in since_ns.items()}
-
-    def _contrast(self, look: Look) -> Contrast:
-        return contrast(look.unfiltered, self.beliefs[look.side].optics.bins, look.weights)
 
     def _light_change(self, look: Look, seen: Contrast, observation: Observation) -> LightChange:
         """By how much the light has changed for a camera."""

@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autoexpose_daemon.control.decision import SceneHistogram
-from autoexpose_daemon.control.metrics.contrast import CELLS, Contrast, GreyBins
-from autoexpose_daemon.control.metrics.extension import extension as _native
-from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise, response_slopes
+from autoexpose_daemon.control.metrics import extension as _native
+from autoexpose_daemon.control.metrics.contrast import CELLS, Contrast, GreyBins, SensorNoise, response_slopes
 from autoexpose_daemon.control.snapshot import Stateful
 from imaging.response import GREY_LEVELS, ResponseFunction
 
@@ -28,22 +27,10 @@ _BLACKEST = -2.0
 
 
 class Optics:
-    """What a camera shows of radiance that reaches it with log exposure x: stops, 0 at saturation.
-
-    Attributes
-    ----------
-    bins
-        Bins of grey levels, by which gradients are to be collected.
-    by_bin
-        Share of each bin's grey levels that are neither black nor saturated; log exposures between which they lie; mean
-        squared slope of the response (grey levels per stop), and of its inverse; shot and read noise: shape (7, bins).
-    by_exposure
-        Squared slope where a pixel is not clipped, else 0; shot and read noise: shape (3, n), at log exposures that are
-        1/32 stop apart, from the `first` such step on.
-    """
+    """What a camera shows of radiance that reaches it with log exposure x: stops, 0 at saturation."""
 
     def __init__(self, response: ResponseFunction, noise: SensorNoise) -> None:
-        self.bins = GreyBins(response, DARK_DN)
+        self.bins = GreyBins(response, DARK_DN)  # by which gradients are to be collected
         greys = np.arange(GREY_LEVELS)
         full = float(response.inverse(np.array([response.saturation]))[0])
         exposures, slopes = response.inverse(greys) - full, response_slopes(response)
@@ -55,6 +42,8 @@ class Optics:
         edges[0] = edges[1] + _BLACKEST
         begin = np.array([int(greys_of.argmax()) for greys_of in of_bin])
         low, high = edges[begin], edges[np.append(begin[1:], GREY_LEVELS)]
+        # Share of each bin's grey levels that are neither black nor saturated; log exposures between which they lie;
+        # mean squared slope of the response (grey levels per stop), and of its inverse; shot and read noise.
         self.by_bin: Array = np.stack(
             [mean @ readable, low, high, mean @ slopes**2, mean @ (1.0 / slopes**2), mean @ shot, mean @ read]
         )
@@ -64,6 +53,8 @@ class Optics:
         shown = response.intensity(tabulated + full)
         visible = (tabulated > black) & (tabulated < saturated)
         slope2 = np.where(visible, np.interp(shown, greys, slopes) ** 2, 0.0)
+        # Squared slope where a pixel is not clipped, else 0; shot and read noise: at log exposures `_STEP` apart, from
+        # the `first` such step on.
         self.by_exposure: Array = np.stack([slope2, np.interp(shown, greys, shot), np.interp(shown, greys, read)])
 
     @property
@@ -167,14 +158,15 @@ class SceneBelief(Stateful):
     hidden: Array
     tail: Array
     richness: Array
-    drift: float  # stops by which the light has risen beyond the bins' shifts, within half a bin
-    usual_richness: float
-    nothing: float  # probability that there is no contrast in what is clipped: looks that found none have raised it
-    age_s: float  # since the latest frame that showed something new
-    latest: Array | None
+    drift: float = 0.0  # stops by which the light has risen beyond the bins' shifts, within half a bin
+    usual_richness: float = RICHNESS
+    # probability that there is no contrast in what is clipped: looks that found none have raised it
+    nothing: float = NOTHING
+    age_s: float = 0.0  # since the latest frame that showed something new
+    latest: Array | None = None
     by_cell: Array
-    noise_share: float
-    averaged: float
+    noise_share: float = 1.0
+    averaged: float = 1.0
     relative_light: Array
 
     def __init__(self, optics: Optics) -> None:
@@ -182,14 +174,7 @@ class SceneBelief(Stateful):
         self.mass, self.energy, self.precision = np.zeros((3, BINS, CELLS * CELLS))
         self.seen, self.bounds = np.zeros(BINS), np.zeros(2)
         self.hidden, self.tail, self.richness = np.zeros((3, 2, CELLS * CELLS))
-        self.drift = 0.0
-        self.usual_richness = RICHNESS
-        self.nothing = NOTHING
-        self.age_s = 0.0
-        self.latest = None
         self.by_cell = np.zeros(CELLS * CELLS)
-        self.noise_share = 1.0
-        self.averaged = 1.0
         self.relative_light = _EVEN_LIGHT
 
     def forget(self) -> None:
@@ -224,20 +209,10 @@ class SceneBelief(Stateful):
     def see(
         self, seen: Contrast, level: float, gain: float, averaged: float, relative_light: Array | None = None
     ) -> None:
-        """Take in a frame.
+        """Take in the gradients of a frame, by `Optics.bins`; its exposure level (stops) and linear gain.
 
-        Parameters
-        ----------
-        seen
-            Its gradients, by `Optics.bins`.
-        level
-            Its exposure level, stops.
-        gain
-            Its linear gain.
-        averaged
-            Samples of the sensor averaged into a pixel of it.
-        relative_light
-            What the lens lets through to each cell, shape (64,), with few distinct values; None: the same to all.
+        `averaged` samples of the sensor went into each pixel, and the lens lets `relative_light` through to each cell:
+        shape (64,), with few distinct values; None: the same to all.
         """
         self.latest = seen.count
         self.averaged = averaged

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from autoexpose_daemon.control.metrics.gradient import ExtremeShares, grey_counts
+from autoexpose_daemon.control.metrics.gradient import ExtremeShares, grey_counts, saturated_from
 from autoexpose_daemon.control.policy import Look
 from imaging.response import GREY_LEVELS, ResponseFunction
 
@@ -25,16 +25,16 @@ REGION_FIGURES = 3 * GRID * GRID
 
 def grey_histogram(look: Look) -> NDArray[np.float64]:
     """Shares of the pixels that count, by grey level, shape (BINS,), sum 1."""
-    return _shares(look, _bins_of_grey(look.response.black_level, look.response.saturation))
+    return _shares(look, by_light=False)
 
 
 def light_histogram(look: Look) -> NDArray[np.float64]:
     """The same by the light behind grey levels, as the camera's response says."""
-    return _shares(look, _bins_of_light(look.response))
+    return _shares(look, by_light=True)
 
 
-def _shares(look: Look, bins: NDArray[np.float32]) -> NDArray[np.float64]:
-    counts = grey_counts(look.image, look.weights) @ bins
+def _shares(look: Look, *, by_light: bool) -> NDArray[np.float64]:
+    counts = grey_counts(look.image, look.weights) @ _bins(look.response, by_light)
     return np.asarray(counts / float(counts.sum()))
 
 
@@ -44,7 +44,7 @@ def region_figures(look: Look) -> NDArray[np.float64]:
     Shape (REGION_FIGURES,): the means row by row, then the saturated, then the black shares. A region of which nothing
     counts has the figures of the whole picture.
     """
-    ends = _ends(look.response.black_level, look.response.saturation)
+    ends = ExtremeShares(look.response)
     rows, columns = (np.linspace(0, size, GRID + 1).round().astype(int) for size in look.image.shape)
     saturated = cv2.threshold(look.image, ends.saturated_from - 1, 255, cv2.THRESH_BINARY)[1]
     black = cv2.threshold(look.image, ends.black_to, 255, cv2.THRESH_BINARY_INV)[1]
@@ -74,27 +74,13 @@ def _sums(values: NDArray[Any], rows: NDArray[np.int_], columns: NDArray[np.int_
 
 
 @lru_cache(maxsize=16)
-def _ends(black_level: int, saturation: int) -> ExtremeShares:
-    """Which grey levels count as black and as saturated."""
-    return ExtremeShares(ResponseFunction(np.arange(float(GREY_LEVELS)), black_level, saturation))
-
-
-@lru_cache(maxsize=16)
-def _bins_of_grey(black_level: int, saturation: int) -> NDArray[np.float32]:
-    signal = (np.arange(GREY_LEVELS) - black_level) / (saturation - black_level)
-    return _bins(signal, _ends(black_level, saturation).saturated_from)
-
-
-@lru_cache(maxsize=16)
-def _bins_of_light(response: ResponseFunction) -> NDArray[np.float32]:
-    light = response.light(np.arange(float(GREY_LEVELS)))
-    return _bins(light, _ends(response.black_level, response.saturation).saturated_from)
-
-
-def _bins(signal: NDArray[np.float64], saturated_from: int) -> NDArray[np.float32]:
-    """1 where a grey level with this signal (0..1) belongs to a bin, shape (GREY_LEVELS, BINS)."""
+def _bins(response: ResponseFunction, by_light: bool) -> NDArray[np.float32]:
+    """1 where a grey level belongs to a bin, shape (GREY_LEVELS, BINS)."""
+    greys = np.arange(float(GREY_LEVELS))
+    span = response.saturation - response.black_level
+    signal = response.light(greys) if by_light else (greys - response.black_level) / span
     places = np.minimum((BINS - 1) * np.sqrt(np.clip(signal, 0.0, 1.0)), BINS - 2).astype(int)
-    places[saturated_from:] = BINS - 1
+    places[saturated_from(response) :] = BINS - 1
     table = np.zeros((GREY_LEVELS, BINS), np.float32)
     table[np.arange(GREY_LEVELS), places] = 1.0
     return table

@@ -1,1 +1,1 @@
-"""The policies of papers: one file each."""
+"""The policies of papers."""

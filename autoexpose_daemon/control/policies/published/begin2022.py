@@ -2,17 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
-from autoexpose_daemon.control.balance import Balance
-from autoexpose_daemon.control.metrics.gradient import GradientMetric
 from autoexpose_daemon.control.policy import ExposurePolicy, Observation, Target
-from autoexpose_daemon.control.search.optimum import PolynomialFit
-from autoexpose_daemon.control.search.query import PredictedCurve
+from autoexpose_daemon.control.search import PolynomialFit, PredictedCurve
 from autoexpose_daemon.control.setup import ControlSetup
-from imaging.frames import Side
-from imaging.python310 import Self
-from imaging.response import ResponseFunction, prediction_tables
+from imaging.response import prediction_tables
 
 DELTA_LEVELS = (-2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0)
 """Changes of level that are predicted, stops: where the seven samples of algorithm 1, step 1, lie."""
@@ -42,18 +35,13 @@ class Begin2022(ExposurePolicy):
 
     FLOW = "farneback"
 
-    def __init__(self, responses: Mapping[Side, ResponseFunction], metric: GradientMetric, balance: Balance) -> None:
-        self.balance = balance
+    def __init__(self, setup: ControlSetup) -> None:
+        self.balance = setup.balance()
         self._fit = PolynomialFit(DELTA_LEVELS, DEGREE)
         self._curves = {
-            side: PredictedCurve(metric, prediction_tables(response, DELTA_LEVELS), DELTA_LEVELS.index(0.0))
-            for side, response in responses.items()
+            side: PredictedCurve(setup.metric, prediction_tables(response, DELTA_LEVELS), DELTA_LEVELS.index(0.0))
+            for side, response in setup.responses.items()
         }
-
-    @classmethod
-    def build(cls, setup: ControlSetup) -> Self:
-        """With the paper's balance, unless another is configured."""
-        return cls(setup.responses, setup.metric, setup.balance())
 
     def decide(self, observation: Observation) -> Target:
         """The level that promises most, relative to the level of this frame."""
@@ -70,10 +58,10 @@ def gain_ratio(observation: Observation) -> float:
     0 when no such decision is known.
     """
     past = observation.realised
-    if past is None or past.predicted_metric is None:
+    if past is None or past.target.predicted_metric is None:
         return 0.0
     assert observation.metric is not None and past.metric is not None, "what is predicted is measured"
-    return (observation.metric - past.metric) / (past.predicted_metric - past.metric + EPSILON)
+    return (observation.metric - past.metric) / (past.target.predicted_metric - past.metric + EPSILON)
 
 
 def _reason(best_metric: float, delta_level: float, beyond: bool) -> str:

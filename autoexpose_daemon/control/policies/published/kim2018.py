@@ -2,20 +2,41 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from autoexpose_daemon.control.balance import Balance, FixedGain
-from autoexpose_daemon.control.metrics.weighted_gradients import entropy_weighted_gradient
-from autoexpose_daemon.control.policy import ExposurePolicy, Observation, Target
-from autoexpose_daemon.control.search.gaussian_process import GaussianProcess
-from autoexpose_daemon.control.search.query import Held, Reference, way_out
+from autoexpose_daemon.control.balance import FixedGain
+from autoexpose_daemon.control.metrics.published import entropy_weighted_gradient
+from autoexpose_daemon.control.policy import Observation, Target
+from autoexpose_daemon.control.search import Held, Search
 from autoexpose_daemon.control.setup import ControlSetup
-from autoexpose_daemon.control.snapshot import Built
 from imaging.exposure import DB_PER_STOP, ExposureLimits
-from imaging.python310 import Self
+
+
+@dataclass(frozen=True, slots=True)
+class GaussianProcess:
+    """Regression with a squared-exponential kernel ``s^2 exp(-(x - x')^2 / (2 l^2))`` and prior mean 0."""
+
+    length: float  # l, the distance over which values resemble each other
+    deviation: float  # s, the prior standard deviation of the values
+    noise: float  # standard deviation of a measured value
+
+    def predict(
+        self, positions: NDArray[np.float64], values: NDArray[np.float64], queries: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """(mean, standard deviation) at `queries`, float64 of their shape (m,), from samples of shape (n,)."""
+        covariance = self._kernel(positions, positions) + self.noise**2 * np.eye(positions.size)
+        to_samples = self._kernel(queries, positions)
+        gain = np.linalg.solve(covariance, to_samples.T).T
+        variance = self.deviation**2 - np.einsum("ij,ij->i", gain, to_samples)
+        return gain @ values, np.sqrt(np.maximum(variance, 0.0))
+
+    def _kernel(self, a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+        distance = (a[:, np.newaxis] - b[np.newaxis, :]) / self.length
+        return np.asarray(self.deviation**2 * np.exp(-0.5 * distance**2))
+
 
 GRID_STOPS = 0.125
 PROCESS = GaussianProcess(length=1.25, deviation=1.0, noise=0.05)
@@ -34,8 +55,7 @@ NEAR_STOPS = 0.2
 """A maximum counts when a sample this near confirms it."""
 
 
-@dataclass(slots=True)
-class Kim2018(ExposurePolicy):
+class Kim2018(Search):
     """Maximises M_ewg of eq. (12) over exposure time at a fixed gain (Kim et al. 2018).
 
     Asks for the exposure time about which a Gaussian process through all samples knows least, until it knows enough;
@@ -49,48 +69,27 @@ class Kim2018(ExposurePolicy):
     frame that is all but black or white when a search would begin is first left by two stops at a time.
     """
 
-    balance: Built[Balance]
-    gain_db: Built[float]  # the gain that time is searched at, dB, wherever the time suffices
-    query: Target | None = None  # the level whose frame is awaited; None before the first frame
     # the samples: levels (stops), M_ewg
-    levels: list[float] = field(default_factory=list)
-    values: list[float] = field(default_factory=list)
-    held: Held | None = None  # the result while the search rests
-    reference: Reference = field(default_factory=Reference)  # the camera whose frames it compares
+    levels: list[float]
+    values: list[float]
 
-    @classmethod
-    def build(cls, setup: ControlSetup) -> Self:
-        """With the balance of Table 1 of Begin & Hunter 2022, unless another is configured."""
-        return cls(setup.balance(FixedGain(setup.start.gain_db)), setup.start.gain_db)
+    def __init__(self, setup: ControlSetup) -> None:
+        super().__init__(setup.balance(FixedGain(setup.start.gain_db)))
+        self._gain_db = setup.start.gain_db  # that time is searched at, wherever the time suffices
+        self.levels, self.values = [], []
 
-    def decide(self, observation: Observation) -> Target:
-        """The level to be learnt next, or the best one."""
-        awaited = self.query if self.held is None else self.held.target
-        last = self.reference.while_lost(observation, awaited)
-        if last is not None:
-            return last
-        if self.query is None or self.held is not None:
-            blind = way_out(observation)
-            if blind is not None:
-                self.query = self.held = None
-                return blind
-        if awaited is not None and not observation.realises(awaited):
-            return awaited
-        value = entropy_weighted_gradient(observation.image, observation.weights)
-        if self.held is not None:
-            if self.held.still_holds(value, observation.mean):
-                return self.held.target
-            self.query = self.held = None
+    def measure(self, observation: Observation) -> float:
+        """M_ewg."""
+        return entropy_weighted_gradient(observation.image, observation.weights)
+
+    def told(self, observation: Observation, value: float) -> Target:
+        """The least known level; then the most promising one; or the best, when a sample has confirmed it."""
         if self.query is None:
             self.levels, self.values = [observation.setting.level], [value]
-            return self._ask(observation.limits)
-        self.levels.append(self.query.level)
-        self.values.append(value)
-        return self._ask(observation.limits)
-
-    def _ask(self, limits: ExposureLimits) -> Target:
-        """The least known level; then the most promising one; or the best, when a sample has confirmed it."""
-        grid = self._grid(limits)
+        else:
+            self.levels.append(self.query.level)
+            self.values.append(value)
+        grid = self._grid(observation.limits)
         values = np.array(self.values)
         centre, scale = float(values.mean()), float(values.std()) or 1.0
         mean, deviation = PROCESS.predict(np.array(self.levels), (values - centre) / scale, grid)
@@ -108,7 +107,7 @@ class Kim2018(ExposurePolicy):
 
     def _grid(self, limits: ExposureLimits) -> NDArray[np.float64]:
         """The levels to search: what times within `limits` give at the fixed gain, further where the best sample is."""
-        gain_stops = min(max(self.gain_db, limits.min_gain_db), limits.max_gain_db) / DB_PER_STOP
+        gain_stops = min(max(self._gain_db, limits.min_gain_db), limits.max_gain_db) / DB_PER_STOP
         low, high = np.log2(limits.min_time_us) + gain_stops, np.log2(limits.max_time_us) + gain_stops
         best = self.levels[int(np.argmax(self.values))]
         while best > high - NEAR_STOPS and high < limits.brightest.level:

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
 
-from autoexpose_daemon.control.balance import Balance, FixedRatio
-from autoexpose_daemon.control.metrics.weighted_gradients import entropy
-from autoexpose_daemon.control.policy import ExposurePolicy, Observation, Target
-from autoexpose_daemon.control.search.query import Held, Reference, way_out
+from autoexpose_daemon.control.balance import FixedRatio
+from autoexpose_daemon.control.metrics.published import entropy
+from autoexpose_daemon.control.policy import Observation, Target
+from autoexpose_daemon.control.search import Held, Search
 from autoexpose_daemon.control.setup import ControlSetup
-from autoexpose_daemon.control.snapshot import Built
-from imaging.python310 import Self
 
 FIRST_STEP_STOPS = 1.0
 LONGEST_STEP_STOPS = 2.0
@@ -23,8 +20,7 @@ SMALLEST_GAIN = 0.005
 """Bits that a step must bring: less is noise."""
 
 
-@dataclass(slots=True)
-class Lu2010(ExposurePolicy):
+class Lu2010(Search):
     """Climbs M_e of eq. (2) (Lu et al. 2010; Table 1 of Begin & Hunter: entropy, preset relation, policy unspecified).
 
     Lu's relation makes time and gain one coordinate, the exposure level. How to climb remains open; this is
@@ -33,38 +29,22 @@ class Lu2010(ExposurePolicy):
     until the picture there changes; then the search starts again.
     """
 
-    balance: Built[Balance]
-    query: Target | None = None  # the level whose frame is awaited; None before the first frame
+    LEAVES_AT_ONCE = True
     # the best level so far (stops) and its entropy (bits)
     best_level: float = 0.0
     best_value: float = 0.0
     step: float = FIRST_STEP_STOPS  # signed step, stops
     turned: bool = False  # whether the other direction from the best level has been tried with this step
-    held: Held | None = None  # the result while the search rests
-    reference: Reference = field(default_factory=Reference)  # the camera whose frames it compares
 
-    @classmethod
-    def build(cls, setup: ControlSetup) -> Self:
-        """With the balance of Table 1 of Begin & Hunter 2022, unless another is configured."""
-        return cls(setup.balance(FixedRatio()))
+    def __init__(self, setup: ControlSetup) -> None:
+        super().__init__(setup.balance(FixedRatio()))
 
-    def decide(self, observation: Observation) -> Target:
+    def measure(self, observation: Observation) -> float:
+        """M_e."""
+        return entropy(observation.image, observation.weights)
+
+    def told(self, observation: Observation, value: float) -> Target:
         """The level whose entropy is to be learnt next, or the best one."""
-        awaited = self.query if self.held is None else self.held.target
-        last = self.reference.while_lost(observation, awaited)
-        if last is not None:
-            return last
-        blind = way_out(observation)
-        if blind is not None:
-            self.query = self.held = None
-            return blind
-        if awaited is not None and not observation.realises(awaited):
-            return awaited
-        value = entropy(observation.image, observation.weights)
-        if self.held is not None:
-            if self.held.still_holds(value, observation.mean):
-                return self.held.target
-            self.query = self.held = None
         if self.query is None:
             self.best_level, self.best_value = observation.setting.level, value
             self.step = FIRST_STEP_STOPS if observation.mean < 0.5 else -FIRST_STEP_STOPS

@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 
-from autoexpose_daemon.control.balance import Balance, ExposurePriority
-from autoexpose_daemon.control.metrics.weighted_gradients import SoftPercentile
-from autoexpose_daemon.control.policy import ExposurePolicy, Observation, Target
+from autoexpose_daemon.control.balance import ExposurePriority
+from autoexpose_daemon.control.metrics.published import SoftPercentile
+from autoexpose_daemon.control.policy import SMALLEST_SIGNAL, ExposurePolicy, Observation, Target
 from autoexpose_daemon.control.setup import ControlSetup
-from imaging.frames import Side
-from imaging.python310 import Self
-from imaging.response import ResponseFunction
 
 ASCENT_RATE = 0.25
 """Stops per (1/stop) of relative slope, d ln M / dE. The authors look their rate up by irradiance, since their slope
@@ -22,7 +18,6 @@ LARGEST_CHANGE_STOPS = math.log2(1.1)
 
 SATURATED_SHARE = 0.5
 DESIRED_MEAN = 0.5
-SMALLEST_SIGNAL = 0.5 / 255
 """With more of the image saturated the authors' code goes by the mean, towards half scale; without any gradient it
 has no slope to follow either."""
 
@@ -35,14 +30,9 @@ class Zhang2017(ExposurePolicy):
     The derivative goes through the response function: dM/dE = dM/dI f'(f^-1(I)).
     """
 
-    def __init__(self, responses: Mapping[Side, ResponseFunction], balance: Balance) -> None:
-        self.balance = balance
-        self._percentiles = {side: SoftPercentile(response) for side, response in responses.items()}
-
-    @classmethod
-    def build(cls, setup: ControlSetup) -> Self:
-        """With the balance of Table 1 of Begin & Hunter 2022, unless another is configured."""
-        return cls(setup.responses, setup.balance(ExposurePriority()))
+    def __init__(self, setup: ControlSetup) -> None:
+        self.balance = setup.balance(ExposurePriority())
+        self._percentiles = {side: SoftPercentile(response) for side, response in setup.responses.items()}
 
     def decide(self, observation: Observation) -> Target:
         """One step of gradient ascent from the level of this frame."""

@@ -9,20 +9,16 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
-from autoexpose_daemon.control.balance import ExposurePriority
 from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.metrics.gradient import GradientMetric
+from autoexpose_daemon.control.policies.published.as_coded import CodedMaximum, lift_table, lifted_prediction
 from autoexpose_daemon.control.policies.published.begin2022 import STEP_FACTOR
-from autoexpose_daemon.control.policies.published.begin2022_code import Begin2022Code, lifted_prediction
-from autoexpose_daemon.control.policies.published.mehta2020 import GAMMAS
-from autoexpose_daemon.control.policies.published.mehta2020 import next_level as mehta_level
-from autoexpose_daemon.control.policies.published.mehta2020_code import Mehta2020Code
-from autoexpose_daemon.control.policies.published.vo_autoexpose import CodedMaximum, lift_table
+from autoexpose_daemon.control.policies.published.gamma import MEHTA_GAMMAS, mehta_level
 from autoexpose_daemon.control.policy import ExposurePolicy, Look, Observation
 from imaging.exposure import ExposureSetting
 from imaging.response import ResponseFunction
 
-from ..scene import LIMITS, NOTHING_GIVEN, expose, radiance, run
+from ..scene import LIMITS, NOTHING_GIVEN, expose, policy_of, radiance, run
 
 LINEAR = ResponseFunction.linear()
 SETTING = ExposureSetting(1000.0, 6.0)
@@ -41,12 +37,12 @@ def flat(grey: int) -> NDArray[np.uint8]:
     return np.full((68, 90), grey, np.uint8)
 
 
-def begin() -> Begin2022Code:
-    return Begin2022Code({"left": LINEAR}, GradientMetric(), ExposurePriority())
+def begin() -> ExposurePolicy:
+    return policy_of("begin2022-code")
 
 
-def mehta() -> Mehta2020Code:
-    return Mehta2020Code({"left": LINEAR}, GradientMetric(), ExposurePriority())
+def mehta() -> ExposurePolicy:
+    return policy_of("mehta2020-code")
 
 
 def step_of(policy: ExposurePolicy, image: NDArray[np.uint8]) -> float:
@@ -74,9 +70,9 @@ def test_the_lift_is_a_gamma_of_the_signal_above_black() -> None:
 
 @given(arrays(np.float64, 7, elements=st.floats(0, 1, width=16)))
 def test_the_maximum_is_a_sample_or_a_stationary_point(metrics: NDArray[np.float64]) -> None:
-    position = CodedMaximum(GAMMAS, 1.0).find(metrics)
-    if position not in GAMMAS:
-        fit = np.polynomial.Polynomial.fit(GAMMAS, metrics, 6)
+    position = CodedMaximum(MEHTA_GAMMAS, 1.0).find(metrics)
+    if position not in MEHTA_GAMMAS:
+        fit = np.polynomial.Polynomial.fit(MEHTA_GAMMAS, metrics, 6)
         scale = abs(fit.deriv(2)(position)) + 1e-3
         assert abs(fit.deriv()(position)) < 1e-3 * scale
 
@@ -85,13 +81,13 @@ def test_the_maximum_is_a_sample_or_a_stationary_point(metrics: NDArray[np.float
 def test_black_and_white_frames_are_left_whatever_their_gradient(grey: int) -> None:
     towards = 1 if grey == 0 else -1
     assert step_of(begin(), flat(grey)) == 2.0 * towards
-    gamma = GAMMAS[-1] if grey == 0 else GAMMAS[0]
+    gamma = MEHTA_GAMMAS[-1] if grey == 0 else MEHTA_GAMMAS[0]
     assert step_of(mehta(), flat(grey)) == pytest.approx(mehta_level(SETTING.level, gamma) - SETTING.level)
 
 
 def test_without_gradient_the_first_sample_of_the_code_wins() -> None:
     assert step_of(begin(), flat(100)) == 2.0
-    assert step_of(mehta(), flat(100)) == pytest.approx(mehta_level(SETTING.level, GAMMAS[0]) - SETTING.level)
+    assert step_of(mehta(), flat(100)) == pytest.approx(mehta_level(SETTING.level, MEHTA_GAMMAS[0]) - SETTING.level)
 
 
 def test_the_median_is_left_out() -> None:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from autoexpose_daemon.control.balance import Balance, ExposurePriority, whole_periods_us
 from autoexpose_daemon.control.loop import ControlLoop
-from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
+from autoexpose_daemon.control.metrics.contrast import SensorNoise
 from autoexpose_daemon.control.parameters import BalanceId, ControlParameters
 from autoexpose_daemon.control.policies.belief.balance import BlurPhotonBalance, times_of_levels
 from autoexpose_daemon.control.policies.flicker import FRAMES, FlickerWatch

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from autoexpose_daemon.control.decision import Decision
-from autoexpose_daemon.control.light_ahead import UNPROVEN, WINDOW_FRAMES, LightAhead
+from autoexpose_daemon.control.inputs import UNPROVEN, WINDOW_FRAMES, LightAhead
 from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.policies.belief.forecast import (
     FORGOTTEN_FRAMES,

@@ -17,8 +17,8 @@ from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.policies.ids import LEARNED
 from autoexpose_daemon.control.policies.learned import net as net_module
 from autoexpose_daemon.control.policies.learned.features import BINS, grey_histogram, light_histogram, region_figures
-from autoexpose_daemon.control.policies.learned.learned_policy import HOLD_STOPS, STEADY_SHARE, LearnedPolicy
 from autoexpose_daemon.control.policies.learned.net import Net, trained_net
+from autoexpose_daemon.control.policies.learned.policies import HOLD_STOPS, STEADY_SHARE, LearnedPolicy
 from autoexpose_daemon.control.policies.table import build_policy
 from autoexpose_daemon.control.policy import Look, Observation
 from autoexpose_daemon.control.setup import ControlSetup

@@ -1,1 +1,0 @@
-"""Finding the maximum of a metric that is known only at a few points."""
