@@ -115,7 +115,7 @@ def test_a_frame_rate_of_0_does_not_end_the_free_run() -> None:
         client.run("AcquisitionStart")
         frames.get(timeout=10)
         client.set("AcquisitionFrameRate", 100.0)
-        assert frames.get(timeout=10).frame_id == 2
+        assert frames.get(timeout=10).frame_id > 1
 
 
 def test_a_gain_without_limits_has_those_of_the_sensor() -> None:
