@@ -80,7 +80,8 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Leave out marks unless they are asked for by -m, and what is of the other transport.
 
-    The longest files come first, for each is one worker's, and none should be left over at the end.
+    The longest files come first, for each is one worker's, and none should be left over at the end. For mutmut, which
+    waits for the first test that fails, they come last.
     """
     marks = {OTHER_TRANSPORT, *(mark for mark in MARKED_OUT if mark not in config.option.markexpr)}
 
@@ -89,7 +90,11 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
     order = {Path(__file__).parent / file: index for index, file in enumerate(LONGEST)}
     config.hook.pytest_deselected(items=[item for item in items if left_out(item)])
-    items[:] = sorted((item for item in items if not left_out(item)), key=lambda item: order.get(item.path, len(order)))
+    items[:] = sorted(
+        (item for item in items if not left_out(item)),
+        key=lambda item: (order.get(item.path, len(order)), item.path),
+        reverse="MUTANT_UNDER_TEST" in os.environ,
+    )
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
