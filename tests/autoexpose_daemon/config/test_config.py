@@ -247,11 +247,6 @@ def test_no_number_of_the_configuration_is_without_bounds(key: str) -> None:
             TypeAdapter(NUMBERS[key]).validate_python(beyond)
 
 
-def test_a_missing_file_is_named(tmp_path: Path) -> None:
-    with pytest.raises(ConfigurationError, match="no-such"):
-        load_config(tmp_path / "no-such.yaml")
-
-
 def test_a_configured_start_is_taken_to_the_letter() -> None:
     config = Config.model_validate(STEREO | {"control": {"start": {"exposure_time_us": 300}}})
     assert config.start == ExposureSetting(300.0, 0.0)
