@@ -1,4 +1,4 @@
-"""The watch over the clocks, reading by reading; with drifting clocks: tests/autoexpose_daemon/runtime/test_ptp.py."""
+"""The watch over the clocks, reading by reading; drifting ones: autoexpose_daemon/runtime/test_host_triggers.py."""
 
 from __future__ import annotations
 

@@ -1,9 +1,15 @@
-"""Statuses, made up."""
+"""Statuses, grounds of a decision, samples of an IMU and frames of `repeat`, made up."""
 
 from __future__ import annotations
 
-from autoexpose_daemon.control.decision import Decision
+from collections.abc import Sequence
+
+import numpy as np
+
+from autoexpose_daemon.control.decision import Decision, Grounds, SceneHistogram
 from autoexpose_daemon.messages.client import ConsumerTally
+from autoexpose_daemon.messages.inputs import RegisteredView
+from autoexpose_daemon.messages.types import IMU, TYPESTORE
 from autoexpose_daemon.status.counters import Counts
 from autoexpose_daemon.status.document import (
     VERSION,
@@ -74,3 +80,50 @@ EXPOSING = Status(
     tracking=TrackingTally(20, {"damaged": 21, "stale": 22}, ("slam",), 0.4),
 )
 """All is well, and every number is different."""
+
+
+GROUNDS = Grounds(
+    scenes={
+        "left": SceneHistogram(
+            start=-16.0,
+            bin_stops=1.0,
+            known=[0.0, 0.1, 0.3, 0.2, 0.0, 0.0, 0.0, 0.0],
+            guessed=[0.0, 0.0, 0.0, 0.0, 0.0, 0.2, 0.15, 0.05],
+            contrast=[0.0, 0.1, 0.2, 0.3, 0.0, 0.2, 0.1, 0.1],
+            black=-19.5,
+            white=-12.0,
+        )
+    },
+    level=12.0,
+    levels=[6.0, 8.0, 10.0, 12.0, 14.0],
+    worth=[0.3, 1.0, 0.6, 0.8, 0.2],
+    value=[6.2, 7.3, 6.5, 7.1, 6.1],
+)
+
+
+_types = TYPESTORE.types
+_header = _types["std_msgs/msg/Header"](_types["builtin_interfaces/msg/Time"](1_700_000_000, 5), "imu_link")
+_upright = _types["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0)
+_vector = _types["geometry_msgs/msg/Vector3"]
+
+
+def imu_message(velocity_rad_s: Sequence[float], unknown: bool = False) -> bytes:
+    """The CDR bytes of a sample; `unknown`: marked as without angular velocity."""
+    covariance, marked = np.zeros(9), np.array([-1.0, *[0.0] * 8])
+    sample = _types[IMU](
+        _header, _upright, covariance, _vector(*velocity_rad_s), marked if unknown else covariance,
+        _vector(0.0, 0.0, 9.81), covariance,
+    )  # fmt: skip
+    return bytes(TYPESTORE.serialize_cdr(sample, IMU))
+
+
+def registered_view(distance_m: float = 3.5, shift_px: float | None = 12.0) -> RegisteredView:
+    """One of 40 matches, 30 of which agree."""
+    random = np.random.default_rng(1)
+    agreed = np.arange(40) < 30
+    shifts_px = np.where(agreed, 12.0 + random.normal(0.0, 1.0, 40), random.uniform(-300.0, 300.0, 40))
+    x_px, y_px = random.uniform((0.0, 0.0), (720.0, 540.0), (40, 2)).T.astype(np.float32)
+    return RegisteredView(
+        1_700_000_000_000_000_000, distance_m, 40.0, 17, shift_px,
+        x_px, y_px, shifts_px.astype(np.float32), agreed, 0.4, -0.1, "",
+    )  # fmt: skip

@@ -1,16 +1,56 @@
-"""The belief of a replay as a picture, from the command line."""
+"""`autoexpose record` on fake cameras in real time, and `autoexpose replay` with its picture of the belief."""
 
 from __future__ import annotations
 
 import re
+import signal
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 from PIL import Image
 
-from autoexpose_daemon import cli
+from autoexpose_daemon.recording.file import LoopState, Setup, Step
+from autoexpose_daemon.recording.read import Recording
+from autoexpose_daemon.recording.replay import report_replay
+from tests.autoexpose_daemon.publish.steps import wait_until
 from tests.autoexpose_daemon.recording.runs import VirtualRun, record
+from tests.autoexpose_daemon.service.service_process import Within, running_service
+from tests.autoexpose_daemon.stereo import stereo_cameras
+
+
+@pytest.mark.realtime
+def test_the_last_second_is_written_on_a_signal_and_at_the_end_and_replayed_bit_for_bit(tmp_path: Path) -> None:
+    command = ["record", str(tmp_path / "last.mcap"), "--last", "1"]
+    file = tmp_path / "rig.yaml"
+    with stereo_cameras("--still") as (left, right, _):
+        file.write_text(f"cameras: {{left: {{serial: {left.serial}}}, right: {{serial: {right.serial}}}}}")
+        with running_service(file, command=command) as daemon:
+            daemon.wait_for("READY=1")
+            daemon.process.send_signal(signal.SIGUSR1)
+            wait_until((tmp_path / "last-1.mcap").exists, "the file")
+    files = sorted(tmp_path.glob("*.mcap"))
+    assert [file.name for file in files] == ["last-1.mcap", "last-2.mcap"]
+    for file in files:
+        assert [type(item) for item in list(Recording(file))[:3]] == [Setup, Step, LoopState]
+    said: list[str] = []
+    assert report_replay(files[1], None, said.append), said
+    assert re.search(r"replayed: (\d+), of which \1 are bit for bit as recorded", "\n".join(said))
+
+
+def test_a_policy_that_is_no_longer_here_names_the_one_in_its_place(within: Within, tmp_path: Path) -> None:
+    told = within.refused("replay", str(tmp_path / "run.mcap"), "--policy", "fisher-map")
+    assert "no policy 'fisher-map'; belief took the place of fisher-map;" in told
+
+
+@pytest.mark.parametrize("last", [(), ("--last", "5")])
+def test_a_file_that_is_not_named_as_a_recording_is_refused_at_once(
+    within: Within, tmp_path: Path, last: tuple[str, ...]
+) -> None:
+    config, path = tmp_path / "rig.yaml", tmp_path / "x.txt"
+    config.write_text("cameras: {left: {serial: A}}")
+    assert f"{path}: is not a name for a recording" in within.refused("record", str(path), "-c", str(config), *last)
+
 
 Replay = Callable[..., tuple[int, str, str]]
 FIRST, STEPS = 100, 12
@@ -24,16 +64,9 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def replay(recording: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Replay:
+def replay(recording: Path, within: Within) -> Replay:
     """Exit code, and what is printed on stdout and stderr."""
-
-    def call(*options: str) -> tuple[int, str, str]:
-        monkeypatch.setattr("sys.argv", ["autoexpose", "replay", str(recording), *options])
-        with pytest.raises(SystemExit) as ended:
-            cli.main()
-        return int(ended.value.code or 0), *capsys.readouterr()
-
-    return call
+    return lambda *options: within("replay", str(recording), *options)
 
 
 def width(path: Path) -> int:
