@@ -1,4 +1,4 @@
-"""Training gives the same bytes for the same seed, interrupted or not; and bad input gets one sentence."""
+"""Training: gradients, the world it takes place in, and weights of the same bytes for the same seed."""
 
 from __future__ import annotations
 
@@ -15,14 +15,142 @@ from typer.testing import CliRunner
 from autoexpose_daemon.control.policies import learned
 from autoexpose_daemon.control.policies.ids import LEARNED
 from autoexpose_daemon.control.policies.learned.net import Net
+from evaluation.arena.runs import HELD_OUT_SEEDS, TUNE_SCENES
+from evaluation.committed import FURNISHED_ROOMS, HELD_OUT_SEED
 from evaluation.training import berthold2013, tomasi2021, trainings, zhang2024
+from evaluation.training import episode as pictures
 from evaluation.training.berthold2013 import TrainingOfBerthold
-from evaluation.training.episode import TrainingPicture
-from evaluation.training.tomasi2021 import TrainingOfTomasi
-from evaluation.training.training import LARGEST_BYTES, Training, train, weights_bytes
+from evaluation.training.episode import (
+    COLUMNS,
+    FAR_STOPS,
+    PAINTERS,
+    ROWS,
+    SEEDS,
+    Episode,
+    TrainingPicture,
+    babbled_levels,
+    random_light,
+    random_path,
+)
+from evaluation.training.tomasi2021 import TrainingOfTomasi, best_level
+from evaluation.training.training import LARGEST_BYTES, Arrays, TrainedNet, Training, train, weights_bytes
 from evaluation.training.training_app import train_command
-from evaluation.training.zhang2024 import TrainingOfZhang, reward
+from evaluation.training.zhang2024 import ActorCritic, TrainingOfZhang, Transitions, reward
 from imaging.errors import AutoexposeError, ConfigurationError
+
+
+def double_net(sizes: tuple[int, ...], seed: int) -> tuple[Arrays, TrainedNet]:
+    """In float64, in which differences show slopes to many digits."""
+    rng, arrays = np.random.default_rng(seed), {}
+    net = TrainedNet.begin(arrays, "net", sizes, rng)
+    for name in net.names:
+        arrays[name] = arrays[name].astype(np.float64) + 0.1 * rng.standard_normal(arrays[name].shape)
+    return arrays, net
+
+
+def loss(net: TrainedNet, inputs: np.ndarray, wanted: np.ndarray) -> float:
+    return 0.5 * float(np.sum((net.forward(inputs) - wanted) ** 2))
+
+
+def test_gradients_are_those_of_finite_differences() -> None:
+    arrays, net = double_net((5, 7, 4, 2), 3)
+    rng = np.random.default_rng(4)
+    inputs, wanted = rng.standard_normal((6, 5)), rng.standard_normal((6, 2))
+    gradients, of_inputs = net.backward(net.forward(inputs) - wanted)
+    step = 1e-6
+    for values, gradient in [*((arrays[name], each) for name, each in zip(net.names, gradients, strict=True)),
+                             (inputs, of_inputs)]:  # fmt: skip
+        assert values.shape == gradient.shape
+        for place in rng.integers(values.size, size=8):
+            kept = values.flat[place]
+            values.flat[place] = kept + step
+            above = loss(net, inputs, wanted)
+            values.flat[place] = kept - step
+            below = loss(net, inputs, wanted)
+            values.flat[place] = kept
+            assert gradient.flat[place] == pytest.approx((above - below) / (2 * step), abs=1e-6)
+
+
+def test_a_net_follows_another_by_a_share() -> None:
+    rng, arrays = np.random.default_rng(0), {}
+    net = TrainedNet.begin(arrays, "net", (3, 2, 1), rng)
+    slow = net.copy_to("slow_net")
+    arrays["net.offsets1"] += 1.0
+    slow.follow(net, 0.25)
+    assert arrays["slow_net.offsets1"] == pytest.approx([0.25])
+    assert arrays["slow_net.matrix0"] == pytest.approx(arrays["net.matrix0"])
+
+
+def test_the_actor_finds_the_action_that_earns_most() -> None:
+    """Here the one that equals half of what is seen."""
+    rng, state = np.random.default_rng(1), {}
+    learner = ActorCritic.begin(state, 1, rng)
+    for number in range(600):
+        seen = rng.uniform(-1.0, 1.0, (64, 1)).astype(np.float32)
+        done = rng.uniform(-1.0, 1.0, (64, 1)).astype(np.float32)
+        later = rng.uniform(-1.0, 1.0, (64, 1)).astype(np.float32)
+        learner.update(Transitions(seen, done, -np.abs(done - seen / 2), later), number, 3e-3, rng)
+    seen = np.linspace(-0.9, 0.9, 7, dtype=np.float32)[:, None]
+    assert learner.act(seen) == pytest.approx(seen / 2, abs=0.15)
+
+
+def patches(seed: int) -> TrainingPicture:
+    light = np.exp2(np.random.default_rng(seed).normal(-2.0, 1.0, (33, 50)))
+    return TrainingPicture(np.kron(light, np.ones((8, 8))).astype(np.float32), 4)
+
+
+def episode(seed: int, frames: int = 30) -> Episode:
+    return Episode([patches(seed)], np.random.default_rng(seed), frames)
+
+
+def test_pictures_are_of_tuning_scenes_and_tuning_seeds() -> None:
+    assert {*PAINTERS, "room"} <= {*TUNE_SCENES}
+    assert not {*PAINTERS} & ({*HELD_OUT_SEEDS} - {"room"})
+    assert max(SEEDS) < 100 < HELD_OUT_SEED and not {*SEEDS} & {*FURNISHED_ROOMS}
+
+
+def test_of_each_seed_there_are_paintings_and_a_room_all_around() -> None:
+    found = pictures.tuning_pictures(1)
+    assert len(found) == len(PAINTERS) + pictures.HEADINGS
+    for each in found:
+        rows, columns = each.light.shape
+        assert rows >= ROWS * each.stride and columns >= COLUMNS * each.stride
+        assert np.isfinite(each.light).all() and (each.light >= 0).all()
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_level_of_a_mean_gives_that_mean(seed: int) -> None:
+    one = episode(seed)
+    level = one.level_of_mean(3, 0.3)
+    look = one.look(3, one.setting(level))
+    black = look.response.black_level
+    mean = (float(look.image.mean()) - black) / (255 - black)
+    at_limit = level in (one.limits.darkest.level, one.limits.brightest.level)
+    assert mean == pytest.approx(0.3, abs=0.03) or at_limit
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_matches_are_most_where_the_picture_is_neither_black_nor_white(seed: int) -> None:
+    one = episode(seed)
+    level = best_level(one, 5)
+    assert level is not None and one.limits.darkest.level <= level <= one.limits.brightest.level
+    assert 0.01 < float(one.look(5, one.setting(level)).image.mean()) / 255 < 0.98
+
+
+def test_light_and_path_stay_where_they_may(frames: int = 80) -> None:
+    rng = np.random.default_rng(2)
+    for _ in range(50):
+        lux, path = random_light(rng, frames), random_path(rng, frames, 300)
+        assert lux.shape == path.shape == (frames,)
+        assert (lux > 0).all() and path.min() >= 0 and path.max() <= 300
+        assert np.abs(np.diff(path)).max() <= 22
+
+
+def test_babbling_looks_near_and_far() -> None:
+    apart = np.array(babbled_levels([10.0] * 500, np.random.default_rng(1))) - 10.0
+    assert np.abs(apart).max() > FAR_STOPS / 2
+    assert np.mean(np.abs(apart) < 1.0) > 0.3
+
 
 TINY: dict[str, Callable[[], Training]] = {
     "berthold2013": lambda: TrainingOfBerthold(rounds=3, episodes=2),

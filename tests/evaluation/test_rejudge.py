@@ -1,8 +1,9 @@
+"""`rejudge` from end to end."""
+
 from __future__ import annotations
 
 import itertools
 import json
-import shutil
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -13,16 +14,52 @@ import pytest
 import typer
 from typer.testing import CliRunner, Result
 
+from autoexpose_daemon.control.loop import ControlLoop
+from autoexpose_daemon.control.parameters import Bracketing
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
+from autoexpose_daemon.control.step import StepInputs
+from autoexpose_daemon.recording.file import RecordingFile, Step
 from autoexpose_daemon.recording.replay import report_replay
 from calibration.geometry.opencv import ros_yaml
-from evaluation.odometry.tracking import lap
+from evaluation.experiments.rejudge import simulated_geometries, simulated_setup
+from evaluation.odometry.tracking import lap, odometry_stage
 from evaluation.rejudge.contest import Figures, recommended
 from evaluation.rejudge.following import ReferenceTrajectory, Trajectory, read_tum, tum
 from evaluation.rejudge.rejudge_app import rejudge
 from evaluation.rejudge.sources import read_recording
+from evaluation.stage.camera import DelayedLoop
+from evaluation.stage.rendering import Stage
 from imaging.errors import AutoexposeError, ConfigurationError
-from tests.evaluation.rejudge.conftest import BEGIN_S, FRAMES
+from imaging.frames import StereoPair
+from imaging.geometry import CameraGeometry
+
+FRAMES = 36
+BEGIN_S = 4.0  # in full motion
+
+
+def moving_stage() -> Stage:
+    stage = odometry_stage("even", 1, 1, 0)
+    stage._start_times_s = BEGIN_S + np.arange(FRAMES) / 60.0
+    return stage
+
+
+@pytest.fixture(scope="session")
+def drive_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A short recording in brackets of the simulated rig in motion, in four shots to a cycle."""
+    path = tmp_path_factory.mktemp("rejudge") / "drive.mcap"
+    setup = simulated_setup(Bracketing(4, 4.0))
+    stage, delayed = moving_stage(), DelayedLoop(ControlLoop(setup), 2)
+    file = RecordingFile(path, "rig")
+    for number in range(FRAMES):
+        stage.go_to(number)
+        pair = delayed.step(stage.take)
+        copies = {side: replace(frame, pixels=frame.pixels.copy()) for side, frame in pair.frames.items()}
+        inputs, geometries = StepInputs(StereoPair(number, copies)), simulated_geometries()
+        step = Step(number + 1, 2, inputs, delayed.decisions[-1], calibrations=geometries)
+        file.write(step, setup, delayed.loop.state() if number == 0 else None)
+    file.close(FRAMES, 0)
+    return path
+
 
 app = typer.Typer()
 app.command()(rejudge)
@@ -78,17 +115,26 @@ def test_policies_are_judged_and_one_is_recommended(drive_file: Path, tmp_path: 
     assert "http" not in text
 
 
-def test_the_users_own_program_follows_the_camera(drive_file: Path, tmp_path: Path) -> None:
-    slam = tmp_path / "slam.py"
-    slam.write_text(
-        "import pathlib, sys\n"
-        "folder, written = map(pathlib.Path, sys.argv[-2:])\n"
-        "times = (folder / 'times.txt').read_text().split()\n"
-        "assert len(list((folder / 'left').iterdir())) == len(list((folder / 'right').iterdir())) == len(times)\n"
-        "assert 'focal_px: 860.0' in (folder / 'camera.yaml').read_text()\n"
-        "written.write_text(''.join(f'{time} {i / 100} 0 0 0 0 0 1\\n' for i, time in enumerate(times)))\n"
+def program(tmp_path: Path, *lines: str) -> str:
+    """A command that knows the folder of the pictures, their times, and where the trajectory is to be written."""
+    begin = (
+        "import pathlib, sys",
+        "folder, written = map(pathlib.Path, sys.argv[-2:])",
+        "times = (folder / 'times.txt').read_text().split()",
+        "poses = [f'{time} {i / 100} 0 0 0 0 0 1\\n' for i, time in enumerate(times)]",
     )
-    outcome = run(drive_file, *QUICK, "--odometry", f"{sys.executable} {slam}", "--json", tmp_path / "f.json")
+    (tmp_path / "slam.py").write_text("\n".join([*begin, *lines]))
+    return f"{sys.executable} {tmp_path / 'slam.py'}"
+
+
+def test_the_users_own_program_follows_the_camera(drive_file: Path, tmp_path: Path) -> None:
+    slam = program(
+        tmp_path,
+        "assert len(list((folder / 'left').iterdir())) == len(list((folder / 'right').iterdir())) == len(times)",
+        "assert 'focal_px: 860.0' in (folder / 'camera.yaml').read_text()",
+        "written.write_text(''.join(poses))",
+    )
+    outcome = run(drive_file, *QUICK, "--odometry", slam, "--json", tmp_path / "f.json")
     assert outcome.exit_code == 0, outcome.exception
     assert all(one["lost_share"] == 0.0 for one in json.loads((tmp_path / "f.json").read_text())["policies"])
 
@@ -96,33 +142,28 @@ def test_the_users_own_program_follows_the_camera(drive_file: Path, tmp_path: Pa
 @pytest.mark.parametrize(
     ("code", "words"),
     [
-        ("import sys; sys.exit('no vocabulary')", "failed with exit code 1: no vocabulary"),
+        ("sys.exit('no vocabulary')", "failed with exit code 1: no vocabulary"),
         ("pass", "did not write the trajectory that its last argument names"),
-        ("import sys; open(sys.argv[-1], 'w').write('1 2 3')", "line 1 is not `time x y z qx qy qz qw`"),
+        ("written.write_text('1 2 3')", "line 1 is not `time x y z qx qy qz qw`"),
         (
-            "import sys; open(sys.argv[-1], 'w').write('1 0 0 0 0 0 0 1\\n2 0 0 0 0 0 0 1')",
+            "written.write_text('1 0 0 0 0 0 0 1\\n2 0 0 0 0 0 0 1')",
             "is not of this drive: its times are 1.000 to 2.000 s",
         ),
-        ("import sys; open(sys.argv[-1], 'w')", "tracks nothing on the best shots: give a reference, --trajectory"),
+        ("written.write_text('')", "tracks nothing on the best shots: give a reference, --trajectory"),
     ],
 )
 def test_a_program_that_fails_is_named(drive_file: Path, tmp_path: Path, code: str, words: str) -> None:
-    slam = tmp_path / "slam.py"
-    slam.write_text(code)
-    assert words in said(drive_file, *QUICK, "--odometry", f"{sys.executable} {slam}")
+    assert words in said(drive_file, *QUICK, "--odometry", program(tmp_path, code))
 
 
 def test_a_policy_under_which_the_program_tracks_nothing_is_lost(drive_file: Path, tmp_path: Path) -> None:
-    slam = tmp_path / "slam.py"
-    slam.write_text(
-        "import pathlib, sys\n"
-        "folder, written = map(pathlib.Path, sys.argv[-2:])\n"
-        "times = (folder / 'times.txt').read_text().split()\n"
-        "known = {'fixed': 0, 'neves2009': 1}.get(folder.name)\n"
-        "written.write_text(''.join(f'{time} {i / 100} 0 0 0 0 0 1\\n' for i, time in enumerate(times[:known])))\n"
+    slam = program(
+        tmp_path,
+        "known = {'fixed': 0, 'neves2009': 1}.get(folder.name)",
+        "written.write_text(''.join(poses[:known]))",
     )
     policies = ("--policies", "fixed,kim2018,neves2009", "--jobs", "1")
-    outcome = run(drive_file, *policies, "--odometry", f"{sys.executable} {slam}", "--json", tmp_path / "f.json")
+    outcome = run(drive_file, *policies, "--odometry", slam, "--json", tmp_path / "f.json")
     assert outcome.exit_code == 0, outcome.exception
     result = json.loads((tmp_path / "f.json").read_text())
     assert [one["lost_share"] for one in result["policies"]] == [1.0, 0.0, 1.0]
@@ -180,44 +221,45 @@ def test_a_folder_of_images_is_judged_as_its_recording_is(drive_file: Path, tmp_
             cv2.imwrite(str(tmp_path / f"{side}{number}.png"), frame.pixels, [cv2.IMWRITE_PNG_COMPRESSION, 1])
             setting = frame.setting
             rows.append(f"{side}{number}.png,{side},{number / 60},{setting.exposure_time_us},{setting.gain_db}")
-    (tmp_path / "frames.csv").write_text("\n".join(rows))
-    for side, geometry in drive.geometries.items():
-        (tmp_path / f"{side}.yaml").write_text(ros_yaml(geometry, side))
+
+    def write(rows: list[str], right: CameraGeometry = drive.geometries["right"], encoding: str = "utf-8") -> None:
+        (tmp_path / "frames.csv").write_text("\n".join(rows), encoding=encoding)
+        (tmp_path / "right.yaml").write_text(ros_yaml(right, "right"))
+
+    write(rows)
+    (tmp_path / "left.yaml").write_text(ros_yaml(drive.geometries["left"], "left"))
     outcome = run(tmp_path, *QUICK, "--json", tmp_path / "f.json")
     assert outcome.exit_code == 0, outcome.exception
     assert all(one["matches"] > 30 for one in json.loads((tmp_path / "f.json").read_text())["policies"])
-    (tmp_path / "right.yaml").write_text(ros_yaml(drive.geometries["left"], "right"))
+    write(rows, drive.geometries["left"])
     assert f"{tmp_path}/right.yaml: projection_matrix has no baseline" in said(tmp_path, *QUICK)
-    (tmp_path / "right.yaml").write_text(ros_yaml(replace(drive.geometries["right"], width=1440, height=1080), "right"))
+    write(rows, replace(drive.geometries["right"], width=1440, height=1080))
     assert "right.yaml: is for frames of 1440x1080 pixels, right8.png has 720x540" in said(tmp_path, *QUICK)
-    (tmp_path / "right.yaml").write_text(ros_yaml(drive.geometries["right"], "right"))
     second = [row.replace(f",{9 / 60},", f",{8 / 60},") for row in rows[3:5]]
-    (tmp_path / "frames.csv").write_text("\n".join([*rows[:3], *second, *rows[5:]]))
-    assert "left8.png to right9.png have one time_s, but are more than an image of each camera" in said(
-        tmp_path, *QUICK
-    )
-    (tmp_path / "frames.csv").write_text("\n".join(rows), encoding="utf-8-sig")  # as spreadsheets do
+    for changed, words in (
+        (
+            [*rows[:3], *second, *rows[5:]],
+            "left8.png to right9.png have one time_s",
+        ),
+        (rows[:-1], "has no partner"),
+        ([*rows[:2], "x.png,up,1,2,3"], "line 3 needs file, side, time_s"),
+        ([*rows[:2], f"{'x' * 200_000},left,1,2,3"], "is not CSV (field larger than field limit"),
+        ([*rows[:2], '"' + "x\n" * 100_000 + ",left,1,2,3"], "is not CSV (field larger than field limit"),
+        (["a,b", "1,2"], "must name the columns"),
+    ):
+        write(changed)
+        assert words in said(tmp_path, *QUICK)
+    smaller = cv2.imread(str(tmp_path / "right15.png"), cv2.IMREAD_UNCHANGED)[:-2]
+    write(rows, encoding="utf-8-sig")  # as spreadsheets do
     (tmp_path / "left20.png").unlink()
     assert "left20.png: is no image that can be read" in said(tmp_path, *QUICK)
-    (tmp_path / "frames.csv").write_text("\n".join(rows[:-1]))
-    assert "has no partner" in said(tmp_path, *QUICK)
-    (tmp_path / "frames.csv").write_text("\n".join([*rows[:2], "x.png,up,1,2,3"]))
-    assert "line 3 needs file, side, time_s" in said(tmp_path, *QUICK)
-    for long in ("x" * 200_000, '"' + "x\n" * 100_000):
-        (tmp_path / "frames.csv").write_text("\n".join([*rows[:2], f"{long},left,1,2,3"]))
-        assert "is not CSV (field larger than field limit" in said(tmp_path, *QUICK)
-    (tmp_path / "frames.csv").write_text("\n".join(rows))
-    smaller = cv2.imread(str(tmp_path / "right15.png"), cv2.IMREAD_UNCHANGED)[:-2]
     for other, words in (
         (smaller, "right15.png: is 720x538 with 8 bits, right8.png is 720x540 with 8 bits"),
         (smaller.astype(np.uint16), "right15.png: is 720x538 with 16 bits"),
     ):
         cv2.imwrite(str(tmp_path / "right15.png"), other)
         assert words in said(tmp_path, *QUICK)
-    (tmp_path / "frames.csv").write_text("a,b\n1,2")
-    assert "must name the columns" in said(tmp_path, *QUICK)
-    shutil.rmtree(tmp_path)
-    tmp_path.mkdir()
+    (tmp_path / "frames.csv").unlink()
     assert "frames.csv: cannot be read" in said(tmp_path, *QUICK)
 
 

@@ -1,4 +1,4 @@
-"""What an earlier drive foretells, and how far it is believed."""
+"""Light that follows a pattern, the delay of the loop, and what an earlier drive foretells."""
 
 from __future__ import annotations
 
@@ -14,14 +14,113 @@ from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.policies.belief.forecast import (
     FORGOTTEN_FRAMES,
     LEAST_BELIEF,
+    LEAST_CHANGE,
+    LEAST_FRAMES,
     MOST_BELIEF,
+    RESIDUE,
+    Forecast,
     Foresight,
+    LoopDelay,
 )
 from autoexpose_daemon.control.step import StepInputs
 from imaging.exposure import ExposureSetting
 from imaging.frames import StereoPair
 from imaging.response import ResponseFunction
-from tests.autoexpose_daemon.control.scene import LIMITS, run
+
+from .scene import LIMITS, run
+
+
+def ahead(forecast: Forecast, frames: int, *, steady: bool) -> float:
+    (stops,) = forecast.path([frames], steady)
+    return stops
+
+
+def test_a_ramp_goes_on() -> None:
+    forecast = Forecast()
+    for _ in range(30):
+        forecast.add(0.13)
+    assert forecast.period() is None
+    assert ahead(forecast, 2, steady=True) == pytest.approx(0.26)
+    assert ahead(forecast, 2, steady=False) == 0
+    forecast.add(-0.13)
+    assert ahead(forecast, 2, steady=True) == 0
+
+
+@pytest.mark.parametrize("cycle", [[0.0, 2.0, -2.0], [0.0] * 14 + [3.0] + [0.0] * 14 + [-3.0]])
+@pytest.mark.parametrize("delay", [1, 2, 3, 5])
+def test_a_periodic_change_is_expected_again(cycle: list[float], delay: int) -> None:
+    forecast, rng = Forecast(), np.random.default_rng(1)
+    coming = cycle * 40
+    for change in coming[:90]:
+        forecast.add(change + rng.normal(0.0, 0.02))
+    assert forecast.period() == len(cycle)
+    assert ahead(forecast, delay, steady=False) == pytest.approx(sum(coming[90 : 90 + delay]), abs=0.2)
+
+
+def test_light_swings_by_what_it_rises_and_falls_again() -> None:
+    forecast = Forecast()
+    for _ in range(20):
+        forecast.add(0.5)
+    assert forecast.swing() == pytest.approx(0.0)
+    for change in [2.0, -1.0, -0.5] * 4:
+        forecast.add(change)
+    assert forecast.swing() == pytest.approx(4 * 3.5 - 4 * 0.5)
+
+
+def test_random_changes_have_no_period() -> None:
+    forecast, rng = Forecast(), np.random.default_rng(2)
+    for change in rng.normal(0.0, 0.5, 96):
+        forecast.add(change)
+    assert forecast.period() is None
+
+
+def slow_period(changes: list[float], slack: float) -> int | None:
+    """The shortest lag, of at least two periods, at which the newest changes are large and recur, or almost."""
+    for lag in range(2, len(changes) // 2 + 1):
+        seen = np.array(changes)[-max(2 * lag, LEAST_FRAMES + lag) :]
+        large = len(seen) >= LEAST_FRAMES + 2 and np.var(seen) >= slack * LEAST_CHANGE**2
+        if large and np.mean((seen[lag:] - seen[:-lag]) ** 2) < 2 * RESIDUE * np.var(seen) / slack:
+            return lag
+    return None
+
+
+@given(
+    length=st.integers(0, 96),
+    cycle=st.lists(st.sampled_from([0.0, 0.0, 0.1, 0.2, 1.0, -1.0, -0.2]), min_size=1, max_size=50),
+    noise=st.sampled_from([0.0, 0.02, 0.05, 0.1, 0.3]),
+    still_frames=st.integers(0, 96),
+    seed=st.integers(0, 99),
+)
+def test_the_shortest_period_is_found(
+    length: int, cycle: list[float], noise: float, still_frames: int, seed: int
+) -> None:
+    changes = (np.resize(cycle, length) + np.random.default_rng(seed).normal(0.0, noise, length)).tolist()
+    forecast = Forecast()
+    for change in [0.0] * still_frames + changes:
+        forecast.add(change)
+    assert forecast.period() in {slow_period(list(forecast.changes), slack) for slack in (1 - 1e-9, 1 + 1e-9)}
+
+
+@pytest.mark.parametrize("delay", [1, 2, 3, 6])
+def test_the_delay_is_found_in_the_settings_of_frames(delay: int) -> None:
+    latency, asked, targets = LoopDelay(), [10.0] * delay, list[float]()
+    for index in range(30):
+        latency.see(asked[index], targets)
+        target = 10.0 if index < 12 else 13.0
+        targets.append(target)
+        asked.append(target)
+    assert latency.frames == delay
+
+
+def test_a_frame_that_is_lost_on_the_way_does_not_change_the_delay() -> None:
+    latency, asked, targets = LoopDelay(), [10.0] * 4, list[float]()
+    for index in range(48):
+        if index != 42:  # one that follows a change
+            latency.see(asked[index], targets)
+            targets.append(10.0 + 3.0 * (index // 10 % 2))
+        asked.append(targets[-1])
+    assert latency.frames == 4
+
 
 BEHIND, TO_MOUTH = 100, 8
 STILL = [0.0] * WINDOW_FRAMES
@@ -86,17 +185,6 @@ def test_a_change_on_the_way_tells_where_the_rig_is(late_frames: int) -> None:
         assert (rise < -3.0) == (frames >= 8 + late_frames), (frames, rise)
 
 
-def test_however_much_speaks_for_a_series_or_against_it_belief_stays_within_bounds() -> None:
-    wild = [50.0, -50.0] * (WINDOW_FRAMES // 2)
-    levels = 50.0 * (np.arange(200) % 2)
-    for series, belief in ((levels, LEAST_BELIEF), (np.zeros(200), MOST_BELIEF)):
-        foresight = Foresight(belief)
-        ahead = followed(series, BEHIND, 2.0)
-        for changes in (wild, STILL):
-            expected(foresight, ahead, changes, 2)
-        assert LEAST_BELIEF <= foresight.belief <= MOST_BELIEF
-
-
 def test_what_has_foretold_nothing_yet_is_believed_less_than_a_half() -> None:
     assert expected(Foresight(), tunnel(8), STILL, 16) == pytest.approx(-6.0 * UNPROVEN, abs=0.2)
 
@@ -154,7 +242,6 @@ START = ExposureSetting(300.0, 0.0)
 WAY = [8.0] * 70 + [10.0] * 30 + [8.0] * 40 + [14.0] * 60 + [8.0] * 60
 """Levels at which half scale lies: into shade and out of it, then into a tunnel and out of it."""
 
-
 TUNNEL = 120
 """Frame before its mouth, after the shade, in which nobody knows yet whether to believe what is foretold."""
 
@@ -187,11 +274,12 @@ def test_to_be_told_of_another_place_costs_no_frame_before_it_was_right_somewher
     spread=st.floats(0, 32),
     changes=st.lists(st.floats(-30, 30), max_size=96),
     frames=st.integers(1, 32),
+    belief=st.sampled_from([LEAST_BELIEF, UNPROVEN, MOST_BELIEF]),
 )
 def test_any_series_and_any_light_give_probabilities(
-    levels: list[float], spread: float, changes: list[float], frames: int
+    levels: list[float], spread: float, changes: list[float], frames: int, belief: float
 ) -> None:
-    foresight = Foresight()
+    foresight = Foresight(belief)
     expected(foresight, followed(np.array(levels), len(levels) // 2, spread), changes, frames)
     assert LEAST_BELIEF <= foresight.belief <= MOST_BELIEF
 

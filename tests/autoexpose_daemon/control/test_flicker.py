@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from autoexpose_daemon.control.balance import Balance, ExposurePriority, whole_periods_us
 from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
-from autoexpose_daemon.control.parameters import BalanceId, ControlParameters
+from autoexpose_daemon.control.parameters import ControlParameters
 from autoexpose_daemon.control.policies.belief.balance import BlurPhotonBalance, times_of_levels
 from autoexpose_daemon.control.policies.flicker import FRAMES, FlickerWatch
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
@@ -22,10 +22,9 @@ from autoexpose_daemon.control.registration import LightChange
 from fake_camera.world.lighting import Change, Flicker, LightScript
 from imaging.exposure import ExposureLimits, ExposureSetting
 from imaging.frames import Frame, StereoPair
-from imaging.response import ResponseFunction
-from tests.autoexpose_daemon.control.scene import NOTHING_GIVEN, expose, radiance
 
-LINEAR = ResponseFunction.linear()
+from .scene import LINEAR, NOTHING_GIVEN, expose, radiance
+
 NOISE = SensorNoise(10_500.0, 3.0)
 START = ExposureSetting(4000.0, 0.0)
 DELAY = 2
@@ -62,21 +61,19 @@ def drive(
     seconds: float = 3.0,
     speed_px: float = 0.0,
     limits: ExposureLimits | None = None,
-    balance: BalanceId = "policy",
     jitter_s: float = 0.0,
 ) -> list[Seen]:
     """A loop that looks for flicker, before a picture that moves by `speed_px` from frame to frame."""
     rng = np.random.default_rng(round(rate_hz))
     limits = limits or ExposureLimits(20.0, min(14_000.0, 0.9e6 / rate_hz), 0.0, 30.0)
-    loop = ControlLoop(policy_id, LINEAR, limits, START, ControlParameters(balance=balance, flicker_hz=None))
+    loop = ControlLoop(policy_id, LINEAR, limits, START, ControlParameters(flicker_hz=None))
     scene, asked, seen = world(), [START] * DELAY, []
     for index in range(round(seconds * rate_hz)):
         start_s, setting = index / rate_hz + rng.uniform(0, jitter_s), asked[index]
         lux = light.mean_lux(start_s, setting.exposure_time_us * 1e-6)
         view = scene[:, (np.arange(180) - round(speed_px * index)) % scene.shape[1]] * (lux / DIM)
         frame = expose(view * GRAIN[index % len(GRAIN)], setting, 16.5)
-        pair = StereoPair(index, {"left": at(frame, index, start_s)})
-        asked.append(loop.step(pair).setting)
+        asked.append(loop.step(StereoPair(index, {"left": at(frame, index, start_s)})).setting)
         seen.append(Seen(setting, lux, loop.flicker_hz))
     return seen
 
@@ -226,17 +223,3 @@ def test_a_pause_begins_a_window_anew() -> None:
     assert watch.flicker_hz is None
     watch_light(watch, lamp(100.0), 3000.0, 3000, 2 * FRAMES)
     assert watch.flicker_hz == 100.0
-
-
-def test_a_loop_restored_in_the_middle_of_a_window_finds_the_same() -> None:
-    limits = ExposureLimits(20.0, 13_000.0, 0.0, 30.0)
-    loops = [ControlLoop("neves2009", LINEAR, limits, START, ControlParameters(flicker_hz=None)) for _ in range(2)]
-    light, scene = lamp(100.0), radiance()
-    for index in range(3 * FRAMES):
-        if index == FRAMES + 7:
-            loops[1].restore(loops[0].state())
-        view = scene * light.mean_lux(index / 60, 4e-3) / DIM
-        pair = StereoPair(index, {"left": at(expose(view, START, 12.5), index, index / 60)})
-        first = loops[0].step(pair)
-        assert index < FRAMES + 7 or loops[1].step(pair) == first
-    assert loops[1].flicker_hz == loops[0].flicker_hz == 100.0

@@ -26,10 +26,9 @@ from autoexpose_daemon.demo.reference_step import ReferenceStep, synthetic_frame
 from imaging.errors import AutoexposeError
 from imaging.exposure import ExposureSetting
 from imaging.response import ResponseFunction
-from tests.autoexpose_daemon.control.scene import LIMITS, NOTHING_GIVEN, expose, radiance, run
 
-LINEAR = ResponseFunction.linear()
-START = ExposureSetting(1000.0, 0.0)
+from .scene import LIMITS, LINEAR, NOTHING_GIVEN, START, expose, radiance, run
+
 SHAPE = (68, 90)
 
 

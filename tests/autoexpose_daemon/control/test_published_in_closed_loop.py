@@ -19,12 +19,9 @@ from autoexpose_daemon.control.metrics.weighted_gradients import SoftPercentile,
 from autoexpose_daemon.control.picture.image import ImagePreparation
 from autoexpose_daemon.control.policies.published.mehta2020 import next_level
 from imaging.exposure import ExposureSetting
-from imaging.response import ResponseFunction
 
-from .scene import LIMITS, expose, radiance, run
+from .scene import LIMITS, LINEAR, START, expose, radiance, run
 
-LINEAR = ResponseFunction.linear()
-START = ExposureSetting(1000.0, 0.0)
 SCENE = radiance(1, 0.7)
 Metric = Callable[[NDArray[np.uint8]], float]
 OWN_METRIC: dict[str, Metric] = {
@@ -33,6 +30,7 @@ OWN_METRIC: dict[str, Metric] = {
     "kim2018": entropy_weighted_gradient,
     "shin2019": CombinedQuality().measure,
     "mehta2020": GradientMetric().measure,
+    "begin2022": GradientMetric().measure,
 }
 SEARCHES = ("lu2010", "kim2018", "shin2019")
 
@@ -94,25 +92,24 @@ def test_it_finds_its_way_out_of_black_and_white(policy_id: str, frames: int, ha
     assert abs(levels[-1] - half_scale_level) < 1.5
 
 
+def decided(policy_id: str, light: float = 11.0, start: ExposureSetting = START) -> list[ExposureSetting]:
+    decisions: list[Decision] = []
+    loop = ControlLoop(policy_id, LINEAR, LIMITS, start)
+    run(loop, [light] * 60, start, scene=SCENE, watch=decisions.append)
+    return [decision.setting for decision in decisions]
+
+
 def test_shin_chooses_the_time_itself() -> None:
     """The noiseless scene leaves the split open: its choice is set as it is, without a balance in between."""
-    decisions: list[Decision] = []
-    run(make("shin2019"), [11.0] * 60, START, scene=SCENE, watch=decisions.append)
-    assert len({round(decision.setting.gain_db, 3) for decision in decisions}) > 3
-    assert len({round(decision.setting.exposure_time_us, 1) for decision in decisions}) > 3
+    settings = decided("shin2019")
+    assert len({round(setting.gain_db, 3) for setting in settings}) > 3
+    assert len({round(setting.exposure_time_us, 1) for setting in settings}) > 3
 
 
-def test_kim_keeps_the_gain() -> None:
-    decisions: list[Decision] = []
-    start = ExposureSetting(1000.0, 6.0)
-    run(ControlLoop("kim2018", LINEAR, LIMITS, start), [11.0] * 60, start, scene=SCENE, watch=decisions.append)
-    assert [decision.setting.gain_db for decision in decisions] == pytest.approx([6.0] * 60)
-
-
-def test_lu_keeps_gain_and_time_in_proportion() -> None:
-    decisions: list[Decision] = []
-    run(make("lu2010"), [13.0] * 60, START, scene=SCENE, watch=decisions.append)
-    ratios = [10 ** (d.setting.gain_db / 20) / d.setting.exposure_time_us for d in decisions if d.setting.gain_db > 0]
+def test_kim_keeps_the_gain_and_lu_its_proportion_to_the_time() -> None:
+    kim = decided("kim2018", start=ExposureSetting(1000.0, 6.0))
+    assert [setting.gain_db for setting in kim] == pytest.approx([6.0] * 60)
+    ratios = [10 ** (each.gain_db / 20) / each.exposure_time_us for each in decided("lu2010", 13.0) if each.gain_db > 0]
     assert ratios == pytest.approx([ratios[0]] * len(ratios))
 
 
