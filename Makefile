@@ -114,11 +114,11 @@ $(VENV)/fuzz.stamp: $(VENV)/dev.stamp pyproject.toml
 fuzz: $(VENV)/fuzz.stamp ## feed a million damaged inputs to our parsers, about 12 minutes on two cores
 	nice -n 5 $(PY) -m tests.fuzz $(TARGETS)
 
-# By default the 30th change of each function of which mutmut makes so many.
-MUTATE ?= *__mutmut_30
+MUTATE ?= drivers.triggers.rate.* imaging.exposure.*
 
-mutate: $(VENV)/dev.stamp ## change the code, one place at a time: a test should notice; MUTATE="imaging.* drivers.rig.*" for other places
-	@rm -rf mutants/tests mutants/mutmut-stats.json
+mutate: $(VENV)/dev.stamp ## change the code of the modules in MUTATE="imaging.exposure.* ...", one place at a time: a test should notice
+	@rm -rf mutants
+	@echo "prepares all changes in mutants/, runs all tests concerned once (minutes), then tries the changes to $(MUTATE)"
 	@set -f; nice -n 5 $(VENV)/bin/mutmut run $(MUTATE)
 	@set -f; $(VENV)/bin/mutmut results --all true | $(PY) -m tools.judge_mutants $(MUTATE)
 

@@ -24,7 +24,7 @@ def judge(results: Iterable[str], patterns: Sequence[str]) -> str | None:
     totals = ", ".join(f"{count} {fate}" for fate, count in Counter(tried.values()).most_common())
     print(f"{len(tried)} mutants: {totals}; .venv/bin/mutmut show NAME shows one")
     if len(unnoticed) > MOST_UNNOTICED * len(tried):
-        return f"{len(unnoticed)} of {len(tried)} mutants, more than one in ten, went unnoticed: add tests that notice"
+        return f"{len(unnoticed)} of {len(tried)} changes, over one in ten, went unnoticed: add tests that notice them"
     return None
 
 
