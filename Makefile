@@ -116,7 +116,7 @@ fuzz: $(VENV)/fuzz.stamp ## feed a million damaged inputs to our parsers, about 
 
 MUTATE ?= drivers.triggers.rate.* imaging.exposure.*
 
-mutate: $(VENV)/dev.stamp ## change the code of the modules in MUTATE="imaging.exposure.* ...", one place at a time: a test should notice
+mutate: $(VENV)/mutate.stamp ## change the code of the modules in MUTATE="imaging.exposure.* ...", one place at a time: a test should notice
 	@rm -rf mutants
 	@echo "prepares all changes in mutants/, runs all tests concerned once (minutes), then tries the changes to $(MUTATE)"
 	@set -f; nice -n 5 $(VENV)/bin/mutmut run $(MUTATE)

@@ -45,6 +45,8 @@ LONGEST = (
     "calibration/test_report.py",
     "drivers/host/test_gvcp.py",
     "evaluation/test_race.py",
+    "fake_camera/usb3/test_usb3_camera.py",
+    "calibration/test_stated_error.py",
     "autoexpose_daemon/service/test_service.py",
     "autoexpose_daemon/control/test_published_in_closed_loop.py",
     "autoexpose_daemon/doctor/test_doctor.py",

@@ -30,7 +30,7 @@ from drivers.host.network import (
 from drivers.host.usb import DeviceNode, Process, UsbCamera, UsbFacts, find_usb
 from tests import REPOSITORY
 from tests.autoexpose_daemon.service.service_process import autoexpose
-from tests.drivers.host.usb_tree import UsbDevice, UsbTree
+from tests.drivers.host.test_usb import UsbDevice, UsbTree
 from tests.fake_camera.gige.gige_client import CCP, HEARTBEAT_TIMEOUT, GvcpClient
 from tests.fakes import fake_camera, unique
 

@@ -1,10 +1,14 @@
-"""Cameras' clocks follow a master in virtual time, over a network that delays messages."""
+"""PTP: clocks, messages, and cameras' clocks that follow a master in virtual time."""
 
 from __future__ import annotations
 
+import heapq
+import itertools
 import math
 import random
-from collections.abc import Callable
+import struct
+from collections.abc import Callable, Sequence
+from typing import Protocol
 
 import pytest
 from hypothesis import given, settings
@@ -12,13 +16,164 @@ from hypothesis import strategies as st
 
 from fake_camera.ptp.clock import Clock
 from fake_camera.ptp.master import Master
-from fake_camera.ptp.messages import Grandmaster, Message, MessageType, PortIdentity
+from fake_camera.ptp.messages import Grandmaster, Message, MessageType, PortIdentity, clock_identity
 from fake_camera.ptp.servo import LOCKED_NS, STEP_NS, Servo
 from fake_camera.ptp.slave import PortState, Slave
-from tests.fake_camera.ptp.test_messages import messages
-from tests.fake_camera.ptp.virtual_network import Network, S
 
+S = 1_000_000_000
 EPOCH = 1_700_000_000 * S
+ppm = st.floats(-500, 500)
+
+
+def test_it_drifts_from_where_it_was_set() -> None:
+    clock = Clock(3 * S, EPOCH, 40.0)
+    assert clock.time_ns(3 * S) == EPOCH
+    assert clock.time_ns(1003 * S) - EPOCH == 1000 * S + 40_000_000
+    clock.set(7, 1003 * S)
+    assert clock.time_ns(1004 * S) == 7 + S + 40_000
+
+
+@given(ppm, ppm, st.integers(0, 10**14), st.integers(0, 10**14))
+def test_the_host_time_is_found_for_the_time_it_shows(drift: float, steered: float, at_ns: int, host_ns: int) -> None:
+    clock = Clock(0, EPOCH, drift)
+    clock.steer(steered, at_ns)
+    assert abs(clock.host_ns(clock.time_ns(host_ns)) - host_ns) <= 2
+
+
+@given(ppm, ppm, st.integers(0, 10**14))
+def test_steering_and_warmth_change_the_rate_but_not_the_time(drift: float, steered: float, at_ns: int) -> None:
+    clock = Clock(0, EPOCH, drift)
+    before_ns = clock.time_ns(at_ns)
+    clock.steer(steered, at_ns)
+    clock.drift(-drift, at_ns)
+    assert clock.time_ns(at_ns) == before_ns
+    gained_ns = clock.time_ns(at_ns + S) - before_ns - S
+    assert abs(gained_ns - (steered - drift) * 1e3) <= 500  # parts per million of each other
+
+
+u8, u16, u64 = (st.integers(0, 2**bits - 1) for bits in (8, 16, 64))
+times = st.integers(0, 2**63 - 1)
+identities = st.builds(PortIdentity, u64, u16)
+grandmasters = st.builds(Grandmaster, u64, u8, u8, u8, u16, u8, u16, u8, st.integers(-(2**15), 2**15 - 1))
+
+
+@st.composite
+def messages(draw: st.DrawFn) -> Message:
+    kind = draw(st.sampled_from(MessageType))
+    return Message(
+        kind,
+        draw(identities),
+        draw(u16),
+        draw(times),
+        draw(u8),
+        draw(st.booleans()),
+        draw(st.integers(-(2**63), 2**63 - 1)),
+        draw(st.integers(-128, 127)),
+        draw(identities) if kind is MessageType.DELAY_RESP else None,
+        draw(grandmasters) if kind is MessageType.ANNOUNCE else None,
+    )
+
+
+@given(messages(), st.binary(max_size=20))
+def test_a_message_is_read_as_it_was_written_whatever_follows_it(message: Message, suffix: bytes) -> None:
+    assert Message.from_bytes(message.to_bytes() + suffix) == message
+
+
+@given(messages(), st.data())
+def test_a_message_cut_short_is_none(message: Message, data: st.DataObject) -> None:
+    datagram = message.to_bytes()
+    assert Message.from_bytes(datagram[: data.draw(st.integers(0, len(datagram) - 1))]) is None
+
+
+@given(st.binary(max_size=80) | st.binary(min_size=60, max_size=80).map(lambda data: b"\x0b\x02\0\x40" + data))
+def test_any_bytes_are_a_message_or_none(datagram: bytes) -> None:
+    message = Message.from_bytes(datagram)
+    assert message is None or Message.from_bytes(message.to_bytes()) == message
+
+
+def test_the_bytes_of_a_delay_resp_are_those_of_the_standard() -> None:
+    message = Message(
+        MessageType.DELAY_RESP,
+        PortIdentity(0x0102030405060708, 9),
+        0x0A0B,
+        (0x000100000002 * 10**9) + 3,
+        4,
+        correction=5 << 16,
+        log_interval=-3,
+        requester=PortIdentity(0x1112131415161718, 0x191A),
+    )
+    assert message.to_bytes() == (
+        bytes.fromhex("0902 0036 04 00 0000 0000000000050000 00000000 0102030405060708 0009 0a0b 03 fd")
+        + bytes.fromhex("0001 00000002 00000003")
+        + bytes.fromhex("1112131415161718 191a")
+    )
+    assert message.correction_ns == 5
+
+
+def test_other_versions_types_and_impossible_times_are_none() -> None:
+    datagram = Message(MessageType.SYNC, PortIdentity(1), 2, two_step=True).to_bytes()
+    assert datagram[:2] == b"\0\2"
+    assert datagram[6:8] == b"\2\0"
+    for at, wrong in ((0, b"\x0c"), (1, b"\1"), (40, struct.pack(">I", 10**9)), (34, b"\xff")):
+        assert Message.from_bytes(datagram[:at] + wrong + datagram[at + len(wrong) :]) is None
+
+
+def test_a_clock_identity_has_fffe_in_the_middle_of_the_mac_address() -> None:
+    assert clock_identity(0x0200_1122_3344) == 0x0200_11FF_FE22_3344
+
+
+TICK_NS = S // 8
+
+
+class Station(Protocol):
+    """A master or a slave."""
+
+    identity: PortIdentity
+
+    def poll(self, host_ns: int) -> list[Message]: ...
+    def receive(self, message: Message, host_ns: int) -> None: ...
+    def sent(self, message: Message, host_ns: int) -> None: ...
+
+
+class Network:
+    """Carries messages as bytes from each station to all others, each after a delay of its own."""
+
+    def __init__(self, stations: Sequence[Station], delay_ns: Callable[[], int], tick_ns: int = TICK_NS) -> None:
+        self.stations = list(stations)
+        self.now_ns = 0
+        self._delay_ns = delay_ns
+        self._tick_ns = tick_ns
+        self._under_way: list[tuple[int, int, Station, bytes]] = []
+        self._order = itertools.count()
+
+    def run_until(self, end_ns: int) -> None:
+        while self.now_ns < end_ns:
+            for station in self.stations:
+                self._send(station, self.now_ns)
+            self.now_ns += self._tick_ns
+            self._deliver_until(self.now_ns)
+
+    def _deliver_until(self, end_ns: int) -> None:
+        while self._under_way and self._under_way[0][0] < end_ns:
+            at_ns, _, station, datagram = heapq.heappop(self._under_way)
+            if station in self.stations:
+                message = Message.from_bytes(datagram)
+                assert message is not None
+                station.receive(message, at_ns)
+                self._send(station, at_ns)
+
+    def _send(self, station: Station, at_ns: int) -> None:
+        while messages := station.poll(at_ns):
+            for message in messages:
+                datagram = message.to_bytes()
+                for other in self.stations:
+                    if other is not station:
+                        arrival_ns = at_ns + self._delay_ns()
+                        heapq.heappush(self._under_way, (arrival_ns, next(self._order), other, datagram))
+                if message.type.is_event:
+                    station.sent(message, at_ns)
+
+
 DRIFTS_PPM = (40.0, -60.0)
 MASTER = PortIdentity(0xA)
 

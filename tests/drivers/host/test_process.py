@@ -1,4 +1,4 @@
-"""Who comes first, in processes of their own: a session's priority is that of all that is in it."""
+"""Who comes first, and that threads share one heap: asked of processes of their own."""
 
 from __future__ import annotations
 
@@ -90,3 +90,39 @@ def test_a_refusal_is_no_error(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(os, "setpriority", refuse)
     come_first()
+
+
+PROGRAM = """
+import ctypes, sys, threading
+from drivers.host import share_one_heap
+
+if sys.argv[1] == "shared":
+    share_one_heap()
+c = ctypes.CDLL(None)
+c.fopen.restype = c.malloc.restype = ctypes.c_void_p
+together = threading.Barrier(4)
+
+def allocate():
+    together.wait()
+    c.malloc(ctypes.c_size_t(50_000))
+    together.wait()
+
+threads = [threading.Thread(target=allocate) for _ in range(4)]
+for thread in threads:
+    thread.start()
+for thread in threads:
+    thread.join()
+file = c.fopen(b"/dev/stdout", b"w")
+c.malloc_info(0, ctypes.c_void_p(file))
+c.fflush(ctypes.c_void_p(file))
+"""
+
+
+def heaps(how: str) -> int:
+    said = subprocess.run([sys.executable, "-c", PROGRAM, how], capture_output=True, text=True, check=True, timeout=60)
+    return said.stdout.count("<heap nr=")
+
+
+def test_threads_share_one_heap() -> None:
+    assert heaps("as usual") > 1
+    assert heaps("shared") == 1
