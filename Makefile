@@ -114,12 +114,13 @@ $(VENV)/fuzz.stamp: $(VENV)/dev.stamp pyproject.toml
 fuzz: $(VENV)/fuzz.stamp ## feed a million damaged inputs to our parsers, about 12 minutes on two cores
 	nice -n 5 $(PY) -m tests.fuzz $(TARGETS)
 
-$(VENV)/mutate.stamp: $(VENV)/dev.stamp pyproject.toml
-	@./tools/install-python $(PY) mutate
-	@touch $@
+MUTATE ?= drivers.triggers.rate.* imaging.exposure.*
 
-mutate: $(VENV)/mutate.stamp ## change the code in 200 places, one at a time: a test should notice; a quarter of an hour on two cores
-	nice -n 5 $(PY) -m tests.mutation
+mutate: $(VENV)/mutate.stamp ## change the code of the modules in MUTATE="imaging.exposure.* ...", one place at a time: a test should notice
+	@rm -rf mutants
+	@echo "prepares all changes in mutants/, runs all tests concerned once (minutes), then tries the changes to $(MUTATE)"
+	@set -f; nice -n 5 $(VENV)/bin/mutmut run $(MUTATE)
+	@set -f; $(VENV)/bin/mutmut results --all true | $(PY) -m tools.judge_mutants $(MUTATE)
 
 # Fetched again when the scripts that unpack or start it change, or after `make clean`.
 build/kernel/initramfs.gz: tests/kernel/build tests/kernel/init
@@ -178,5 +179,5 @@ image: ## an OCI image of Debian 12 with the daemon, in build/image; needs root
 	@$(SUDO) ./tools/make-image build/image/dist
 
 clean:
-	rm -rf $(VENV) out build dist *.egg-info autoexpose_daemon/control/_native.*.so fake_camera/usb3/_shim.*.so .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
+	rm -rf $(VENV) out build dist mutants *.egg-info autoexpose_daemon/control/_native.*.so fake_camera/usb3/_shim.*.so .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -32,7 +32,7 @@ LONGEST = (
     "drivers/aravis/test_on_usb3.py",
     "calibration/test_judge_sweep.py",
     "autoexpose_daemon/page/test_page.py",
-    "evaluation/rejudge/test_rejudge.py",
+    "evaluation/test_rejudge.py",
     "fake_camera/usb3/test_usb3_aravis.py",
     "fuzz/test_fuzz.py",
     "drivers/aravis/test_camera_contract.py",
@@ -45,18 +45,20 @@ LONGEST = (
     "calibration/test_report.py",
     "drivers/host/test_gvcp.py",
     "evaluation/test_race.py",
+    "fake_camera/usb3/test_usb3_camera.py",
+    "calibration/test_stated_error.py",
     "autoexpose_daemon/service/test_service.py",
-    "autoexpose_daemon/control/test_new_policies.py",
+    "autoexpose_daemon/control/test_published_in_closed_loop.py",
     "autoexpose_daemon/doctor/test_doctor.py",
     "autoexpose_daemon/control/test_override.py",
     "calibration/test_commands_noise_latency.py",
-    "autoexpose_daemon/control/policies/test_flicker.py",
+    "autoexpose_daemon/control/test_flicker.py",
     "calibration/geometry/test_command.py",
     "autoexpose_daemon/recording/test_replay.py",
     "autoexpose_daemon/doctor/test_camera_features.py",
     "calibration/geometry/test_calibrate.py",
     "fake_camera/gige/test_gige_aravis.py",
-    "autoexpose_daemon/control/test_faulty_camera.py",
+    "autoexpose_daemon/control/test_two_cameras.py",
     "autoexpose_daemon/client/test_top.py",
     "autoexpose_daemon/page/test_access.py",
     "autoexpose_daemon/publish/test_control.py",
@@ -80,7 +82,8 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Leave out marks unless they are asked for by -m, and what is of the other transport.
 
-    The longest files come first, for each is one worker's, and none should be left over at the end.
+    The longest files come first, for each is one worker's, and none should be left over at the end. For mutmut, which
+    waits for the first test that fails, they come last.
     """
     marks = {OTHER_TRANSPORT, *(mark for mark in MARKED_OUT if mark not in config.option.markexpr)}
 
@@ -89,7 +92,11 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
     order = {Path(__file__).parent / file: index for index, file in enumerate(LONGEST)}
     config.hook.pytest_deselected(items=[item for item in items if left_out(item)])
-    items[:] = sorted((item for item in items if not left_out(item)), key=lambda item: order.get(item.path, len(order)))
+    items[:] = sorted(
+        (item for item in items if not left_out(item)),
+        key=lambda item: (order.get(item.path, len(order)), item.path),
+        reverse="MUTANT_UNDER_TEST" in os.environ,
+    )
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:

@@ -105,7 +105,10 @@ class ControlClient:
         return self.ask({"region": {side: {"rectangles": boxes, "background_weight": background_weight}}})
 
     def shot(self, exposure_time_us: float, gain_db: float = 0.0) -> AnsweredShot:
-        """Have one pair taken with another setting; returns which one that was."""
+        """Have one pair taken with another setting; returns which one that was.
+
+        Raises AutoexposeError when the daemon refuses, or does not answer.
+        """
         answer = self.ask({"shot": {"exposure_time_us": exposure_time_us, "gain_db": gain_db}})
         if answer.shot is None:
             raise AutoexposeError("the daemon does not say which pair the shot is: it has another version")
@@ -116,7 +119,10 @@ class ControlClient:
         return self.ask({"reset": True})
 
     def ask(self, changes: Mapping[str, Any]) -> Answer:
-        """Make several changes at once, or none of them: keys and values as in `config.request.Request`."""
+        """Make several changes at once, or none of them: keys and values as in `config.request.Request`.
+
+        Raises AutoexposeError when the daemon refuses, or does not answer.
+        """
         request = new_request({"by": self._name, **changes})
         if self._session is None:
             raise AutoexposeError("this client is not open: use it in a `with` block")

@@ -114,7 +114,10 @@ class AravisNodes:
         self.camera = self.device = None
 
     def call(self, action: str, function: Callable[..., T], *arguments: object) -> T:
-        """Call into Aravis; `action` completes the sentence "camera S: could not ..."."""
+        """Call into Aravis; `action` completes the sentence "camera S: could not ...".
+
+        Raises NodeError, or CameraLostError when the camera does not answer.
+        """
         try:
             return function(*arguments)
         except GLib.Error as error:
@@ -208,7 +211,10 @@ class AravisNodes:
         return (bounds.max, bounds.min) if bounds.min > bounds.max > 0 else (bounds.min, bounds.max)
 
     def increment(self, name: str) -> float:
-        """The declared increment; without one Aravis gives an error, or the smallest positive float."""
+        """The declared increment; without one Aravis gives an error, or the smallest positive float.
+
+        Raises NodeError when it cannot be read.
+        """
         try:
             if self.kind(name) == "integer":
                 return int(self.device.get_integer_feature_increment(name))
@@ -227,7 +233,7 @@ class AravisNodes:
         return kind, *_VALUES[kind]
 
     def read(self, name: str) -> FeatureValue:
-        """Value of a feature, of its kind."""
+        """Value of a feature, of its kind. Raises NodeError when it cannot be read."""
         _, type_, called = self._value(name)
         try:
             value = self.call(f"read {name}", getattr(self.device, f"get_{called}_feature_value"), name)
@@ -236,7 +242,7 @@ class AravisNodes:
         return str(value or "") if type_ is str else type_(value)
 
     def write(self, name: str, value: FeatureValue) -> None:
-        """Write a value of the feature's kind."""
+        """Write a value of the feature's kind. Raises NodeError when the camera refuses it."""
         kind, type_, called = self._value(name)
         value = type_(value)
         if self._checked and kind in ("float", "integer"):

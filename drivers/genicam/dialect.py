@@ -44,7 +44,10 @@ class ExposureDialect:
     limitations: tuple[str, ...]
 
     def limits(self, nodes: NodeMap) -> ExposureLimits:
-        """Bounds and increments as the camera's nodes give them now."""
+        """Bounds and increments as the camera's nodes give them now.
+
+        Raises UnsupportedCameraError when they leave nothing to control.
+        """
         (min_time_us, max_time_us), time_step_us = self.time.bounds(nodes), self.time.increment(nodes)
         if min_time_us <= 0:  # none is declared, or one that is no exposure time
             min_time_us = time_step_us or LEAST_TIME_US
@@ -63,7 +66,7 @@ class ExposureDialect:
         return ExposureLimits(min_time_us, max_time_us, min_gain_db, max_gain_db, time_step_us, gain_step_db, uneven_db)
 
     def read(self, nodes: NodeMap) -> ExposureSetting:
-        """The setting that the nodes hold now."""
+        """The setting that the nodes hold now. Raises NodeError when a node reads what no setting has."""
         time_us = self.time.read(nodes)
         if time_us <= 0:
             raise NodeError(

@@ -97,7 +97,7 @@ class Quantity:
         return own * self.scale if self.gain_scale is None else self.gain_scale.gain_db(own)
 
     def bounds(self, nodes: NodeMap) -> tuple[float, float]:
-        """Least and greatest value that the node takes at present."""
+        """Least and greatest value that the node takes at present. Raises NodeError when they are no range."""
         low, high = nodes.bounds(self.node)
         if math.isnan(low) or math.isnan(high):
             raise NodeError(
@@ -174,7 +174,7 @@ def read_feature(nodes: NodeMap, name: str) -> FeatureValue:
 
 
 def hold(nodes: NodeMap, name: str, value: FeatureValue) -> None:
-    """Have a feature hold a value of its kind."""
+    """Have a feature hold a value of its kind. Raises NodeError when it holds something else and cannot be set."""
     present: FeatureValue | None = None
     with suppress(NodeError):  # it cannot be read, or holds no entry that the description has
         present = read_feature(nodes, name)
@@ -188,7 +188,10 @@ def hold(nodes: NodeMap, name: str, value: FeatureValue) -> None:
 
 
 def switch(nodes: NodeMap, name: str, on: bool) -> None:
-    """Have a switch on or off, whether it is an enumeration, a boolean or an integer."""
+    """Have a switch on or off, whether it is an enumeration, a boolean or an integer.
+
+    Raises NodeError when there is none.
+    """
     match nodes.kind(name) if nodes.available(name) else None:
         case "boolean":
             hold(nodes, name, on)

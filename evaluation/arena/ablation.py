@@ -77,7 +77,10 @@ class Ablation:
 
 
 def ablation_courses(scenarios: Sequence[str], quick: bool) -> list[Course]:
-    """One tuning course for each scenario, the same whichever are chosen; if quick, only of `QUICK_SCENARIOS`."""
+    """One tuning course for each scenario, the same whichever are chosen; if quick, only of `QUICK_SCENARIOS`.
+
+    Raises ConfigurationError when none is left.
+    """
     scenes = dict(zip(SCENARIOS, cycle(TUNE_SCENES), strict=False))
     chosen = [(each, scenes[each], 0) for each in scenarios if not quick or each in QUICK_SCENARIOS]
     if not chosen:

@@ -78,7 +78,10 @@ class _Altered(SourceFileLoader):
 
 
 def run_altered(request: AlteredRequest) -> list[Any] | str:
-    """The `Decisions` in each course, from a fresh process; a string: what the alteration breaks."""
+    """The `Decisions` in each course, from a fresh process; a string: what the alteration breaks.
+
+    Raises AutoexposeError when the process fails.
+    """
     command = [sys.executable, "-m", __name__]
     done = subprocess.run(command, input=json.dumps(asdict(request)), capture_output=True, text=True, check=False)
     if done.returncode == 0:

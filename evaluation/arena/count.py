@@ -82,7 +82,10 @@ def python_files(policy_id: str, root: Path = ROOT) -> dict[str, Path]:
 
 
 def c_files(python: Sequence[Path], root: Path = ROOT) -> list[Path]:
-    """The files of the C extension with the functions that these Python files call, and all that those need."""
+    """The files of the C extension with the functions that these Python files call, and all that those need.
+
+    Raises ConfigurationError when there are none.
+    """
     sources = sorted((root / NATIVE).rglob("*.c"))
     if not sources:
         raise ConfigurationError(f"{root / NATIVE}: no C files to count: run this from a checkout of the sources")

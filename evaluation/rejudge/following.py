@@ -228,7 +228,7 @@ class CommandFollower(Follower):
         (folder / "camera.yaml").write_text(text, encoding="ascii")
 
     def look(self, left: Image, right: Image, time_s: float) -> None:
-        """See `Follower`."""
+        """See `Follower`. Raises AutoexposeError when a picture cannot be written."""
         self._times_s.append(time_s)
         for side, image in (("left", left), ("right", right)):
             name = self._folder / side / f"{len(self._times_s):06d}.png"
@@ -236,7 +236,7 @@ class CommandFollower(Follower):
                 raise AutoexposeError(f"{name}: cannot be written: make room for the pictures")
 
     def end(self) -> Followed:
-        """Run the program; see `Follower`."""
+        """Run the program; see `Follower`. Raises AutoexposeError when the program fails."""
         times = "".join(f"{time_s:.6f}\n" for time_s in self._times_s)
         (self._folder / "times.txt").write_text(times, encoding="ascii")
         written = self._folder / "trajectory.tum"

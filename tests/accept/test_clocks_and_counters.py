@@ -1,6 +1,6 @@
 """Counters and clocks that lie, on the wire, in real time through stock Aravis: what arrives is not counted lost.
 
-What the daemon makes of each lie, to the count: tests/autoexpose_daemon/runtime/test_clocks_and_counters.py.
+What the daemon makes of each lie, to the count: tests/autoexpose_daemon/runtime/test_faults.py.
 """
 
 from __future__ import annotations

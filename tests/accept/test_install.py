@@ -9,7 +9,7 @@ import pytest
 
 from tests import REPOSITORY
 from tests.accept.commands import output
-from tests.calibration.made_up_camera import MadeUpCamera
+from tests.calibration.sweeps import MadeUpCamera
 from tests.calibration.test_commands import write_images
 from tests.systemd.test_install import FILES, OF_THE_PROGRAM
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from tests.autoexpose_daemon.virtual_ptp import PtpRun
+from tests.autoexpose_daemon.virtual import PtpRun
 
 
 @pytest.mark.timeout(900)

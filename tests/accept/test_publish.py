@@ -9,7 +9,7 @@ import pytest
 
 from autoexpose_daemon.messages.keys import LOOPBACK
 from tests.accept.test_demo import FULL, demo
-from tests.autoexpose_daemon.publish.consumer import consumer
+from tests.autoexpose_daemon.publish.processes import consumer
 
 pytestmark = pytest.mark.quiet(FULL)
 

@@ -17,10 +17,7 @@ from tools.stage_package import ROOMS
 pytestmark = pytest.mark.timeout(590)
 
 FLAGS = "-fsanitize=address,undefined -fno-sanitize-recover=undefined -fno-omit-frame-pointer -g"
-NATIVE_TESTS = [
-    f"tests/autoexpose_daemon/control/{name}.py"
-    for name in ("test_native", "test_native_belief", "test_native_pictures")
-]
+NATIVE_TESTS = ["tests/autoexpose_daemon/control/test_native.py"]
 SHIM_SUITES = [f"tests/fake_camera/usb3/{name}.py" for name in ("hostile_suite", "shim_suite")]
 PARTS = [*ROOMS, "tests", "pyproject.toml", "setup.py"]
 

@@ -22,8 +22,7 @@ from imaging.exposure import ExposureSetting
 from imaging.pixels import PixelFormat
 from imaging.response import ResponseFunction, prediction_tables
 from tests.calibration.command_line import calibrate, done, refused
-from tests.calibration.made_up_camera import MadeUpCamera, sweep
-from tests.calibration.sweeps import true_response
+from tests.calibration.sweeps import MadeUpCamera, sweep, true_response
 from tests.fakes import FakeCamera, fake_camera
 
 DELTAS = (-2.0, -1.0, -0.5, 0.5, 1.0, 2.0)
@@ -117,23 +116,18 @@ def test_export_writes_tums_table(tmp_path: Path) -> None:
     ("arguments", "words"),
     [
         ("response -o out.yaml", "one of --camera, --config and --images"),
-        ("response --camera A --images . -o out.yaml", "one of --camera, --config and --images"),
-        ("response --camera A --camera A -o rig", "left and right are the same camera, A"),
         ("response --camera A --camera B --camera C -o rig", "--camera is given 3 times"),
-        ("response --camera NO-SUCH -o out.yaml", "NO-SUCH"),
         ("response --camera A -o missing/out.yaml", "out.yaml: cannot be written"),
         ("response --camera A -o left.html", "left.html: the report needs this name"),
         ("response --camera A -o nobody.yaml", "not a response file to replace"),
         ("response --images missing -o out.yaml", "missing"),
         ("response -c missing.yaml -o rig", "missing.yaml: cannot be read"),
         ("response -c number.yaml -o rig", "cameras.left.serial is 12: give it in quotes"),
-        ("response -c nobody.yaml -o rig", "cameras.left.serial is missing"),
         ("gain -o out.yaml", "one of --camera and --config"),
         ("gain --camera A --camera A -o rig", "left and right are the same camera, A"),
         ("gain --camera A -o missing/out.yaml", "out.yaml: cannot be written"),
         ("gain --camera A -o nobody.yaml", "not a gain file to replace"),
         ("gain --camera NO-SUCH -o out.yaml", "NO-SUCH"),
-        ("check missing.yaml", "missing.yaml: cannot be read"),
         ("check other.yaml --camera A", "camera.serial is B, but this is camera A"),
         ("export other.yaml --format tum -o missing/pcalib.txt", "pcalib.txt: cannot be written"),
     ],

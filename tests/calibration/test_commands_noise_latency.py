@@ -10,15 +10,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from rich.console import Console
-from rich.table import Table
 
 from calibration.commands import measure_noise
 from calibration.commands.measure_noise import (
     latency_document,
-    latency_table,
     noise_document,
-    noise_table,
     when_it_shows,
 )
 from calibration.document import CameraIdentity, Finding
@@ -28,14 +24,13 @@ from calibration.noise.photon_transfer import PhotonTransfer, default_gains_db, 
 from calibration.response.file import Origin, ResponseFile
 from calibration.session import session_setup
 from drivers.aravis import open_camera
-from drivers.setup import CameraSetup
 from fake_camera.world.sensor import SensorModel
 from imaging.errors import CameraError, ConfigurationError
 from imaging.exposure import ExposureLimits
 from imaging.pixels import PixelFormat
 from imaging.response import ResponseFunction
 from tests.calibration.command_line import calibrate, done, refused
-from tests.calibration.made_up_camera import LIMITS, MadeUpCamera, linear
+from tests.calibration.sweeps import LIMITS, MadeUpCamera, linear
 from tests.fakes import FakeCamera, fake_camera
 
 SENSOR = SensorModel()
@@ -52,33 +47,6 @@ MODEL = NoiseModel(
 MEASURED = PhotonTransfer(MODEL, ())
 EFFECT = WriteEffect("gain", {1: 19, 2: 1}, 3, (1.0, 2.0), 2100.0, ())
 DRIFT = Finding("warned", "light_drift", "the light changed: use steady light")
-
-
-def printed(table: Table) -> str:
-    console = Console(width=80)
-    with console.capture() as captured:
-        console.print(table)
-    return captured.get()
-
-
-def cells(shown: str, word: str) -> list[list[str]]:
-    """Of the rows with a word."""
-    return [[cell.strip() for cell in line.strip("│").split("│")] for line in shown.splitlines() if word in line]
-
-
-def test_the_table_of_noise_has_a_row_for_each_gain_in_digits_that_mean_something() -> None:
-    shown = printed(noise_table("camera S, Mono12", [MODEL]))
-    assert "…" not in shown
-    assert cells(shown, "12.0") == [["12.0", "0.7410±0.0012", "2.971±0.046", "41.04±0.31", "5471±12"]]
-
-
-def test_the_table_of_latency_shows_the_distribution() -> None:
-    shown = printed(latency_table("camera S at 60 Hz", [EFFECT]))
-    assert cells(shown, "gain") == [
-        ["gain", "1", "19", "95%", "#" * 19],
-        ["gain", "2", "1", "5%", "#"],
-        ["gain", "unclear", "3", "", ""],
-    ]
 
 
 @pytest.mark.parametrize(
@@ -156,22 +124,6 @@ def test_noise_of_formats_that_the_camera_computes_is_refused_with_those_that_se
         measure_noise._check_raw("S", computed)  # the camera's own, where it has no grey format
     for raw in (PixelFormat.MONO12P, PixelFormat.BAYER_RG12, None):
         measure_noise._check_raw("S", raw)
-
-
-@pytest.mark.parametrize("offered", measure_noise.DEEPEST_FIRST)
-def test_noise_is_measured_in_the_deepest_format(offered: PixelFormat, monkeypatch: pytest.MonkeyPatch) -> None:
-    opened: list[CameraSetup] = []
-
-    def open_camera(serial: str, setup: CameraSetup) -> None:
-        if setup.pixel_format != offered:
-            raise ConfigurationError(f"camera {serial}: no pixel format {setup.pixel_format} here")
-        opened.append(setup)
-
-    monkeypatch.setattr(measure_noise, "open_camera", open_camera)
-    measure_noise._open("S", None)
-    assert opened == [session_setup(offered)]
-    with pytest.raises(ConfigurationError, match="no pixel format"):
-        measure_noise._open("S", PixelFormat.MONO16 if offered == PixelFormat.MONO12 else PixelFormat.MONO12)
 
 
 @pytest.mark.parametrize(

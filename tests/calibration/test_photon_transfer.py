@@ -21,7 +21,7 @@ from calibration.noise.photon_transfer import (
 from calibration.sweep import Shot, Sweep
 from fake_camera.imaging import PIXEL_FORMATS
 from imaging.exposure import ExposureSetting
-from tests.calibration.noisy_shots import MODEL, Scene, noisy_sweep
+from tests.calibration.sweeps import MODEL, Scene, noisy_sweep
 from tests.data import data
 
 

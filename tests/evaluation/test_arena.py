@@ -1,4 +1,4 @@
-"""The command from end to end, with its JSON and its report."""
+"""`autoexpose arena`: the race with its JSON and report, and what --count counts."""
 
 from __future__ import annotations
 
@@ -8,12 +8,15 @@ from concurrent.futures.process import BrokenProcessPool
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from evaluation.arena import arena_app, runs
+from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
+from evaluation.arena import arena_app, count, runs
 from evaluation.arena.arena_app import arena_app as app
 from evaluation.arena.arena_report import mean_ratios, outcomes
+from evaluation.arena.count import Count, c_files, count_c, count_python, python_files, snapshot_fields
 from evaluation.arena.race import CourseScore
 from evaluation.arena.runs import ArenaRun, Task, document, full_plan, quick_plan, results, run_plan, run_task
 from evaluation.experiments.worth.matches.courses import courses
@@ -26,6 +29,7 @@ FIGURES = {
     "objective_ratio_mean": float, "objective_ratio_p05": float, "any_split_ratio_mean": float,
     "pair_ratio_mean": float, "lost_pair_share": float,
 }  # fmt: skip
+
 COMMON = {"policy": str, "scenario": str, "delay_frames": int, "split": str, **FIGURES}
 
 
@@ -106,13 +110,19 @@ def test_an_arena_that_is_cut_short_ends_in_one_sentence(
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--policies", "begin"], "there is no policy 'begin'"),
-        (["--scenarios", "step"], "there is no scenario 'step'"),
-        (["--json", "nowhere/out.json"], "there is no folder nowhere"),
-        (["--pictures", "nowhere"], "no .hdr file"),
-        (["--pictures", "."], "damaged.hdr is not a Radiance picture"),
-        (["--json", "."], "is a folder"),
-        (["--report", "damaged.hdr"], "damaged.hdr: cannot be written to"),
+        (["--jobs", "2"], r"say how much: --full takes about \d+ minutes .*, --quick about (a minute|\d+ minutes)"),
+        (["--quick", "--full"], "--quick and --full exclude each other"),
+        (["--count", "--quick"], "leave the others out"),
+        (["--count", "--ablate"], "leave the others out"),
+        (["--ablate", "--full"], "leave the others out"),
+        (["--ablate", "--policies", "fixed"], "leave the others out"),
+        (["--quick", "--policies", "begin"], "there is no policy 'begin'"),
+        (["--quick", "--scenarios", "step"], "there is no scenario 'step'"),
+        (["--quick", "--json", "nowhere/out.json"], "there is no folder nowhere"),
+        (["--quick", "--pictures", "nowhere"], "no .hdr file"),
+        (["--quick", "--pictures", "."], "damaged.hdr is not a Radiance picture"),
+        (["--quick", "--json", "."], "is a folder"),
+        (["--quick", "--report", "damaged.hdr"], "damaged.hdr: cannot be written to"),
     ],
 )
 def test_bad_options_get_one_sentence_before_any_run(
@@ -121,21 +131,6 @@ def test_bad_options_get_one_sentence_before_any_run(
     (tmp_path / "damaged.hdr").write_text("no picture")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(arena_app, "run_plan", lambda *_: pytest.fail("it ran"))
-    with pytest.raises(ConfigurationError, match=message):
-        app([*options, "--quick"], standalone_mode=False)
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        (
-            ["--jobs", "2"],
-            r"say how much: --full takes about \d+ minutes with these --jobs, --quick about (a minute|\d+ minutes)",
-        ),
-        (["--quick", "--full"], "--quick and --full exclude each other: leave one out"),
-    ],
-)
-def test_long_runs_must_be_asked_for(options: list[str], message: str) -> None:
     with pytest.raises(ConfigurationError, match=message):
         app(options, standalone_mode=False)
 
@@ -195,3 +190,118 @@ def test_no_painting_that_judges_is_among_the_tuning_courses_of_worth() -> None:
     tuned = {course.scene for course in courses("tuning")}
     assert not judging & tuned
     assert {"hall", "shelves"} <= {scene.partition(":")[0] for scene in tuned}  # so only their seeds are held out
+
+
+@pytest.mark.parametrize(
+    ("source", "numbers", "branches"),
+    [
+        ('"""3 if 4."""\n# 5 while 6\nX = "7 if 8"', 0, 0),
+        ("x = (0, 1, 2, -1, 0.0, 1.0, 2.0, True, None)", 0, 0),
+        ("x = (3, -2.5, 1e-3, 0x10, 3j)", 4, 0),  # a complex number is no constant of a decision
+        ("if a and b or c:\n    x\nelif d:\n    y\nelse:\n    z", 0, 2),
+        ("while a:\n    x\nfor b in c:\n    y\ntry:\n    assert d\nexcept E:\n    z", 0, 1),
+        ("x = a if b else c if d else e", 0, 2),
+        ("x = [a for b in c for d in e if f if g]\ny = lambda: 7 if h else 8", 2, 3),
+        ("match a:\n    case 5:\n        x\n    case [b] if b:\n        y\n    case _:\n        z", 1, 2),
+    ],
+)
+def test_python(source: str, numbers: int, branches: int) -> None:
+    assert count_python(source) == Count(numbers, branches)
+
+
+@pytest.mark.parametrize(
+    ("source", "numbers", "branches"),
+    [
+        ("// 3 if\n/* 4\n * while 5 */\nchar *s = \"6 ? \\\" 7\", c = '8', d = '\\'';", 0, 0),
+        ("x = 0 + 1 + 2 - 1 + 0u + 1UL + 2.0f + 0.f + .0 + 0x1 + 1.;", 0, 0),
+        ("x = 3 + 10 + 0x10u + 1e-3f + .5 + 2.5 + 20 + 1.01 + 0x1p-4 + 12L;", 10, 0),
+        ("x2 = uint8_t + a16[b3];", 0, 0),
+        ('#include "a9.h"\n#if X > 7 && \\\n    Y > 8\n#  define N 9\n#elif Z > 3\n#endif', 1, 0),
+        ("if (a && b) x; else if (c) y; else z;", 0, 2),
+        ("do { x; } while (a); while (b) y; for (;;) z;", 0, 2),
+        ("switch (a) { case 5: x; case B: y; default: z; }", 1, 2),
+        ("x = a ? b : c ? 4 : 5;", 2, 2),
+    ],
+)
+def test_c(source: str, numbers: int, branches: int) -> None:
+    assert count_c(source) == Count(numbers, branches)
+
+
+def test_follows_imports_within_its_scope_and_the_calls_into_c(tmp_path: Path) -> None:
+    control = "autoexpose_daemon/control"
+    sources = {
+        f"{control}/loop.py": "from autoexpose_daemon.control.policies import table",
+        f"{control}/policies/__init__.py": "",
+        f"{control}/policies/table.py": "from imaging.errors import Error",
+        f"{control}/policies/belief/policy.py": """
+from typing import TYPE_CHECKING
+from autoexpose_daemon.control import _native
+from imaging.response import Response
+import imaging.exposure
+if TYPE_CHECKING:
+    from autoexpose_daemon.control.unreached import Type
+def decide():
+    from autoexpose_daemon.control.late import late
+    _native.sum_of(3)
+""",
+        f"{control}/late.py": "",
+        f"{control}/unreached.py": "X = 3",
+        f"{control}/policies/published/fixed.py": "X = 3",
+        "imaging/__init__.py": "",
+        "imaging/response.py": "",
+        "imaging/exposure.py": "",
+        "imaging/errors.py": "X = 3",
+        f"{control}/native/bindings.c": '#include <math.h>\n#include "sums.h"\nX = { "sum_of", f, 0 };',
+        f"{control}/native/sums.h": '#include "image.h"',
+        f"{control}/native/sums.c": '#include "sums.h"',
+        f"{control}/native/image.h": "",
+        f"{control}/native/others.c": '#include "image.h"\nX = {"product_of", f, 0};',
+    }
+    for name, source in sources.items():
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(source)
+    python = python_files(DEFAULT_POLICY, tmp_path)
+    assert set(python) == {
+        "autoexpose_daemon.control.loop",
+        "autoexpose_daemon.control.policies.table",
+        "autoexpose_daemon.control.policies.belief.policy",
+        "autoexpose_daemon.control.late",
+        "imaging.response",
+        "imaging.exposure",
+    }
+    assert [path.name for path in c_files(list(python.values()), tmp_path)] == [
+        *("bindings.c", "image.h", "sums.c", "sums.h")
+    ]
+    with pytest.raises(ConfigurationError, match="checkout"):
+        c_files([], tmp_path / "installed")
+
+
+def test_fields_of_a_snapshot_have_names() -> None:
+    state = {
+        "level": 1.0,
+        "past": [{"level": 1.0, "pair": [1, 2]}, {"level": 2.0, "pair": [3, 4]}],
+        "views": {"left": {"curve": np.zeros(9)}, "right": {"curve": np.zeros(9)}},
+        "served": {"left": 0.5, "waited": 3},  # a field that is called left, not a camera
+        "nothing": None,
+        "empty": [],
+    }
+    assert len(snapshot_fields(state)) == 1 + 2 + 1 + 2 + 1 + 1
+
+
+def test_a_snapshot_is_of_the_policy() -> None:
+    stateless, stateful = (snapshot_fields(count.snapshot_of(policy, frames=1)) for policy in ("fixed", "shin2019"))
+    assert len(stateless) < len(stateful)
+
+
+def test_command_counts_the_default_policy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(count, "snapshot_of", lambda policy: {"level": 1.0, "target": None})
+    result = CliRunner().invoke(app, ["--count", "--json", str(tmp_path / "count.json")])
+    assert result.exit_code == 0, result.output
+    counts = json.loads((tmp_path / "count.json").read_text())
+    assert (counts["policy"], counts["snapshot_fields"]) == (DEFAULT_POLICY, 2)
+    files = {each["file"]: each for each in counts["files"]}
+    assert {"autoexpose_daemon/control/loop.py", "imaging/exposure.py"} < set(files)
+    assert any(name.endswith(".c") for name in files) and not any("published" in name for name in files)
+    for what in ("numbers", "branches"):
+        assert counts[what] == sum(each[what] for each in counts["files"])
+        assert str(counts[what]) in result.output

@@ -1,15 +1,22 @@
-"""The machinery of experiments: results are kept, judged and reported."""
+"""The machinery of experiments: work over processes, results that are kept, judged and reported."""
 
 from __future__ import annotations
 
+import io
 import json
 import math
+import os
+import select
+import subprocess
+import sys
+import time
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from rich.console import Console
 from typer.testing import CliRunner
 
 from evaluation.experiments import cache, experiments_app
@@ -29,6 +36,8 @@ from evaluation.experiments.experiment import (
 from evaluation.experiments.experiments_app import count_of_verdicts, write_experiments_report
 from evaluation.experiments.experiments_app import experiments_app as app
 from evaluation.experiments.statistics import clustered, mean_interval, pearson
+from evaluation.long_runs import LongProgress
+from evaluation.pool import over_processes
 from imaging.errors import AutoexposeError
 
 CALLS: list[int] = []
@@ -249,3 +258,39 @@ def test_json_has_the_numbers_of_one_experiment_or_of_several_by_name(
         arguments = ["run", *given, "--quick", "--jobs", "1", "--out", str(tmp_path / "out"), "--json", str(file)]
         assert CliRunner().invoke(app, arguments).exit_code == 0
         assert json.loads(file.read_text()) == written
+
+
+def test_workers_end_with_a_parent_that_is_killed() -> None:
+    code = "from tests.evaluation.test_experiments import print_worker; print_worker()"
+    with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) as parent:
+        assert parent.stdout is not None
+        worker = os.pidfd_open(int(parent.stdout.readline()))
+        parent.kill()
+    try:
+        assert select.select([worker], [], [], 60.0)[0]
+    finally:
+        os.close(worker)
+
+
+def print_worker() -> None:
+    """Print the id of a process that is then busy for longer than any test."""
+    for _, number in over_processes(_number_or_sleep, [0, 600, 600], 2):
+        print(number, flush=True)
+
+
+def _number_or_sleep(seconds: int) -> int:
+    time.sleep(seconds)
+    return os.getpid()
+
+
+@pytest.mark.parametrize("terminal", [False, True])
+def test_a_line_a_minute_where_there_is_no_terminal(terminal: bool) -> None:
+    clock_s = [0.0]
+    out = io.StringIO()
+    console = Console(file=out, force_terminal=terminal, width=100)
+    progress = LongProgress(console, 3600.0, lambda: clock_s[0])
+    bar = progress.add_task("arena", total=100.0)
+    for clock_s[0] in (20.0, 40.0, 60.0, 80.0, 100.0, 120.0):
+        progress.update(bar, advance=10.0)
+    lines = [] if terminal else ["arena: 30 % after 0:01:00, 0:02:20 left", "arena: 60 % after 0:02:00, 0:01:20 left"]
+    assert out.getvalue().splitlines() == lines

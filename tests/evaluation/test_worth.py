@@ -38,7 +38,7 @@ from evaluation.experiments.worth.tables import BOUNDS, MARGINS, Verdicts, claim
 from evaluation.experiments.worth.worth import SHOWN
 from evaluation.stage.camera import LIMITS
 from imaging.exposure import ExposureSetting
-from tests.evaluation.sections import check_no_prose
+from tests.evaluation.sections import check_section
 
 COURSE = MatchesCourse("leaves:1", 50.0, "steady", 3.0)
 GRID = (ExposureSetting(1200.0, 0.0), ExposureSetting(75.0, 0.0))
@@ -191,10 +191,9 @@ def test_the_section_is_made_from_the_rows_of_all_contenders(tmp_path: Path, mon
         ]
         results.append(({"course": course.plain()}, found))
     section = worth.section(results, tmp_path)
-    check_no_prose(section)
+    check_section(section, tmp_path)
     assert "Photographs: none found. Painted stills (painter:seed): leaves:1." in section.setting
-    figures = [part for part in section.parts if isinstance(part, Figure)]
-    assert len(figures) == 2 and all((tmp_path / figure.file).exists() for figure in figures)
+    assert sum(isinstance(part, Figure) for part in section.parts) == 2
     text = " ".join(cell for part in section.parts if isinstance(part, Table) for row in part.rows for cell in row)
     assert "1.00 ms, 0 dB" in text and "leaves:1, 50 lux, 3 px" in text
 

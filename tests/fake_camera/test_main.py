@@ -1,25 +1,44 @@
-"""The process: ready line, clean end, and one sentence for each mistake."""
+"""The process: ready line, clean end, files and signals, and one sentence for each mistake."""
 
 from __future__ import annotations
 
+import contextlib
+import os
 import signal
 import socket
 import subprocess
 import sys
+import threading
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 
-from fake_camera.__main__ import main
+from fake_camera.__main__ import _description, main
 from fake_camera.device.features import Features
+from fake_camera.files import read_regular
 from fake_camera.genicam.registers import slots
+from fake_camera.signals import stopped_by_signals, wait_for
+from fake_camera.world.lighting import LightScript
+from fake_camera.world.scene.panorama import load_radiance
 from tests.fake_camera.gige.gige_client import CCP, GvcpClient
 from tests.fakes import fake_camera, loopback_address, run_camera, unique, usb3_camera
 from tests.xml_cameras import xml_camera
 
 OPTIONS = ["--serial", "FAKE-M", "--address", "127.0.9.1"]
-COMMAND = [sys.executable, "-m", "fake_camera", *OPTIONS]
 STREAM_PORT, STREAM_ADDRESS = 0x0D00, 0x0D18
+
+
+@contextlib.contextmanager
+def started(*options: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
+    """A process and its first line; in the end it must stop cleanly at a signal."""
+    command = [sys.executable, "-m", "fake_camera", *options]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        yield process, process.stdout.readline()
+        process.send_signal(signal.SIGTERM)
+        _, errors = process.communicate(timeout=10)
+    assert (process.returncode, errors) == (0, "")
 
 
 @pytest.mark.wire
@@ -27,21 +46,17 @@ def test_says_when_it_is_ready_and_ends_cleanly(tmp_path: Path, monkeypatch: pyt
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     truth, control = tmp_path / "truth.jsonl", tmp_path / "control"
     options = ["--line0", "wire", "--line0-rate-hz", "50", "--truth", str(truth), "--control", str(control)]
-    with subprocess.Popen([*COMMAND, *options], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as camera:
-        assert camera.stdout is not None
-        ready = camera.stdout.readline()
+    with started(*OPTIONS, *options) as (_, ready):
         assert ready == "fake camera FAKE-M (left) at 127.0.9.1, Line0 wire at 50 Hz, scene room\n"
         assert control.is_socket()
-        camera.send_signal(signal.SIGTERM)
-        _, errors = camera.communicate(timeout=10)
-    assert (camera.returncode, errors) == (0, "")
     assert [path.name for path in tmp_path.iterdir()] == ["truth.jsonl"]
 
 
 @pytest.mark.wire
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_a_signal_ends_it_while_it_waits_for_the_rate_of_the_wire(number: signal.Signals) -> None:
-    command = [*COMMAND, "--scene", "wall", "--line0", unique("wire"), "--line0-rate-hz", "ask"]
+    options = f"--scene wall --line0 {unique('wire')} --line0-rate-hz ask".split()
+    command = [sys.executable, "-m", "fake_camera", *OPTIONS, *options]
     pipe = subprocess.PIPE
     with subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=pipe, text=True) as camera:
         assert camera.stdout is not None
@@ -56,23 +71,17 @@ def test_a_signal_ends_it_while_it_waits_for_the_rate_of_the_wire(number: signal
 @pytest.mark.wire
 def test_ends_cleanly_in_the_middle_of_sending_through_a_switch(tmp_path: Path) -> None:
     address = loopback_address()
-    options = ["--address", address, "--scene", "wall", "--size", "2448x2048"]
-    command = [sys.executable, "-m", "fake_camera", *options, "--switch", f"{tmp_path}/switch,1000,512"]
+    options = f"--address {address} --scene wall --size 2448x2048 --switch {tmp_path}/switch,1000,512".split()
     with (
-        subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as camera,
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stream,
         GvcpClient(address) as client,
+        started(*options),
     ):
-        assert camera.stdout is not None
-        camera.stdout.readline()
         stream.bind(("127.0.0.1", 0))
         stream.settimeout(10)
         start = slots(Features("", 2448, 2048, lambda: 0))["AcquisitionStart"]
         assert client.write(CCP, 2, STREAM_PORT, stream.getsockname()[1], STREAM_ADDRESS, 0x7F000001, start, 1) == 0
         stream.recv(0x10000)
-        camera.send_signal(signal.SIGTERM)
-        _, errors = camera.communicate(timeout=10)
-    assert (camera.returncode, errors) == (0, "")
 
 
 @pytest.mark.parametrize(
@@ -82,31 +91,29 @@ def test_ends_cleanly_in_the_middle_of_sending_through_a_switch(tmp_path: Path) 
         ("--usb3 --tcp 99999", "argument --tcp: '99999' is not a whole number from 1 to 65535"),
         ("--seed 18446744073709551616", "argument --seed: '18446744073709551616' is not a whole number from 0 to"),
         ("--lens-f-number 0", "argument --lens-f-number: '0' is not a number from 0.5 to 32"),
-        ("--lens-f-number wide", "argument --lens-f-number: 'wide' is not a number from 0.5 to 32"),
         ("--ptp 65535", "argument --ptp: '65535' is not a whole number from 1 to 65534"),
         ("ptp-master --port none", "argument --port: 'none' is not a whole number from 1 to 65534"),
         ("--usb3 --tcp --ptp", "--ptp is for GigE Vision cameras: leave it out"),
-        ("--seed -1", "argument --seed: '-1' is not a whole number from 0 to 18446744073709551615"),
         ("--seed many", "argument --seed: 'many' is not a whole number"),
+        ("--usb3", "--usb3 needs a way to reach the camera: --socket PATH, --tcp or --exec COMMAND"),
+        ("--usb3 --address 127.0.9.9 --tcp", "--address is for GigE Vision cameras: leave out"),
+        ("--socket camera", "--socket is for USB3 Vision cameras: add --usb3"),
+        ("--usb3 --exec", "--exec needs a command"),
+        ("--steered", "--steered needs --control SOCKET and --line0 NAME"),
+        ("--steered --control c --line0 n --still", "leave out --still and --light"),
     ],
 )
-def test_an_option_out_of_bounds_is_named(options: str, words: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_option_that_cannot_be_is_named(options: str, words: str, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
         main(options.split())
-    assert words in capsys.readouterr().err
+    assert words in " ".join(capsys.readouterr().err.split())
 
 
 @pytest.mark.wire
 def test_a_ptp_master_says_when_it_is_ready_and_ends_cleanly() -> None:
-    command = [sys.executable, "-m", "fake_camera", "ptp-master", "--port", "30319"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as master:
-        assert master.stdout is not None
-        ready = master.stdout.readline()
+    with started("ptp-master", "--port", "30319") as (master, ready):
         assert ready == f"PTP master at 127.0.0.1, UDP ports 30319 and 30320, process {master.pid}\n"
         master.send_signal(signal.SIGUSR1)
-        master.send_signal(signal.SIGTERM)
-        _, errors = master.communicate(timeout=10)
-    assert (master.returncode, errors) == (0, "")
 
 
 def test_a_ptp_master_at_no_interface_is_one_sentence(capsys: pytest.CaptureFixture[str]) -> None:
@@ -167,3 +174,71 @@ def test_a_bad_description_or_one_of_the_other_transport_is_refused_in_one_sente
     assert (camera.returncode, camera.stdout) == (2, "")
     assert sentence in camera.stderr
     assert camera.stderr.count("\n") == 1
+
+
+READERS: tuple[Callable[[Path], object], ...] = (
+    LightScript.from_file,
+    load_radiance,
+    lambda path: _description(path, usb3=False),
+)
+
+
+def test_a_regular_file_is_read_up_to_a_length(tmp_path: Path) -> None:
+    path = tmp_path / "notes"
+    path.write_bytes(b"x" * 4096)
+    assert read_regular(path, 4096) == b"x" * 4096
+    with pytest.raises(OSError, match="it is larger than 3 KiB"):
+        read_regular(path, 4095)
+
+
+@pytest.fixture(params=["pipe", ".", "/dev/zero", "/dev/urandom", "/dev/null"])
+def odd(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
+    if request.param == "pipe":
+        os.mkfifo(tmp_path / "pipe")
+    return tmp_path / str(request.param)
+
+
+@pytest.mark.timeout(20)
+@pytest.mark.parametrize("read", READERS)
+def test_pipes_devices_and_folders_are_refused_at_once(read: Callable[[Path], object], odd: Path) -> None:
+    with pytest.raises((OSError, ValueError), match="it is not a regular file") as refused:
+        read(odd)
+    assert str(odd) in str(refused.value)
+
+
+@pytest.mark.timeout(20)
+@pytest.mark.parametrize("read", READERS)
+def test_a_file_larger_than_any_is_not_read(read: Callable[[Path], object], tmp_path: Path) -> None:
+    path = tmp_path / "sparse"
+    with path.open("wb") as file:
+        file.truncate(1 << 40)
+    with pytest.raises((OSError, ValueError), match="it is larger than"):
+        read(path)
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_signal_may_come_while_its_event_is_locked(number: signal.Signals) -> None:
+    before = {known: signal.getsignal(known) for known in (signal.SIGTERM, signal.SIGINT)}
+    try:
+        stop = stopped_by_signals()
+        with stop._cond:  # as within its wait()
+            signal.raise_signal(number)
+        assert stop.wait(10)
+    finally:
+        for known, handler in before.items():
+            signal.signal(known, handler)
+
+
+def test_a_signal_just_before_the_wait_ends_it() -> None:
+    """Its handler runs only after a wait has returned."""
+
+    class Interrupted(threading.Event):
+        def wait(self, timeout: float | None = None) -> bool:
+            assert timeout is not None, "waits for good"
+            was_set = self.is_set()
+            self.set()
+            return was_set
+
+    stop = Interrupted()
+    wait_for(stop)
+    assert stop.is_set()

@@ -13,9 +13,8 @@ from autoexpose_daemon.messages.frames import MessageWriter
 from fake_camera.usb3.usb.descriptors import CONTROL_IN, CONTROL_OUT
 from imaging.exposure import ExposureSetting
 from imaging.frames import Frame, StereoPair
-from tests.autoexpose_daemon.imu import imu_message
 from tests.autoexpose_daemon.publish.steps import DECISION
-from tests.autoexpose_daemon.statuses import EXPOSING
+from tests.autoexpose_daemon.samples import EXPOSING, imu_message
 from tests.fuzz.of_fake_camera import ATTACH, submit
 from tests.fuzz.of_host import received
 from tests.fuzz.of_robot import map_seeds

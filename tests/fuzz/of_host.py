@@ -66,11 +66,9 @@ from imaging.gain_scale import GainScale
 from imaging.pixels import PixelFormat
 from imaging.response import ResponseFunction
 from imaging.vignetting import Vignetting
-from tests.autoexpose_daemon.grounds import GROUNDS
-from tests.autoexpose_daemon.imu import imu_message
 from tests.autoexpose_daemon.publish.test_pairs import messages
 from tests.autoexpose_daemon.recording.runs import LIMITS, VirtualRun, record
-from tests.autoexpose_daemon.statuses import EXPOSING
+from tests.autoexpose_daemon.samples import EXPOSING, GROUNDS, imu_message
 from tests.calibration.geometry.written import LENSES, WRITERS, camchain, made_rig, of_ros, ros
 from tests.fuzz.of_fake_camera import gvcp_answer
 from tests.fuzz.target import framed, in_file, unframed

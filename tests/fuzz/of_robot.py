@@ -15,7 +15,7 @@ from navigation.maps.path import TaughtPlace
 from navigation.store import MapFile, MapInfo
 from navigation.views.features import Features
 from navigation.views.registration import register
-from tests.autoexpose_daemon.messages.registered_view import registered_view
+from tests.autoexpose_daemon.samples import registered_view
 from tests.fuzz.target import in_file
 
 MAP = "run/lap.map"

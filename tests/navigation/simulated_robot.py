@@ -25,7 +25,7 @@ from imaging.response import ResponseFunction
 from navigation.drive.robot import Pose
 from navigation.maps.path import STANDSTILL, Velocity
 from tests.autoexpose_daemon.publish.steps import DECISION, SETTING
-from tests.autoexpose_daemon.statuses import EXPOSING
+from tests.autoexpose_daemon.samples import EXPOSING
 from tests.navigation.texture import HEIGHT, WIDTH, texture
 
 FOCAL_LENGTH_PX = 600.0

@@ -3,7 +3,7 @@
 How the image moves follows from the camera's poses and from the depth seen at each place. The average along the row is
 a difference of two running sums, so that it costs the same at any length. It differs from the mean over many
 instants at edges of near things, behind which a moving camera uncovers what one instant does not show, and by the
-curvature of the motion. `tests/fake_camera/world/test_smear.py` checks by how much.
+curvature of the motion. `tests/fake_camera/world/test_render.py` checks by how much.
 """
 
 # Compiled kernels take plain arrays and numbers, by position:

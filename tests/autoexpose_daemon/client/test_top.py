@@ -1,15 +1,13 @@
-"""What `autoexpose top` shows, of one rig or of all; daemons are publishers with statuses made up, routers are real."""
+"""Which rig is worse than which, and what `autoexpose top` shows of one rig or of all; routers are real."""
 
 from __future__ import annotations
 
-import contextlib
 import io
 import json
 import math
 import re
 import threading
 import time
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,7 +15,7 @@ import pytest
 from rich.console import Console
 from rich.table import Table
 
-from autoexpose_daemon.client.status_client import Condition, FleetClient, RigLine, StatusClient
+from autoexpose_daemon.client.status_client import MOST_RIGS, Condition, Fleet, FleetClient, RigLine, StatusClient
 from autoexpose_daemon.client.top import (
     Sparklines,
     follow,
@@ -30,22 +28,130 @@ from autoexpose_daemon.client.top import (
     summary,
     table_of_all,
 )
-from autoexpose_daemon.config.document import PublishConfig
 from autoexpose_daemon.messages.keys import rig_key
 from autoexpose_daemon.publish.publisher import Publisher
 from autoexpose_daemon.publish.session import Endpoints, open_session
+from autoexpose_daemon.status.counters import Counts
 from autoexpose_daemon.status.document import Fault, Status
 from autoexpose_daemon.status.states import State
 from imaging.errors import AutoexposeError
 from tests import REPOSITORY
-from tests.autoexpose_daemon.publish.router import router
-from tests.autoexpose_daemon.publish.steps import PATIENCE_S, endpoint, wait_until
-from tests.autoexpose_daemon.publish.test_router import QUIET, router_file
-from tests.autoexpose_daemon.statuses import EXPOSING
+from tests.autoexpose_daemon.publish.processes import QUIET, router, router_file
+from tests.autoexpose_daemon.publish.steps import PATIENCE_S, endpoint, telling, wait_until
+from tests.autoexpose_daemon.samples import EXPOSING
 from tests.fakes import loopback_address
 from tests.meanwhile import meanwhile
 
-pytestmark = pytest.mark.usefixtures("brisk")
+SILENT_S = 5.0
+
+
+def status(
+    rig: str, state: State = State.EXPOSING, pairs: int = 1000, missing: int = 0, ending: bool = False
+) -> Status:
+    reasons = ("no triggers",) if state is State.DEGRADED else ()
+    lost = {"left_missing": missing, "startup": 500 * missing}
+    counts = Counts(pairs=pairs)
+    return replace(EXPOSING, rig=rig, state=state, reasons=reasons, counts=counts, lost=lost, ending=ending)
+
+
+def fleet_of(*statuses: Status, at_s: float = 0.0) -> Fleet:
+    fleet = Fleet(SILENT_S)
+    for said in statuses:
+        assert fleet.take(said.rig, said, at_s)
+    return fleet
+
+
+def only(fleet: Fleet, now_s: float) -> RigLine:
+    (line,) = fleet.lines(now_s)
+    return line
+
+
+def test_the_worst_comes_first() -> None:
+    fleet = fleet_of(status("quiet"))
+    for said in (
+        status("fine"),
+        status("also_fine"),
+        status("beginning", State.STARTING),
+        status("stopped", ending=True),
+        status("loser", pairs=0),
+        status("loser", pairs=900, missing=20),
+        status("sad_loser", pairs=0),
+        status("sad_loser", pairs=900, missing=40),
+        status("halting", State.DEGRADED),
+        status("broken", State.FAILED, ending=True),
+    ):
+        assert fleet.take(said.rig, said, 10.0)
+    lines = fleet.lines(11.0)
+    assert [line.rig for line in lines] == [
+        *("broken", "quiet", "halting", "sad_loser", "loser", "stopped", "beginning", "also_fine", "fine")
+    ]
+    assert list(dict.fromkeys(line.condition for line in lines)) == list(Condition)
+
+
+def test_a_rig_that_falls_silent_stays_with_its_age_and_what_it_said_last() -> None:
+    fleet = fleet_of(status("scout", State.DEGRADED))
+    assert only(fleet, SILENT_S).condition is Condition.DEGRADED
+    line = only(fleet, 7000.0)
+    assert (line.condition, line.age_s, line.why) == (Condition.SILENT, 7000.0, "degraded before: no triggers")
+    fleet.take("scout", status("scout"), 7001.0)
+    assert only(fleet, 7001.0).condition is Condition.EXPOSING
+
+
+@pytest.mark.parametrize(("state", "condition"), [(State.EXPOSING, Condition.ENDED), (State.FAILED, Condition.FAILED)])
+def test_a_rig_that_said_it_ends_is_not_silent(state: State, condition: Condition) -> None:
+    assert only(fleet_of(status("scout", state, ending=True)), 7000.0).condition is condition
+
+
+def test_losses_are_judged_by_the_last_minute_and_only_those_that_are_faults() -> None:
+    fleet = fleet_of(status("scout", pairs=0, missing=1000))
+    assert only(fleet, 0.0).lost_share == 0.0  # when it lost them, nobody knows
+    for second in range(1, 31):
+        fleet.take("scout", status("scout", pairs=60 * second, missing=1000 + second), float(second))
+    losing = only(fleet, 31.0)
+    assert (losing.condition, losing.lost) == (Condition.LOSING, 1030)
+    assert losing.lost_share == pytest.approx(1 / 61)
+    assert losing.why == "1030 without the left frame; 515000 before every camera was open"
+    for second in range(31, 100):
+        fleet.take("scout", status("scout", pairs=60 * second, missing=1030), float(second))
+    assert only(fleet, 100.0).lost_share == 0.0
+
+
+def test_counters_that_begin_again_are_no_losses() -> None:
+    fleet = fleet_of(status("scout", pairs=1000, missing=7))
+    fleet.take("scout", status("scout", pairs=30, missing=2), 1.0)
+    assert only(fleet, 1.0).lost_share == 0.0
+    fleet.take("scout", status("scout", pairs=128, missing=4), 2.0)
+    assert only(fleet, 2.0).lost_share == pytest.approx(0.02)
+
+
+def test_what_strangers_send_takes_no_more_room_than_it_may() -> None:
+    fleet = fleet_of(status("scout", pairs=0))
+    for number in range(1, 2001):
+        fleet.take("scout", status("scout", pairs=number, missing=number), number / 1000)
+    assert len(fleet._rigs["scout"].counts) <= 4, "many within a second"
+    assert only(fleet, 2.0).lost_share == pytest.approx(0.5)
+    said = replace(status("scout", State.DEGRADED), reasons=("x" * 100_000,), lost={"y" * 100_000: 1})
+    known = fleet_of(said)._rigs["scout"]
+    assert max(len(known.reasons), len(known.lost_words)) <= 300
+
+
+@pytest.mark.parametrize("rig", ["", "1st", "a b", "\x1b[2J", "*", "x" * 101])
+def test_a_key_that_names_no_rig_or_another_one_is_passed_over(rig: str) -> None:
+    fleet = fleet_of(status("scout"))
+    assert not fleet.take(rig, replace(EXPOSING, rig=rig), 1.0)
+    assert not fleet.take("scout", status("mule", State.FAILED), 1.0)
+    assert only(fleet, 1.0).condition is Condition.EXPOSING
+
+
+def test_the_list_is_bounded_and_those_that_are_on_it_stay() -> None:
+    fleet = fleet_of(*(status(f"rig_{number}") for number in range(MOST_RIGS)))
+    assert not fleet.crowded(1.0)
+    assert not fleet.take("one_too_many", status("one_too_many"), 1.0)
+    assert fleet.take("rig_0", status("rig_0"), 1.0)
+    assert fleet.crowded(2.0)
+    assert not fleet.crowded(100.0)
+    assert "one_too_many" not in {line.rig for line in fleet.lines(2.0)}
+
 
 CODES = re.compile(r"\x1b\[[0-9;?]*[a-zA-Z]")
 
@@ -56,14 +162,14 @@ class Screen(io.StringIO):
         return CODES.sub("", self.getvalue())
 
 
-@contextlib.contextmanager
-def daemon(status: Status, at: str) -> Iterator[None]:
+def daemon(status: Status, at: str, *connect: str) -> Publisher:
+    """That listens at `at`, and connects to a router."""
+
     def tell(last: bool) -> dict[str, str]:
         said = replace(status, unix_time_s=time.time(), ending=last)
         return {rig_key(status.rig, "status"): said.to_json()}
 
-    with Publisher(PublishConfig(rig=status.rig, listen=(at,)), 2, tell):
-        yield
+    return telling(at, tell, status.rig, connect)
 
 
 @pytest.mark.parametrize("metric", [math.nan, math.inf, 1e308])
@@ -133,18 +239,6 @@ SILENT_S = 1.0
 FLEETS = REPOSITORY / "docs" / "fleets.md"
 
 
-def rig(name: str, state: State = State.EXPOSING, *reasons: str) -> Status:
-    return replace(EXPOSING, rig=name, state=state, reasons=reasons)
-
-
-@contextlib.contextmanager
-def robot(status: Status, near: str, far: str) -> Iterator[None]:
-    """A daemon that listens at `near`, and connects to a router at `far`."""
-    config = PublishConfig(rig=status.rig, listen=(near,), connect=(far,))
-    with Publisher(config, 2, lambda _last: {rig_key(status.rig, "status"): status.to_json()}):
-        yield
-
-
 def printed(*parts: object, width: int = 120) -> str:
     screen = Screen()
     Console(file=screen, width=width, height=50, _environ={}).print(*parts)
@@ -196,8 +290,8 @@ def test_a_narrow_terminal_shortens_the_reasons_first() -> None:
 def test_a_low_terminal_shows_the_worst_and_counts_the_rest() -> None:
     client = FleetClient()
     for number in range(30):
-        assert client.fleet.take(f"rig_{number}", rig(f"rig_{number}"), 0.0)
-    assert client.fleet.take("worst", rig("worst", State.FAILED), 0.0)
+        assert client.fleet.take(f"rig_{number}", status(f"rig_{number}"), 0.0)
+    assert client.fleet.take("worst", status("worst", State.FAILED), 0.0)
     text = printed(panel_of_all(client, 10))
     assert len(text.splitlines()) == 10
     assert "worst" in text
@@ -209,7 +303,7 @@ def test_the_rigs_of_all_endpoints_are_printed_once(monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr("autoexpose_daemon.client.top._ROUND_S", 0.5)
     first, second, nowhere = endpoint(), endpoint(), endpoint()
     screen, console = screen_of(terminal=False)
-    with daemon(rig("scout", State.DEGRADED, "no triggers"), first), daemon(rig("mule"), second):
+    with daemon(status("scout", State.DEGRADED), first), daemon(status("mule"), second):
         show_all_once([first, second, nowhere], None, console, threading.Event())
     assert "2 rigs: 1 degraded, 1 exposing" in screen.text
     assert screen.text.index("no triggers") < screen.text.index("mule")
@@ -223,7 +317,7 @@ def test_a_file_of_zenoh_has_the_endpoints(tmp_path: Path, monkeypatch: pytest.M
     file = tmp_path / "zenoh.json5"
     file.write_text(json.dumps({"connect": {"endpoints": [at]}}))
     screen, console = screen_of(terminal=False)
-    with daemon(rig("scout"), at):
+    with daemon(status("scout"), at):
         show_all_once([], file, console, threading.Event())
         show_once("scout", [], console, file)
     assert "1 rig: 1 exposing" in screen.text
@@ -235,7 +329,7 @@ def test_messages_that_are_no_statuses_are_passed_over() -> None:
     at = endpoint()
     with open_session("peer", Endpoints(listen=[at])) as stranger, FleetClient([at]) as client:
         wait_until(lambda: not client.unanswered, "a connection")
-        said = rig("scout").to_json()
+        said = status("scout").to_json()
 
         def spoken() -> bool:
             for key, text in (("scout", ""), ("scout", "{}"), ("1st", said), ("mule", said), ("big", " " * (2 << 20))):
@@ -258,7 +352,7 @@ def test_a_router_may_allow_statuses_alone(tmp_path: Path) -> None:
     file.write_text(f"{quiet[:-1]},\n{rules}}}")
     with (
         router(file),
-        robot(rig("scout"), near, far),
+        daemon(status("scout"), near, far),
         FleetClient([far]) as client,
         StatusClient("scout", [far]) as one,
     ):
@@ -269,7 +363,7 @@ def test_a_router_may_allow_statuses_alone(tmp_path: Path) -> None:
 @pytest.mark.wire
 def test_a_router_that_goes_and_comes_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """What is on the robot goes on meanwhile."""
-    monkeypatch.setattr("autoexpose_daemon.client.top.FleetClient", lambda *args: FleetClient(*args, SILENT_S))
+    monkeypatch.setattr("autoexpose_daemon.client.top.FleetClient", lambda *args: FleetClient(*args, 1.0))
     far, near, other = endpoint(), endpoint(), endpoint()
     file = router_file(tmp_path, far)
     screen, console = screen_of()
@@ -282,8 +376,8 @@ def test_a_router_that_goes_and_comes_back(tmp_path: Path, monkeypatch: pytest.M
         wait_until(lambda: text in screen.text, text)
 
     with (
-        robot(rig("scout"), near, far),
-        robot(rig("mule", State.DEGRADED, "no triggers"), other, far),
+        daemon(status("scout"), near, far),
+        daemon(status("mule", State.DEGRADED), other, far),
         StatusClient("scout", [near]) as on_board,
     ):
         thread.start()

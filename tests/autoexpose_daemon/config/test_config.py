@@ -1,18 +1,14 @@
 from __future__ import annotations
 
-import os
 import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any, get_args
 
-import cv2
-import numpy as np
 import pytest
 import yaml
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from pydantic import BaseModel, TypeAdapter, ValidationError
 from pydantic.fields import FieldInfo
 
@@ -20,39 +16,32 @@ from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.config.load import load_config
 from autoexpose_daemon.control import parameters
 from autoexpose_daemon.control.parameters import ControlParameters
-from autoexpose_daemon.control.picture.image import Rectangle
-from calibration.document import CameraIdentity
-from calibration.gain import GainFile
-from calibration.response.file import Origin, ResponseFile
-from calibration.vignetting.file import VignettingFile
+from autoexpose_daemon.messages.keys import LOOPBACK
 from documents import bounds
-from drivers.camera import CameraDescription
 from imaging.errors import ConfigurationError
 from imaging.exposure import ExposureSetting
-from imaging.gain_scale import GainScale
-from imaging.pixels import PixelFormat
-from imaging.response import ResponseFunction
-from imaging.vignetting import Vignetting
 from tests import REPOSITORY
 
 LEFT = "cameras: {left: {serial: A}}\n"
 STEREO = {"cameras": {"left": {"serial": "A"}, "right": {"serial": "B"}}}
 
 
-def complaint(tmp_path: Path, text: str) -> str:
-    file = tmp_path / "rig.yaml"
+def load(folder: Path, text: str) -> Config:
+    file = folder / "rig.yaml"
     file.write_text(text)
+    return load_config(file)
+
+
+def complaint(folder: Path, text: str) -> str:
     with pytest.raises(ConfigurationError) as caught:
-        load_config(file)
+        load(folder, text)
     message = str(caught.value)
-    assert str(file) in message
+    assert str(folder / "rig.yaml") in message
     return message
 
 
 def test_a_short_file_has_the_documented_defaults(tmp_path: Path) -> None:
-    file = tmp_path / "rig.yaml"
-    file.write_text("cameras: {left: {serial: '1'}, right: {serial: '2'}}")
-    config = load_config(file)
+    config = load(tmp_path, "cameras: {left: {serial: '1'}, right: {serial: '2'}}")
     limits = config.exposure.limits()
     assert (limits.min_time_us, limits.max_time_us, limits.min_gain_db, limits.max_gain_db) == (20, 7500, 0, 30)
     assert (config.trigger.mode, config.trigger.rate_hz) == ("external", 60)
@@ -75,8 +64,6 @@ def test_a_short_file_has_the_documented_defaults(tmp_path: Path) -> None:
         ("cameras: {left: {serial: A}, right: {serial: B}}\ntrigger: {mode: free_run}", ["free_run"]),
         ("cameras: {left: {serial: A}}\ntrigger: {mode: primary}", ["primary needs two cameras"]),
         (LEFT + "trigger: {mode: software, line: Line0}", ["trigger: line has no effect with mode software", "remove"]),
-        (LEFT + "trigger: {mode: ptp, output_line: Line1}", ["trigger: output_line has no effect with mode ptp"]),
-        ("cameras: {left: {serial: A, response: missing.yaml}}", ["missing.yaml"]),
         ("cameras: {left: {serial: 22500001}}", ["cameras.left.serial", "quotes"]),
         ("cameras: {left: {serial: 0012345}}", ["cameras.left.serial: is a number to YAML: put the serial in quotes"]),
         (LEFT + "control:", ["control: is empty: give keys below it, or remove it"]),
@@ -88,29 +75,17 @@ def test_a_short_file_has_the_documented_defaults(tmp_path: Path) -> None:
         ("exposure: {max_time_us: 100}\ncameras: {left: {serial: A}}\nexposure: {}", ["'exposure'", "twice", "line 3"]),
         (LEFT + "control: {balance: blurnoise}", ["control.balance", "blur_noise"]),
         (LEFT + "control: {motion: lucas}", ["control.motion", "farneback"]),
-        (LEFT + "control: {metric_delta: 2}", ["control.metric_delta: 2.0 is out of bounds: give 0 to 0.99"]),
         (LEFT + "control: {flicker_hz: 0}", ["control.flicker_hz: 0 is out of bounds: give 10 to 1000 Hz, or auto"]),
         (
             LEFT + "control: {flicker_hz: aut}",
             ["control.flicker_hz: 'aut' is not a frequency: give 10 to 1000 Hz, or auto"],
         ),
-        (
-            LEFT + "control: {flicker_hz: on}",
-            ["control.flicker_hz: true is not a frequency: give 10 to 1000 Hz, or auto"],
-        ),
-        (LEFT + "control: {focal_length_px: -1}", ["control.focal_length_px: -1.0 is out of bounds"]),
         (LEFT + "control: {focal_length_px: 800}", ["control.focal_length_px has no effect without motion.imu: give"]),
         (LEFT + "motion: {imu: {key: imu/data}}", ["motion.imu needs control.focal_length_px: give the left camera's"]),
-        (LEFT + "motion: {imu: {kye: imu/data}}", ["motion.imu.kye: unknown key; did you mean motion.imu.key?"]),
         (LEFT + "motion: {imu: {max_age_s: 0.1}}", ["motion.imu.key: is missing"]),
         (
             LEFT + "motion: {imu: {key: /imu/data}}",
             ["motion.imu.key: '/imu/data' is not a key expression of zenoh: write"],
-        ),
-        (LEFT + "motion: {imu: {key: a, max_age_s: 0}}", ["motion.imu.max_age_s", "give 0.001 to 10 s"]),
-        (
-            LEFT + "motion: {imu: {key: a, connect: [router:7447]}}",
-            ["motion.imu.connect: router:7447 is not an endpoint"],
         ),
         (
             LEFT + "motion: {imu: {key: a, zenoh: z.json5}}\ncontrol: {focal_length_px: 800}",
@@ -123,28 +98,19 @@ def test_a_short_file_has_the_documented_defaults(tmp_path: Path) -> None:
         (LEFT + "control: {roi: {left: {rectangles: [{box: [0, 0, 9]}]}}}", ["control.roi.left.rectangles.0.box"]),
         (LEFT + "control: {roi: {left: {rectangles: [{box: [0, 0, 9, 0]}]}}}", ["control.roi.left.rectangles.0.box.3"]),
         (LEFT + "control: {roi: {left: {rectangles: [{wieght: 1}]}}}", ["rectangles.0.wieght", "rectangles.0.weight"]),
-        (LEFT + "control: {roi: {left: {background_weight: 2}}}", ["control.roi.left.background_weight"]),
         (LEFT + "control: {roi: {left: {mask: none.png}}}", ["control.roi.left.mask", "none.png", "cannot be read"]),
         (LEFT + "control: {roi: {right: {}}}", ["control.roi.right", "cameras.right"]),
         *(
             (LEFT + f"trigger: {{rate_hz: {rate}}}", ["trigger.rate_hz: ", "is out of bounds: give 0.1 to 1000 Hz"])
-            for rate in ("1.0e-300", "1.0e-9", "1.0e+6", ".nan", ".inf")
+            for rate in ("1.0e-9", "1.0e+6", ".nan", ".inf")
         ),
         (LEFT + "trigger: {rate_hz: yes}", ["trigger.rate_hz: true is not a number"]),
         (LEFT + "exposure: {max_gain_db: 7000}", ["exposure.max_gain_db: 7000.0 is out of bounds: give -60 to 100 dB"]),
-        (LEFT + "exposure: {min_time_us: 1.0e-9}", ["exposure.min_time_us", "give 0.1 to 10000000 us"]),
-        (LEFT + "control: {start: {exposure_time_us: 1.0e+9}}", ["control.start.exposure_time_us"]),
-        (LEFT + "control: {metric_lambda: 1.0e+300}", ["control.metric_lambda", "give 0.001 to 1000000"]),
-        (LEFT + "control: {metric_lambda: 1.0e-300}", ["control.metric_lambda"]),
-        (LEFT + "control: {balance_weight: 1.0e+300}", ["control.balance_weight", "give 1e-06 to 1000"]),
-        (LEFT + "image: {binning: 9}", ["image.binning: 9 is out of bounds: give 1 to 8 pixels"]),
-        (LEFT + "transport: {packet_size_bytes: 99999}", ["transport.packet_size_bytes", "give 576 to 16000 bytes"]),
         (LEFT + "trigger: {line: ''}", ["trigger.line: '' is not a valid name"]),
         (LEFT + 'trigger: {output_line: "Line1\\e[2J"}', ["trigger.output_line: 'Line1\\x1b[2J' is not a valid name"]),
         ('cameras: {left: {serial: "A\\nB"}}', ["cameras.left.serial: 'A\\nB' is not a valid name"]),
         ('cameras: {left: {serial: "\\e[31mA"}}', ["cameras.left.serial: '\\x1b[31mA' is not a valid name"]),
         ("cameras: {left: {serial: '  '}}", ["cameras.left.serial: '  ' is not a valid name", "without blanks around"]),
-        ("cameras: {left: {serial: 'A '}}", ["cameras.left.serial: 'A ' is not a valid name"]),
         (
             "cameras: {left: {serial: left-1a}, right: {serial: LEFT-1A}}",
             ["cameras: left and right differ only in case, left-1a and LEFT-1A", "autoexpose list"],
@@ -157,7 +123,6 @@ def test_a_short_file_has_the_documented_defaults(tmp_path: Path) -> None:
             LEFT + "control: {roi: {left: {background_weight: 0.001, rectangles: [{box: [0, 0, 9, 9], weight: 0}]}}}",
             ["control.roi.left: no pixel counts"],
         ),
-        (LEFT + "control: {roi: {left: {rectangles: [{box: [0, 0, 9, 70000]}]}}}", ["box.3: 70000 is out of bounds"]),
         (
             "cameras: {left: {serial: A, features: {Width: 640}}}",
             ["cameras.left.features: is not a list: begin each line with a dash"],
@@ -172,6 +137,13 @@ def test_a_short_file_has_the_documented_defaults(tmp_path: Path) -> None:
         ),
         ("[1, 2", ["YAML"]),
         ("just words", ["cameras"]),
+        (LEFT + "publish: {rig: a/b}", ["publish.rig", "a/b is not a valid name for a rig"]),
+        (LEFT + "publish: {lisen: []}", ["publish.lisen", "publish.listen"]),
+        (LEFT + "publish: {connect: [router:7447]}", ["publish", "router:7447 is not an endpoint", "tcp/127.0.0.1"]),
+        (LEFT + "publish: {zenoh: z.json5, connect: [tcp/r:7447]}", ["publish", "remove connect"]),
+        (LEFT + "publish: {ros2_domain: 233}", ["publish.ros2_domain", "232"]),
+        (LEFT + "publish: {ros2_domain: yes}", ["publish.ros2_domain", "integer"]),
+        (LEFT + "publish: {zenoh: z.json5}", ["publish.zenoh", "z.json5 cannot be read"]),
     ],
 )
 def test_a_mistake_is_named_with_its_key(tmp_path: Path, text: str, words: list[str]) -> None:
@@ -202,80 +174,13 @@ def test_an_error_is_short_whatever_it_is_about(tmp_path: Path, text: str) -> No
     assert all(len(sentence) < 700 for sentence in said.splitlines()), max(map(len, said.splitlines()))
 
 
-WHITE = np.full((540, 720), 255, np.uint8)
-
-
-@pytest.mark.parametrize(
-    ("file_name", "picture", "words"),
-    [
-        ("mask.jpg", WHITE, ["not a PNG"]),
-        ("mask.png", np.zeros((540, 720), np.uint8), ["entirely black"]),
-        ("mask.png", np.full((540, 720), 65535, np.uint16), ["8-bit grey"]),
-        ("mask.png", np.full((540, 720, 3), 255, np.uint8), ["8-bit grey"]),
-        ("mask.png", np.pad(np.full((2, 2), 255, np.uint8), 269), ["no pixel"]),
-    ],
-)
-def test_a_mask_that_cannot_be_used_is_named_with_file_and_key(
-    tmp_path: Path, file_name: str, picture: NDArray[np.uint8], words: list[str]
-) -> None:
-    assert cv2.imwrite(str(tmp_path / file_name), picture)
-    message = complaint(tmp_path, LEFT + f"control: {{roi: {{left: {{mask: {file_name}}}}}}}")
-    for word in ["control.roi.left", str(tmp_path / file_name), *words]:
-        assert word in message
-
-
-def test_a_text_file_is_no_mask(tmp_path: Path) -> None:
-    (tmp_path / "mask.png").write_text("mask")
-    assert "not a PNG" in complaint(tmp_path, LEFT + "control: {roi: {left: {mask: mask.png}}}")
-
-
-@pytest.mark.parametrize("odd", ["pipe", "/dev/zero", "/dev/kmsg", "."])
-@pytest.mark.parametrize(
-    "text",
-    [
-        "",
-        "cameras: {left: {serial: A, response: FILE}}",
-        "cameras: {left: {serial: A, gain_calibration: FILE}}",
-        "cameras: {left: {serial: A, vignetting: FILE}}",
-        LEFT + "control: {roi: {left: {mask: FILE}}}",
-        LEFT + "publish: {zenoh: FILE}",
-    ],
-)
-def test_pipes_devices_and_folders_are_refused_wherever_a_file_is_named(tmp_path: Path, text: str, odd: str) -> None:
-    os.mkfifo(tmp_path / "pipe")
-    file = tmp_path / "rig.yaml"
-    if text:
-        file.write_text(text.replace("FILE", odd))
-    else:
-        file.symlink_to(tmp_path / odd)
-    with pytest.raises(ConfigurationError, match=r"rig\.yaml: .*cannot be read.*a (named pipe|device|directory), not "):
-        load_config(file)
-
-
-def test_regions_are_read_relative_to_the_configuration(tmp_path: Path) -> None:
-    assert cv2.imwrite(str(tmp_path / "left.png"), WHITE)
-    file = tmp_path / "rig.yaml"
-    file.write_text(
-        "cameras: {left: {serial: A}, right: {serial: B}}\n"
-        "control: {roi: {left: {mask: left.png},"
-        " right: {background_weight: 0.5, rectangles: [{box: [0, 0, 720, 100], weight: 0}, {box: [8, 9, 30, 40]}]}}}\n"
-    )
-    regions = load_config(file).control.roi.regions
-    assert regions["left"].mask is not None
-    assert (regions["left"].mask == 255).all()
-    assert regions["right"].mask is None
-    assert regions["right"].background_weight == 0.5
-    assert regions["right"].rectangles == (Rectangle(0, 0, 720, 100, 0.0), Rectangle(8, 9, 30, 40, 1.0))
-
-
 def test_tuning_reaches_the_loop(tmp_path: Path) -> None:
-    file = tmp_path / "rig.yaml"
-    file.write_text(
+    text = (
         LEFT + "motion: {imu: {key: imu/data}}\n"
         "control: {balance: flicker, flicker_hz: 120, motion: tiles, focal_length_px: 860, metric_delta: 0.06,"
         " metric_lambda: 10, balance_weight: 0.1, balance_offset: 1, mean_target: 0.4}"
     )
-    assert load_config(file).control.parameters() == ControlParameters(
+    assert load(tmp_path, text).control.parameters() == ControlParameters(
         metric_delta=0.06, metric_lambda=10, balance_weight=0.1, balance_offset=1, mean_target=0.4,
         balance="flicker", flicker_hz=120, motion="tiles", focal_length_px=860,
     )  # fmt: skip
@@ -288,9 +193,7 @@ def test_tuning_reaches_the_loop(tmp_path: Path) -> None:
 def test_what_took_the_place_of_removed_names_is_used_and_named(
     policy_id: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    file = tmp_path / "rig.yaml"
-    file.write_text(LEFT + f"control: {{policy: {policy_id}, motion: dis}}")
-    control = load_config(file).control
+    control = load(tmp_path, LEFT + f"control: {{policy: {policy_id}, motion: dis}}").control
     assert (control.policy, control.motion) == ("belief", "tiles")
     by_policy, by_motion = caplog.messages
     assert all(words in by_policy for words in ("control.policy", policy_id, "belief"))
@@ -344,11 +247,6 @@ def test_no_number_of_the_configuration_is_without_bounds(key: str) -> None:
             TypeAdapter(NUMBERS[key]).validate_python(beyond)
 
 
-def test_a_missing_file_is_named(tmp_path: Path) -> None:
-    with pytest.raises(ConfigurationError, match="no-such"):
-        load_config(tmp_path / "no-such.yaml")
-
-
 def test_a_configured_start_is_taken_to_the_letter() -> None:
     config = Config.model_validate(STEREO | {"control": {"start": {"exposure_time_us": 300}}})
     assert config.start == ExposureSetting(300.0, 0.0)
@@ -360,40 +258,6 @@ def test_the_start_is_always_within_the_bounds(low: float, high: float) -> None:
     config = Config.model_validate(STEREO | {"exposure": {"min_time_us": low, "max_time_us": high, "max_gain_db": 5}})
     assert low <= config.start.exposure_time_us <= high
     assert 0 <= config.start.gain_db <= 5
-
-
-def test_a_response_file_of_another_camera_is_refused(tmp_path: Path) -> None:
-    identity = CameraIdentity("Maker", "Model 7", "B")
-    ResponseFile(ResponseFunction.linear(), Origin(identity, PixelFormat.MONO8)).save(tmp_path / "r.yaml")
-    message = complaint(tmp_path, "cameras: {left: {serial: A, response: r.yaml}}")
-    assert "cameras.left.response" in message
-    assert "camera.serial is B, but this is camera A" in message
-    message = complaint(tmp_path, "cameras: {left: {serial: B, response: r.yaml}}\nimage: {pixel_format: Mono12}")
-    assert "pixel_format is Mono8" in message
-
-
-def test_a_gain_file_is_read_beside_the_configuration_and_refused_for_another_camera(tmp_path: Path) -> None:
-    scale = GainScale("GainRaw", (0.0, 240.0), (0.0, 24.0))
-    GainFile(scale, camera=CameraIdentity("Maker", "Model 7", "B")).save(tmp_path / "g.yaml")
-    (tmp_path / "rig.yaml").write_text("cameras: {left: {serial: B, gain_calibration: g.yaml}, right: {serial: C}}")
-    assert load_config(tmp_path / "rig.yaml").gain_scales == {"left": scale, "right": None}
-    message = complaint(tmp_path, "cameras: {left: {serial: A, gain_calibration: g.yaml}}")
-    assert "cameras.left.gain_calibration" in message
-    assert "camera.serial is B, but this is camera A" in message
-
-
-def test_a_vignetting_file_is_read_beside_the_configuration_and_refused_for_another_camera(tmp_path: Path) -> None:
-    lens = Vignetting(720, 540, (359.5, 269.5), (-0.5,))
-    VignettingFile(lens, camera=CameraIdentity("Maker", "Model 7", "B")).save(tmp_path / "v.yaml")
-    (tmp_path / "rig.yaml").write_text("cameras: {left: {serial: B, vignetting: v.yaml}, right: {serial: C}}")
-    config = load_config(tmp_path / "rig.yaml")
-    assert {side: file.vignetting for side, file in config.vignettings.items()} == {"left": lens}
-    config.check_frames("left", CameraDescription("Maker", "Model 7", "B", size=(720, 540)))
-    with pytest.raises(ConfigurationError, match="is for frames of 720x540 pixels, but camera B sends 640x480"):
-        config.check_frames("left", CameraDescription("Maker", "Model 7", "B", size=(640, 480)))
-    message = complaint(tmp_path, "cameras: {left: {serial: A, vignetting: v.yaml}}")
-    assert "cameras.left.vignetting" in message
-    assert "camera.serial is B, but this is camera A" in message
 
 
 SCALARS = st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8) | st.dates()
@@ -438,3 +302,11 @@ def test_any_keys_and_values_are_a_configuration_or_a_sentence_for_each_mistake(
     camera: dict[str, object] = {"cameras": {"left": {"serial": "A"}}}
     file.write_text(yaml.safe_dump(content | camera if with_camera else content, allow_unicode=False))
     is_config_or_one_sentence_each(file)
+
+
+def test_nothing_is_published_unless_the_section_is_there(tmp_path: Path) -> None:
+    assert load(tmp_path, LEFT).publish is None
+    publish = load(tmp_path, LEFT + "publish: {}").publish
+    assert publish is not None
+    assert (publish.rig, publish.listen, publish.connect) == ("rig", (LOOPBACK,), ())
+    assert publish.ros2_domain is None

@@ -19,6 +19,8 @@ from imaging.frames import SIDES, Frame, StereoPair
 from imaging.response import ResponseFunction
 
 LIMITS = ExposureLimits(20.0, 7500.0, 0.0, 30.0)
+LINEAR = ResponseFunction.linear()
+START = ExposureSetting(1000.0, 0.0)
 FRAME_NS = 16_666_667
 
 NOTHING_GIVEN = StepInputs(StereoPair(0, {}))
@@ -51,6 +53,29 @@ def at_time(frame: Frame, index: int) -> Frame:
     return Frame(frame.pixels, frame.bit_depth, index, index * FRAME_NS, 0, 0, frame.setting)
 
 
+def drive(
+    loop: ControlLoop,
+    frames: int,
+    take: Callable[[int, ExposureSetting], StepInputs | StereoPair],
+    delay: int = 2,
+    *,
+    start: ExposureSetting = START,
+    watch: Callable[[Decision], None] = lambda _: None,
+) -> list[Decision]:
+    """Decisions on what is taken, by index and setting; each shows `delay` frames later."""
+    settings, decisions = [start] * delay, []
+    for index in range(frames):
+        decisions.append(loop.step(take(index, settings[index])))
+        settings.append(decisions[-1].setting)
+        watch(decisions[-1])
+    return decisions
+
+
+def alike(frame: Frame, index: int) -> StereoPair:
+    """The same frame of both cameras."""
+    return StereoPair(index, dict.fromkeys(SIDES, at_time(frame, index)))
+
+
 def run(
     loop: ControlLoop,
     lights: Sequence[float],
@@ -58,15 +83,14 @@ def run(
     *,
     delay: int = 2,
     scene: NDArray[np.float64] | None = None,
-    watch: Callable[[Decision], None] | None = None,
+    watch: Callable[[Decision], None] = lambda _: None,
 ) -> list[float]:
     """Levels of the frames taken while half scale lies at `lights`; a decision shows `delay` frames later."""
-    picture = radiance() if scene is None else scene
-    settings = [start] * delay
-    for index, half_scale_level in enumerate(lights):
-        frame = at_time(expose(picture, settings[index], half_scale_level), index)
-        decision = loop.step(StereoPair(index, {"left": frame, "right": frame}))
-        settings.append(decision.setting)
-        if watch is not None:
-            watch(decision)
-    return [setting.level for setting in settings[: len(lights)]]
+    picture, levels = radiance() if scene is None else scene, []
+
+    def take(index: int, setting: ExposureSetting) -> StereoPair:
+        levels.append(setting.level)
+        return alike(expose(picture, setting, lights[index]), index)
+
+    drive(loop, len(lights), take, delay, start=start, watch=watch)
+    return levels

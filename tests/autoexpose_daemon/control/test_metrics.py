@@ -1,7 +1,8 @@
+"""The gradient metric, shares and means of tones, and gradients by cell and grey level."""
+
 from __future__ import annotations
 
 import math
-import tracemalloc
 
 import numpy as np
 import pytest
@@ -9,14 +10,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from autoexpose_daemon.control.metrics.contrast import CELLS, Contrast, GreyBins, contrast
 from autoexpose_daemon.control.metrics.gradient import (
     ExtremeShares,
     GradientMetric,
-    PackedTables,
     gradient_weights,
     mean_signal,
 )
-from imaging.response import ResponseFunction, prediction_tables
+from imaging.response import ResponseFunction
 
 
 def slow_metric(image: NDArray[np.uint8], delta: float = 0.30, lambda_: float = 1000.0) -> float:
@@ -55,14 +56,6 @@ def test_metric_equals_the_slow_one(seed: int) -> None:
     assert other.measure(image) == pytest.approx(slow_metric(image, 0.06, 10.0), abs=1e-12)
 
 
-@pytest.mark.parametrize("count", [1, 4, 5, 7])
-def test_predictions_equal_the_metric_of_each_predicted_image(count: int) -> None:
-    metric, image = GradientMetric(), random_image(4, 30, 40)
-    tables = prediction_tables(ResponseFunction.linear(), np.linspace(-2, 2, count).tolist())
-    expected = [GradientMetric().measure(table[image]) for table in tables]
-    assert metric.measure_predictions(image, PackedTables(tables)).tolist() == expected
-
-
 def test_one_object_measures_images_of_different_sizes() -> None:
     metric = GradientMetric()
     for seed, shape in enumerate([(9, 11), (20, 30), (9, 11)]):
@@ -83,11 +76,6 @@ def test_metric_does_not_depend_on_resolution() -> None:
     tile[:, 4:] = 60
     small, large = np.tile(tile, (8, 8)), np.tile(tile, (32, 32))
     assert GradientMetric().measure(small) == pytest.approx(GradientMetric().measure(large), rel=0.06)
-
-
-@pytest.mark.parametrize("grey", [0, 128, 255])
-def test_a_flat_image_has_no_gradient(grey: int) -> None:
-    assert GradientMetric().measure(np.full((20, 30), grey, np.uint8)) == 0
 
 
 def test_shares_and_mean_count_from_black_level_to_saturation() -> None:
@@ -112,37 +100,58 @@ def test_equal_weights_change_nothing_and_weight_0_excludes(seed: int) -> None:
     assert (seen + alone) / 2 == pytest.approx(metric.measure(image))
 
 
-@settings(max_examples=30)
-@given(st.integers(0, 2**32 - 1))
-def test_weighted_shares_and_mean_are_weighted_means(seed: int) -> None:
+LINEAR = ResponseFunction.linear()
+
+
+def slow_contrast(image: NDArray[np.uint8], weights: NDArray[np.uint8]) -> Contrast:
+    """Pixel by pixel, as the docstring says it."""
+    bins = GreyBins(LINEAR)
+    energy, count = np.zeros((2, CELLS * CELLS, bins.count))
+    rows, columns = image.shape[0] - 2, image.shape[1] - 2
+    grey = image.astype(int)
+    for y in range(1, rows + 1):
+        for x in range(1, columns + 1):
+            cell = CELLS * ((y - 1) * CELLS // rows) + (x - 1) * CELLS // columns
+            cross = [grey[y, x], grey[y - 1, x], grey[y + 1, x], grey[y, x - 1], grey[y, x + 1]]
+            weight = int(weights[y, x])
+            squared = (grey[y, x + 1] - grey[y, x - 1]) ** 2 + (grey[y + 1, x] - grey[y - 1, x]) ** 2
+            energy[cell, bins.of[max(cross)]] += weight * squared
+            count[cell, bins.of[max(cross)]] += weight
+    return Contrast(energy, count)
+
+
+def same(first: Contrast, second: Contrast) -> bool:
+    return bool((first.energy == second.energy).all() and (first.count == second.count).all())
+
+
+@given(st.integers(3, 24), st.integers(3, 24), st.integers(0, 2**32 - 1))
+def test_contrast_is_collected_as_defined(height: int, width: int, seed: int) -> None:
     rng = np.random.default_rng(seed)
-    image = rng.choice([0, 2, 3, 100, 252, 253, 255], (9, 14)).astype(np.uint8)
-    weights = rng.integers(0, 256, image.shape).astype(np.uint8)
-    response = ResponseFunction.linear()
-    saturated, black = ExtremeShares(response).measure(image, weights)
-    everywhere = np.stack([image >= response.saturation - 3, image <= response.black_level + 3])
-    assert (saturated, black) == pytest.approx(tuple(np.average(m, weights=weights) for m in everywhere))
-    mean = (np.average(image, weights=weights) - response.black_level) / (response.saturation - response.black_level)
-    assert mean_signal(image, response, weights) == pytest.approx(mean)
+    image, weights = rng.integers(0, 256, (2, height, width), dtype=np.uint8)
+    bins = GreyBins(LINEAR)
+    collected = contrast(image, bins, weights)
+    assert same(collected, slow_contrast(image, weights))
+    assert same(contrast(image, bins), contrast(image, bins, np.ones_like(image)))
+    assert contrast(image[:, ::-1], bins, weights[:, ::-1]).energy.sum() == collected.energy.sum()
 
 
-def test_no_image_is_allocated_once_the_buffers_are_there() -> None:
-    image, weights = random_image(1, 270, 360), random_image(2, 270, 360)
-    metric, shares = GradientMetric(), ExtremeShares(ResponseFunction.linear())
-    tables = PackedTables(prediction_tables(ResponseFunction.linear(), [-1.0, 1.0]))
+def test_sums_beyond_a_place_of_the_packed_table_are_right() -> None:
+    """More pixels of the greatest energy and weight than 40 bits hold, in one place."""
+    image = np.zeros((4, 500_000), np.uint8)
+    image[:, 2::4], image[:, 3::4] = 255, 255
+    seen = contrast(image, GreyBins(LINEAR), np.full_like(image, 255))
+    assert seen.count.sum() == 255 * 2 * 499_998
+    assert seen.energy.sum() == 255 * 255**2 * 2 * 499_998
 
-    def measure_all() -> None:
-        for some_weights in (None, weights):
-            metric.measure(image, some_weights)
-            metric.measure_predictions(image, tables, some_weights)
-            shares.measure(image, some_weights)
-            mean_signal(image, ResponseFunction.linear(), some_weights)
 
-    measure_all()
-    tracemalloc.start()
-    try:
-        measure_all()
-        _, peak = tracemalloc.get_traced_memory()
-    finally:
-        tracemalloc.stop()
-    assert peak < image.size / 2
+@pytest.mark.parametrize("black_level", [0, 16, 200])
+def test_both_paths_have_the_same_bins(black_level: int) -> None:
+    """Black and saturated are bins of their own, and each grey level is counted in its bin."""
+    response = ResponseFunction.linear(black_level)
+    bins = GreyBins(response)
+    assert (np.diff(bins.of.astype(int)) >= 0).all() and set(bins.of) == set(range(bins.count))
+    assert set(np.flatnonzero(bins.of == 0)) == set(range(black_level + 1))
+    assert set(np.flatnonzero(bins.of == bins.count - 1)) == set(range(ExtremeShares(response).saturated_from, 256))
+    for grey in range(256):
+        seen = contrast(np.full((3, 3), grey, np.uint8), bins)
+        assert np.flatnonzero(seen.count.sum(axis=0)) == bins.of[grey]

@@ -1,4 +1,11 @@
+"""The yardstick of steps, and the benchmark."""
+
 from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -7,6 +14,7 @@ import pytest
 from autoexpose_daemon.control.metrics.gradient import GradientMetric
 from autoexpose_daemon.control.picture.image import ImagePreparation
 from autoexpose_daemon.demo.reference_step import ReferenceStep, reference_step_ms, synthetic_frames
+from tests import REPOSITORY
 
 
 def test_the_yardstick_takes_time_and_leaves_the_threads_alone() -> None:
@@ -35,3 +43,17 @@ def test_it_computes_the_metric_that_the_tuned_step_computes() -> None:
     delta_level, flow_px = step(previous, current)
     assert abs(delta_level) < 10
     assert 0.1 < flow_px < 5
+
+
+BENCHMARK = REPOSITORY / "benchmarks" / "bench_step.py"
+
+
+def test_the_benchmark_writes_its_figures(tmp_path: Path) -> None:
+    out = tmp_path / "figures.json"
+    subprocess.run([sys.executable, str(BENCHMARK), "--repeats", "3", "--json", str(out)], check=True, timeout=60)
+    figures = json.loads(out.read_text())
+    assert figures["opencv_version"] == cv2.__version__
+    assert figures["ratio_floor_native"] > figures["ratio_default_native"] > 0
+    assert figures["ratio_native"] > 1
+    assert figures["ratio_native_same_flow"] > 0
+    assert set(figures["predictions_us"]) == {"7", "13", "25", "49"}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -37,21 +38,17 @@ from autoexpose_daemon.control.picture.steering import (
 )
 from autoexpose_daemon.control.policies.belief.scene_belief import BIN
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY, POLICY_IDS
-from autoexpose_daemon.control.step import Override, StepInputs
+from autoexpose_daemon.control.step import NO_OVERRIDE, Override, StepInputs
 from evaluation.stage.oracle import Information
 from imaging.exposure import ExposureSetting
-from imaging.frames import Side, StereoPair
-from imaging.response import ResponseFunction
+from imaging.frames import Side
 
-from .scene import LIMITS, at_time, expose, radiance
+from .scene import LIMITS, LINEAR, START, alike, drive, expose, radiance
 
-LINEAR = ResponseFunction.linear()
-START = ExposureSetting(1000.0, 0.0)
 SHAPE = (ROWS, COLUMNS)
 WELL = CellExposure(np.ones(SHAPE, np.float32), np.ones(SHAPE, np.float32))
 NOWHERE = np.zeros(SHAPE, np.uint16)
 LEFT, RIGHT = np.s_[:, : COLUMNS // 2], np.s_[:, COLUMNS // 2 :]
-
 counts = arrays(np.uint16, SHAPE, elements=st.integers(0, 200))
 any_favours = st.lists(st.floats(-1.0, 1.0), min_size=CELLS, max_size=CELLS).map(tuple)
 
@@ -217,13 +214,13 @@ def test_impossible_counts_are_no_report(features: NDArray[np.uint16], inliers: 
         report(inliers, features)
 
 
-def test_counts_may_be_lists_but_sides_and_stamps_are_those_of_frames() -> None:
-    empty = NOWHERE.tolist()
-    TrackedCells("slam", 10, "left", empty, empty)
-    with pytest.raises(ValueError, match="'middle': give left or right"):
-        TrackedCells("slam", 10, "middle", NOWHERE, NOWHERE)  # type: ignore[arg-type]
-    with pytest.raises(ValueError, match=r"a stamp of 1\.5: give the pair's stamp_ns"):
-        TrackedCells("slam", 1.5, "left", NOWHERE, NOWHERE)  # type: ignore[arg-type]
+@pytest.mark.parametrize(
+    ("stamp", "side", "why"), [(10, "middle", "give left or right"), (1.5, "left", r"stamp of 1\.5: give the pair's")]
+)
+def test_counts_may_be_lists_but_sides_and_stamps_are_those_of_frames(stamp: Any, side: Any, why: str) -> None:
+    TrackedCells("slam", 10, "left", NOWHERE.tolist(), NOWHERE.tolist())
+    with pytest.raises(ValueError, match=why):
+        TrackedCells("slam", stamp, side, NOWHERE, NOWHERE)
 
 
 def test_points_are_counted_in_the_cell_they_lie_in() -> None:
@@ -245,12 +242,9 @@ def test_only_maps_of_information_and_the_belief_are_steered(policy_id: str) -> 
 @pytest.mark.parametrize("override", [Override(held=START), Override(shot=START), Override(held=START, unseen=True)])
 def test_a_setting_that_was_asked_for_is_not_steered(override: Override) -> None:
     loop = ControlLoop(DEFAULT_POLICY, LINEAR, LIMITS, START)
-    frame = at_time(expose(SUN_AND_SHADE, START, HALF_SCALE), 0)
-    pair = StereoPair(0, {"left": frame, "right": frame})
-    loop.step(StepInputs(pair, override=override, steering=steer_to(RIGHT)))
-    assert not loop.steered
-    loop.step(StepInputs(pair, steering=steer_to(RIGHT)))
-    assert loop.steered
+    for each, steered in ((override, False), (NO_OVERRIDE, True)):
+        loop.step(replace(in_sun_and_shade(0, START, steer_to(RIGHT)), override=each))
+        assert loop.steered == steered
 
 
 SUN_AND_SHADE = radiance(3, 0.7)
@@ -268,15 +262,13 @@ def steer_to(where: Any) -> Steering:
     return steering
 
 
+def in_sun_and_shade(index: int, setting: ExposureSetting, steering: Steering | None) -> StepInputs:
+    return StepInputs(alike(expose(SUN_AND_SHADE, setting, HALF_SCALE), index), steering=steering)
+
+
 def followed(loop: ControlLoop, steering: Steering | None, frames: int) -> list[Decision]:
-    """Decisions on a picture with one side in the sun, each shown two frames later."""
-    settings, decisions = [START, START], []
-    for index in range(frames):
-        frame = at_time(expose(SUN_AND_SHADE, settings[index], HALF_SCALE), index)
-        pair = StereoPair(index, {"left": frame, "right": frame})
-        decisions.append(loop.step(StepInputs(pair, steering=steering)))
-        settings.append(decisions[-1].setting)
-    return decisions
+    """Decisions on a picture with one side in the sun."""
+    return drive(loop, frames, lambda index, setting: in_sun_and_shade(index, setting, steering))
 
 
 def worth(setting: ExposureSetting, where: str = "both") -> float:
@@ -327,28 +319,22 @@ def test_steering_that_ends_leaves_nothing_behind() -> None:
     assert rest.setting.level == pytest.approx(never.setting.level, abs=0.6)
 
 
-def test_the_reason_of_a_decision_says_that_it_was_steered() -> None:
-    reasons = [
-        followed(ControlLoop(DEFAULT_POLICY, LINEAR, LIMITS, START), steer, 3)[-1].reason
-        for steer in (None, steer_to(RIGHT))
-    ]
-    assert [reason.endswith("; steered") for reason in reasons] == [False, True]
-
-
-def turned_to_in_turn() -> NDArray[np.float64]:
-    """Levels of a moving camera whose consumers turn to the other side every 25 frames."""
-    parameters, milder = ControlParameters(focal_length_px=800.0), np.where(np.arange(180) < 90, 2.0**-0.5, 2.0**0.5)
-    loop, settings = ControlLoop(DEFAULT_POLICY, LINEAR, LIMITS, START, parameters), [START, START]
-    for index in range(100):
-        frame = at_time(expose(SUN_AND_SHADE * milder, settings[index], HALF_SCALE), index)
-        pair = StereoPair(index, {"left": frame, "right": frame})
-        steering = steer_to(LEFT if index // 25 % 2 else RIGHT)
-        settings.append(loop.step(StepInputs(pair, 0.3, steering=steering)).setting)
-    return np.array([setting.level for setting in settings[2:]])
+@pytest.mark.parametrize(("steer", "steered"), [(None, False), (RIGHT, True)])
+def test_the_reason_of_a_decision_says_that_it_was_steered(steer: Any, steered: bool) -> None:
+    loop = ControlLoop(DEFAULT_POLICY, LINEAR, LIMITS, START)
+    decision = followed(loop, steer and steer_to(steer), 3)[-1]
+    assert decision.reason.endswith("; steered") == steered
 
 
 def test_a_moving_camera_leaps_once_when_consumers_turn_and_then_stays() -> None:
-    """Odometry loses the pair at the leap, and no other."""
-    levels = turned_to_in_turn().reshape(4, 25)
+    """Every 25 frames. Odometry loses the pair at the leap, and no other."""
+    parameters, milder = ControlParameters(focal_length_px=800.0), np.where(np.arange(180) < 90, 2.0**-0.5, 2.0**0.5)
+
+    def take(index: int, setting: ExposureSetting) -> StepInputs:
+        pair = alike(expose(SUN_AND_SHADE * milder, setting, HALF_SCALE), index)
+        return StepInputs(pair, 0.3, steering=steer_to(LEFT if index // 25 % 2 else RIGHT))
+
+    decisions = drive(ControlLoop(DEFAULT_POLICY, LINEAR, LIMITS, START, parameters), 100, take)
+    levels = np.reshape([decision.setting.level for decision in decisions], (4, 25))
     assert np.ptp(levels[:, 12:], axis=1).max() < 1.1 * BIN  # one level of the plan
     assert np.ptp(levels[:, -1]) > 0.2

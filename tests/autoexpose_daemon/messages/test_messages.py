@@ -1,17 +1,21 @@
-"""Messages as rosbags itself reads them, and read back; keys of messages from anyone."""
+"""Messages as rosbags itself reads them, and read back; keys of messages from anyone; the package for ROS 2."""
 
 from __future__ import annotations
 
 import math
+import re
 import time
 from dataclasses import replace
+from importlib.resources import files
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from autoexpose_daemon import messages
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.messages.frames import (
     LAST_STAMP_NS,
@@ -33,6 +37,7 @@ from imaging.exposure import ExposureSetting
 from imaging.frames import Frame, Side, StereoPair
 from imaging.geometry import CameraGeometry
 from imaging.pixels import SAMPLES, PixelFormat
+from tests import REPOSITORY
 
 DECISION = Decision(ExposureSetting(1500.0, 3.0), 11.05, "held", 0.01, 0.02, 0.03, 1.5)
 REALS = st.floats(allow_nan=False)
@@ -142,32 +147,18 @@ def frame() -> Frame:
     return Frame(np.full((3, 5), 7, np.uint8), 8, 1, 2, 3, 4, ExposureSetting(100.0, 0.0))
 
 
-def test_camera_info_is_that_of_an_uncalibrated_camera() -> None:
-    info = parsed(written(StereoPair(1, {"left": frame(), "right": frame()}))["right", "camera_info"])
-    assert (info.height, info.width) == (3, 5)
-    assert not info.k.any()
-
-
-def test_camera_info_of_a_calibrated_camera_is_what_its_file_says() -> None:
+def test_camera_info_is_what_a_calibration_of_frames_of_this_size_says() -> None:
     k, p = (8.0, 0.0, 2.0, 0.0, 8.0, 1.0, 0.0, 0.0, 1.0), (7.0, 0.0, 2.0, -0.56, 0.0, 7.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0)
     r = (0.0, 1.0, 0.0, -1.0, 0.0, 0.0, 0.0, 0.0, 1.0)
     right = CameraGeometry(5, 3, "equidistant", (0.1, 0.2, 0.3, 0.4), k, r, p)
     pair = StereoPair(1, {"left": frame(), "right": frame()})
-    made = MessageWriter("robot", 2).messages(pair, None, 0, 0, calibrations={"right": right})
+    calibrations: dict[Side, CameraGeometry] = {"left": replace(right, width=6), "right": right}
+    made = MessageWriter("robot", 2).messages(pair, None, 0, 0, calibrations=calibrations)
     left_info, info = (parsed(message) for message in made if message.topic == "camera_info")
-    assert not left_info.k.any()
+    assert (left_info.height, left_info.width, left_info.k.any()) == (3, 5, False)
     assert (info.height, info.width, info.distortion_model) == (3, 5, "equidistant")
     for read, said in ((info.d, right.distortion), (info.k, k), (info.r, r), (info.p, p)):
         assert tuple(read) == said
-
-
-def test_a_geometry_for_frames_of_another_size_is_not_told() -> None:
-    other = CameraGeometry(6, 3, "equidistant", (0.0,) * 4, (1.0,) * 9, (1.0,) * 9, (1.0,) * 12)
-    made = MessageWriter("robot", 1).messages(
-        StereoPair(1, {"left": frame()}), None, 0, 0, calibrations={"left": other}
-    )
-    (info,) = (parsed(message) for message in made if message.topic == "camera_info")
-    assert not info.k.any()
 
 
 def test_a_lone_frame_keeps_its_side() -> None:
@@ -218,10 +209,9 @@ def test_an_exposure_that_no_camera_takes_is_refused_applied_or_decided(exposure
 
 
 def test_only_what_is_wanted_is_made() -> None:
-    pair = StereoPair(1, {"left": frame(), "right": frame()})
     wanted: set[tuple[Side, str]] = {("left", "exposure"), ("right", "image")}
-    made = MessageWriter("robot", 2).messages(pair, None, 0, 0, wanted)
-    assert [(message.side, message.topic) for message in made] == [("left", "exposure"), ("right", "image")]
+    made = MessageWriter("robot", 2).messages(StereoPair(1, {"left": frame(), "right": frame()}), None, 0, 0, wanted)
+    assert {(message.side, message.topic) for message in made} == wanted
 
 
 @pytest.mark.parametrize(("parts", "name"), [(0, "image"), (1, "left"), (3, "autoexpose"), (4, "")])
@@ -232,3 +222,31 @@ def test_a_part_of_a_key_is_counted_from_its_end(parts: int, name: str) -> None:
 @pytest.mark.parametrize("key", ["**", "*/**", "autoexpose/**", "**/response"])
 def test_a_key_that_is_sent_to_all_names_no_camera(key: str) -> None:
     assert side_of(key) is None
+
+
+PACKAGE = REPOSITORY / "ros/autoexpose_msgs"
+OURS = {file.name: file.read_text() for file in files(messages).joinpath("autoexpose_msgs/msg").iterdir()}
+FIELD_NAME = re.compile(r"[a-z](_?[a-z0-9])*")
+"""By the rules of ROS 2: no capitals, no two underscores in a row, none at the end."""
+
+
+def test_its_definitions_are_those_of_the_daemon() -> None:
+    theirs = {file.name: file.read_text() for file in (PACKAGE / "msg").iterdir()}
+    assert theirs == OURS, "cp autoexpose_daemon/messages/autoexpose_msgs/msg/*.msg ros/autoexpose_msgs/msg/"
+
+
+def test_it_builds_all_of_them() -> None:
+    built = re.findall(r"^  msg/(\w+\.msg)$", (PACKAGE / "CMakeLists.txt").read_text(), re.MULTILINE)
+    assert built == sorted(OURS)
+
+
+def test_it_has_the_version_of_the_daemon() -> None:
+    manifest = ElementTree.parse(PACKAGE / "package.xml").getroot()
+    (version,) = re.findall(r'^version = "(.+)"$', (REPOSITORY / "pyproject.toml").read_text(), re.MULTILINE)
+    assert manifest.findtext("version") == version
+
+
+@pytest.mark.parametrize("file", sorted(OURS))
+def test_ros_accepts_the_names_of_its_fields(file: str) -> None:
+    _, fields = TYPESTORE.fielddefs[f"autoexpose_msgs/msg/{file.removesuffix('.msg')}"]
+    assert [name for name, _ in fields if not FIELD_NAME.fullmatch(name)] == []

@@ -1,9 +1,11 @@
-"""Who may see the page, asked as a browser or a script would, and who is cut off; no daemon is there."""
+"""Who may see the page and press its buttons, asked as a browser or a script would, and who is cut off."""
 
 from __future__ import annotations
 
 import http.client
+import json
 import logging
+import os
 import socket
 import subprocess
 import threading
@@ -24,8 +26,10 @@ from autoexpose_daemon.page import serve as connection
 from autoexpose_daemon.page.access import COOKIE
 from autoexpose_daemon.page.serve import Connection, OnceAMinute, serve
 from imaging.errors import AutoexposeError
+from tests.autoexpose_daemon.page.browser import browser
 from tests.autoexpose_daemon.page.server import PageProcess, running_page
 from tests.autoexpose_daemon.publish.steps import endpoint, wait_until
+from tests.autoexpose_daemon.scripted import scripted_daemon
 from tests.autoexpose_daemon.service.service_process import AUTOEXPOSE
 
 TOKEN = "0123456789abcdef-token"
@@ -39,10 +43,15 @@ def open_page() -> Iterator[PageProcess]:
 
 
 @pytest.fixture(scope="module")
-def locked_page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[PageProcess]:
+def token_file(tmp_path_factory: pytest.TempPathFactory) -> str:
     file = tmp_path_factory.mktemp("token") / "token"
     file.write_text(TOKEN + "\n")
-    with running_page("--connect", endpoint(), "--token-file", str(file)) as page:
+    return str(file)
+
+
+@pytest.fixture(scope="module")
+def locked_page(token_file: str) -> Iterator[PageProcess]:
+    with running_page("--connect", endpoint(), "--token-file", token_file) as page:
         yield page
 
 
@@ -262,3 +271,63 @@ def test_a_connection_may_ask_again(port: int) -> None:
         for _ in range(3):
             client.request("GET", "/")
             assert client.getresponse().read() == b"here"
+
+
+LOCK = '{"locked": true}'
+WITH_TOKEN = {"Authorization": f"Bearer {TOKEN}"}
+
+
+def test_only_who_has_the_token_may_ask_and_only_for_what_there_are_buttons(
+    open_page: PageProcess, locked_page: PageProcess
+) -> None:
+    def asked(body: str, **headers: str) -> tuple[int, str]:
+        return locked_page.ask("POST", "/control", headers, body)[:2]
+
+    assert open_page.ask("POST", "/control", {}, LOCK)[0] == 404
+    assert asked(LOCK)[0] == 401
+    assert asked(LOCK, **WITH_TOKEN, Origin="http://evil.example")[0] == 403
+    assert locked_page.ask("GET", "/control", WITH_TOKEN)[0] == 405
+    for body in ("", "{}", "[]", "{", '{"shot": {"exposure_time_us": 1}}', '{"by": "user"}', "[" * 1000):
+        status, words = asked(body, **WITH_TOKEN)
+        assert (status, "give a JSON object with some of" in words) == (400, True), body
+    assert asked(json.dumps({"policy": "x" * 2000}), **WITH_TOKEN)[0] == 413
+    status, words = asked(LOCK, **WITH_TOKEN)
+    assert status == 409 and "no answer for rig rig" in words
+    locked_page.hang_up("/control", WITH_TOKEN)
+    assert locked_page.get("/login")[0] == 200
+    assert "Traceback" not in locked_page.log
+
+
+@pytest.mark.needs("chromium")
+def test_what_is_pressed_applies(token_file: str) -> None:
+    at = endpoint()
+    with (
+        running_page("--connect", at, "--token-file", token_file) as page,
+        browser() as tab,
+        scripted_daemon(publish={"listen": [at]}) as (daemon, _, _),
+    ):
+        asked = daemon.telemetry.requests
+        tab.open(f"{page.url}/login")
+        tab.value(f"document.querySelector('input').value = '{TOKEN}'; document.querySelector('form').submit()")
+        tab.wait_for("document.getElementById('buttons')?.checkVisibility()", "buttons")
+        tab.value("document.getElementById('lock').click()")
+        wait_until(lambda: asked.locked is not None and asked.latest == "lock, asked by page", "the lock")
+        tab.wait_for("document.getElementById('lock').innerText === 'unlock'", "the lock on the page")
+        assert tab.text("asked") == "lock, asked by page"
+        status, words, _ = page.ask("POST", "/control", WITH_TOKEN, '{"ev_stops": 9}')
+        assert (status, words) == (409, "ev_stops: 9.0 is out of bounds: give -3 to 3 stops\n")
+        for _ in range(2):  # sooner than a status shows the first
+            tab.value("document.getElementById('darker').click()")
+        wait_until(lambda: asked.ev_stops == -1.0, "the compensation")
+        tab.value(
+            "(() => { const choice = document.getElementById('policies'); choice.value = 'neves2009';"
+            "choice.dispatchEvent(new Event('change')); })()"
+        )
+        wait_until(lambda: daemon.tuning.config.control.policy == "neves2009", "the policy")
+        tab.wait_for("document.getElementById('policy').innerText.includes('by neves2009')", "the policy on the page")
+        if "PAGE_SCREENSHOTS" in os.environ:
+            tab.screen(1300, 900)
+            tab.screenshot(Path(os.environ["PAGE_SCREENSHOTS"]) / "page-buttons.png")
+        tab.value("document.getElementById('reset').click()")
+        wait_until(lambda: asked.locked is None and not asked.changed, "the configuration")
+        assert tab.complaints == []

@@ -9,7 +9,6 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator, Sequence
-from concurrent.futures import Future
 from dataclasses import replace
 from typing import Any
 
@@ -31,13 +30,21 @@ from autoexpose_daemon.status.document import CameraStatus, DurationStatus, Faul
 from autoexpose_daemon.status.states import State
 from imaging.frames import StereoPair
 from imaging.response import ResponseFunction
-from tests.autoexpose_daemon.grounds import GROUNDS
-from tests.autoexpose_daemon.messages.registered_view import registered_view
 from tests.autoexpose_daemon.page.browser import SHRUNK, Tab, browser
 from tests.autoexpose_daemon.page.server import PageProcess, running_page
-from tests.autoexpose_daemon.publish.steps import DECISION, endpoint, nothing, pair, publishing, wait_until
+from tests.autoexpose_daemon.publish.steps import (
+    DECISION,
+    answering,
+    endpoint,
+    nothing,
+    pair,
+    publishing,
+    telling,
+    told,
+    wait_until,
+)
+from tests.autoexpose_daemon.samples import EXPOSING, GROUNDS, registered_view
 from tests.autoexpose_daemon.scripted import scripted_daemon
-from tests.autoexpose_daemon.statuses import EXPOSING
 
 pytestmark = [pytest.mark.wire, pytest.mark.needs("chromium")]
 
@@ -99,9 +106,8 @@ SHOWN = {
 
 
 def published(at: str, status: Status) -> Publisher:
-    responses = {response_key("rig", side): response_to_json(ResponseFunction.linear()) for side in status.cameras}
-    texts = {rig_key("rig", "status"): status.to_json(), **responses}
-    return Publisher(PublishConfig(listen=(at,)), 2, lambda _last: texts)
+    response = response_to_json(ResponseFunction.linear())
+    return telling(at, told(status, **{response_key("rig", side): response for side in status.cameras}))
 
 
 def test_it_tells_state_reasons_and_counts_in_words(tab: Tab, page: PageProcess, at: str) -> None:
@@ -177,20 +183,14 @@ def test_a_robot_that_repeats_a_path_is_shown_on_it(tab: Tab, page: PageProcess,
 
 
 def test_a_belief_is_drawn_in_place_of_the_prediction(tab: Tab, page: PageProcess, at: str) -> None:
-    told: list[Grounds | None] = [None]
-
-    def explain() -> Future[Grounds | None]:
-        answer: Future[Grounds | None] = Future()
-        answer.set_result(told[0])
-        return answer
-
+    rests_on: list[Grounds | None] = [None]
     tab.open(page.url)
     words = "document.getElementById('curve-words').innerText"
     title = "document.getElementById('belief-title').hidden"
-    with publishing(PublishConfig(listen=(at,)), explain=explain):
+    with publishing(PublishConfig(listen=(at,)), explain=answering(lambda: rests_on[0])):
         tab.wait_for(f"{words}.includes('with metric')", "the prediction")
         assert tab.value(title)
-        told[0] = GROUNDS
+        rests_on[0] = GROUNDS
         tab.wait_for(f"{words}.includes('12.00') && {words}.includes('8.00')", "what decides")
         assert not tab.value(title)
         assert len(set(tab.value(f"{SHRUNK}('#curve', 40, 40)"))) > 10

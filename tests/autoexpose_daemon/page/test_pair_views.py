@@ -1,4 +1,4 @@
-"""Frames from other processes, on the page's own thread, and the history that it keeps."""
+"""Pictures of frames from other processes, on the page's own thread, and the history that it keeps."""
 
 from __future__ import annotations
 
@@ -11,15 +11,34 @@ from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
+import cv2
+import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from autoexpose_daemon.client import ReceivedPair
 from autoexpose_daemon.client.status_client import StatusClient
+from autoexpose_daemon.control.loop import ControlLoop
+from autoexpose_daemon.control.metrics.gradient import GradientMetric
 from autoexpose_daemon.page import app, pair_views
-from autoexpose_daemon.page.pair_views import BUCKET_S, LENGTH_S, SERIES, ExposureHistory, PairViews
-from imaging.exposure import ExposureSetting
+from autoexpose_daemon.page.pair_views import (
+    BUCKET_S,
+    DELTA_LEVELS,
+    DISPLAY_SIZE,
+    LENGTH_S,
+    SERIES,
+    ExposureHistory,
+    FramePicture,
+    PairViews,
+    PictureMaker,
+)
+from imaging.exposure import ExposureLimits, ExposureSetting
+from imaging.frames import Frame, StereoPair
+from imaging.pixels import Layout, Pixels
+from imaging.response import ResponseFunction
+from tests.autoexpose_daemon.control.scene import expose, radiance
 from tests.autoexpose_daemon.publish.steps import DECISION, PATIENCE_S, pair
-from tests.autoexpose_daemon.statuses import EXPOSING
+from tests.autoexpose_daemon.samples import EXPOSING
 
 
 def received(*shapes: tuple[int, int]) -> Iterator[ReceivedPair]:
@@ -28,21 +47,19 @@ def received(*shapes: tuple[int, int]) -> Iterator[ReceivedPair]:
         yield ReceivedPair(left, right, 0, number, number, DECISION, number * 10**9)
 
 
-def test_frames_too_small_to_show_do_not_end_the_page(caplog: pytest.LogCaptureFixture) -> None:
-    shown = asyncio.run(followed(received((1, 1), (1, 1), (540, 720), (67, 90))))
-    assert shown == 1
-    assert caplog.messages == [
-        f"no pictures: frames of {size} pixels are too small: set at least 90x68 (a colour mosaic, seen at half its "
-        "size: 180x136)"
-        for size in ("1x1", "90x67")
-    ]
-
-
-@pytest.mark.parametrize("shape", [(68, 20_000), (68, 60_000), (20_000, 90)])
-def test_nor_do_frames_too_narrow(shape: tuple[int, int], caplog: pytest.LogCaptureFixture) -> None:
-    shown = asyncio.run(followed(received(shape, (540, 720))))
-    assert shown == 1
-    assert caplog.messages == [f"no pictures: frames of {shape[1]}x{shape[0]} pixels are too narrow"]
+@pytest.mark.parametrize(
+    ("shapes", "words"),
+    [
+        ([(1, 1), (1, 1), (67, 90)], ["1x1 pixels are too small", "90x67 pixels are too small"]),
+        *([(shape,), [f"{shape[1]}x{shape[0]} pixels are too narrow"]] for shape in ((68, 20_000), (20_000, 90))),
+    ],
+)
+def test_frames_that_cannot_be_shown_do_not_end_the_page(
+    shapes: list[tuple[int, int]], words: list[str], caplog: pytest.LogCaptureFixture
+) -> None:
+    assert asyncio.run(followed(received(*shapes, (540, 720)))) == 1
+    assert len(caplog.messages) == len(words)
+    assert all(word in message for word, message in zip(words, caplog.messages, strict=True))
 
 
 async def followed(pairs: Iterator[ReceivedPair]) -> int:
@@ -83,50 +100,49 @@ class Following(contextlib.nullcontext[None]):
         """Nothing to do."""
 
 
-def test_nobody_sees_a_picture_from_before_they_watched(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture
+def one_pair_each_time(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(pair_views, "StereoClient", Following)
-    asyncio.run(watched_twice())
 
 
-async def watched_twice() -> None:
-    with PairViews("rig", (), StatusClient(), ExposureHistory()) as views:
-        with views.watched() as before:
-            number, picture = await asyncio.wait_for(views.next_view(before), PATIENCE_S)
-            await until(lambda: views.curve is not None)
-        assert (number, bool(picture)) == (1, True)
-        await until(lambda: views.curve is None)
-        with views.watched() as before:
-            number, picture = await asyncio.wait_for(views.next_view(before), PATIENCE_S)
-        assert (number, bool(picture)) == (2, True)
+@pytest.mark.usefixtures("one_pair_each_time")
+def test_nobody_sees_a_picture_from_before_they_watched() -> None:
+    async def watch_twice() -> None:
+        with PairViews("rig", (), StatusClient(), ExposureHistory()) as views:
+            for watched in (1, 2):
+                with views.watched() as before:
+                    number, picture = await asyncio.wait_for(views.next_view(before), PATIENCE_S)
+                    await until(lambda: views.curve is not None)
+                assert (number, bool(picture)) == (watched, True)
+                await until(lambda: views.curve is None)
+
+    asyncio.run(watch_twice())
 
 
-def test_nor_does_who_watches_beside_another_or_just_after(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(pair_views, "StereoClient", Following)
-    asyncio.run(watched_by_two())
+@pytest.mark.usefixtures("one_pair_each_time")
+def test_nor_does_who_watches_beside_another_or_just_after() -> None:
+    async def watch() -> None:
+        with PairViews("rig", (), StatusClient(), ExposureHistory()) as views:
+            with views.watched() as first:
+                await asyncio.wait_for(views.next_view(first), PATIENCE_S)
+                with views.watched() as beside:
+                    await nothing_to_see(views, beside)
+            with views.watched() as after:  # before the thread has noticed that nobody watched
+                await nothing_to_see(views, after)
+
+    asyncio.run(watch())
 
 
-async def watched_by_two() -> None:
-    """The one pair of `Following` arrives while only the first watches."""
-    with PairViews("rig", (), StatusClient(), ExposureHistory()) as views:
-        with views.watched() as first:
-            await asyncio.wait_for(views.next_view(first), PATIENCE_S)
-            with views.watched() as beside:
-                await nothing_to_see(views, beside)
-        with views.watched() as after:  # before the thread has noticed that nobody watched
-            await nothing_to_see(views, after)
-
-
+@pytest.mark.usefixtures("one_pair_each_time")
 def test_the_prediction_of_a_pair_long_ago_is_not_shown(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(pair_views, "StereoClient", Following)
     monkeypatch.setattr(pair_views, "STALE_S", 0.3)
-    asyncio.run(watched_on())
 
+    async def watch_on() -> None:
+        with PairViews("rig", (), StatusClient(), ExposureHistory()) as views, views.watched():
+            await until(lambda: views.curve is not None)
+            await until(lambda: views.curve is None)
 
-async def watched_on() -> None:
-    """After the one pair of `Following` the daemon is silent."""
-    with PairViews("rig", (), StatusClient(), ExposureHistory()) as views, views.watched():
-        await until(lambda: views.curve is not None)
-        await until(lambda: views.curve is None)
+    asyncio.run(watch_on())
 
 
 async def nothing_to_see(views: PairViews, after: int) -> None:
@@ -180,7 +196,16 @@ def test_a_point_that_comes_late_does_not_go_back() -> None:
 
 
 AGE_S = 0.9
-HEARD_TIME = (1000.0, 1000.0)
+
+
+def test_a_status_stands_where_it_was_heard_unless_a_pair_is_newer() -> None:
+    before_s = time.monotonic()
+    (row,) = asyncio.run(recorded(pair_age_s=5.0))
+    assert row[TIME] == (1000.0, 1000.0)
+    assert before_s - AGE_S - BUCKET_S <= row[0] <= time.monotonic() - AGE_S
+    assert asyncio.run(recorded(pair_age_s=0.02)) == []
+
+
 """The range of exposure times in a status, us."""
 
 
@@ -199,12 +224,74 @@ def _soon(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(app, "_STATUS_PERIOD_S", 0.01)
 
 
-def test_a_status_stands_where_it_was_heard() -> None:
-    before_s = time.monotonic()
-    (row,) = asyncio.run(recorded(pair_age_s=5.0))
-    assert row[1] == HEARD_TIME
-    assert before_s - AGE_S - BUCKET_S <= row[0] <= time.monotonic() - AGE_S
+LINEAR = ResponseFunction.linear()
+SETTING = ExposureSetting(1000.0, 0.0)
 
 
-def test_a_status_older_than_the_newest_pair_leaves_no_mark() -> None:
-    assert asyncio.run(recorded(pair_age_s=0.02)) == []
+def frame_of(pixels: Pixels, layout: Layout = "grey", bit_depth: int = 8) -> Frame:
+    return Frame(pixels, bit_depth, 0, 0, 0, 0, SETTING, layout=layout)
+
+
+def colours(picture: FramePicture) -> NDArray[np.int16]:
+    """Blue, green, red of every pixel, as a browser decodes them."""
+    decoded = cv2.imdecode(np.frombuffer(picture.jpeg, np.uint8), cv2.IMREAD_COLOR)
+    assert decoded is not None
+    return decoded.astype(np.int16)
+
+
+def test_saturated_is_red_and_black_is_blue_and_the_rest_is_as_it_was() -> None:
+    grey = np.full((540, 720), 120, np.uint8)
+    grey[:, :180] = 255
+    grey[:, 540:] = 1
+    picture = PictureMaker(LINEAR).picture(frame_of(grey))
+    blue, _, red = cv2.split(colours(picture))
+    assert (red - blue)[:, :170].min() > 100
+    assert (blue - red)[:, 550:].min() > 100
+    assert np.abs(colours(picture)[:, 190:530] - 120).max() < 8
+    assert (picture.saturated_share, picture.black_share) == (0.25, 0.25)
+    assert abs(float(np.mean(red - blue > 100)) - 0.25) < 0.01
+
+
+def test_it_measures_what_control_measures() -> None:
+    frame = expose(radiance(spread_stops=3.0, shape=(540, 720)), SETTING, half_scale_level=10.0)
+    limits = ExposureLimits(20.0, 7500.0, 0.0, 30.0)
+    decision = ControlLoop("fixed", LINEAR, limits, SETTING).step(StereoPair(0, {"left": frame, "right": frame}))
+    picture = PictureMaker(LINEAR).picture(frame)
+    shares = picture.saturated_share, picture.black_share
+    assert picture.metric > 0
+    assert (picture.metric, *shares) == (decision.metric, decision.saturated_share, decision.black_share)
+
+
+def test_the_curve_is_the_metric_of_pictures_predicted() -> None:
+    maker = PictureMaker(LINEAR)
+    dark = np.full((270, 360), 20, np.uint8)
+    dark[::8] = 40
+    curve = maker.curve(frame_of(dark))
+    assert curve[list(DELTA_LEVELS).index(0.0)] == maker.picture(frame_of(dark)).metric
+    brighter = GradientMetric().measure(cv2.medianBlur(np.minimum(dark.astype(int) * 4, 255).astype(np.uint8), 3))
+    assert abs(curve[-1] - brighter) < 0.01
+    assert curve == sorted(curve)
+
+
+def test_large_frames_come_smaller() -> None:
+    picture = PictureMaker(LINEAR).picture(frame_of(np.full((1080, 1440), 100, np.uint8)))
+    assert colours(picture).shape[1] == DISPLAY_SIZE[0]
+
+
+@pytest.mark.parametrize("layout", ["RGGB", "BGGR", "RGB", "BGR", "YUYV"])
+def test_colours_are_shown(layout: Layout) -> None:
+    """All of it orange."""
+    orange = {"R": 200, "G": 120, "B": 40}
+    deep = 4 if layout == "RGGB" else 0
+    if layout == "YUYV":
+        pixels = np.empty((270, 360, 2), np.uint8)
+        pixels[..., 0], pixels[:, ::2, 1], pixels[:, 1::2, 1] = 135, 74, 174  # BT.601, full range
+    elif len(layout) == 3:
+        pixels = np.full((270, 360, 3), [orange[colour] for colour in layout], np.uint8)
+    else:
+        pixels = np.tile(np.array([orange[colour] for colour in layout], np.uint16).reshape(2, 2) << deep, (135, 180))
+    frame = frame_of(pixels.astype(np.uint16 if deep else np.uint8), layout, 8 + deep)
+    picture = PictureMaker(LINEAR).picture(frame)
+    shown = [orange["G"]] * 3 if len(layout) == 4 and layout != "YUYV" else [orange[colour] for colour in "BGR"]
+    assert np.abs(colours(picture) - shown).max() <= 4  # a mosaic is balanced: its mean is grey
+    assert picture.width == (180 if deep or layout == "BGGR" else 360)

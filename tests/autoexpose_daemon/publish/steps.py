@@ -6,14 +6,17 @@ import contextlib
 import itertools
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future
 
 import numpy as np
 
 from autoexpose_daemon.config.document import PublishConfig
-from autoexpose_daemon.control.decision import Decision
+from autoexpose_daemon.control.decision import Decision, Grounds
 from autoexpose_daemon.control.step import ControlStep, StepInputs
+from autoexpose_daemon.messages.keys import rig_key
 from autoexpose_daemon.publish.publisher import Explain, Publisher, Tell
+from autoexpose_daemon.status.document import Status
 from autoexpose_daemon.status.telemetry import DropReason
 from imaging.exposure import ExposureSetting
 from imaging.frames import Frame, StereoPair
@@ -46,6 +49,29 @@ def nothing(_last: bool) -> dict[str, str]:
 def endpoint() -> str:
     """One of one's own, on this machine."""
     return f"tcp/{loopback_address()}:7448"
+
+
+def told(status: Status, **texts: str) -> Tell:
+    """What a daemon of that status tells, and more."""
+    return lambda _last: {rig_key(status.rig, "status"): status.to_json(), **texts}
+
+
+def telling(
+    at: str, tell: Tell, rig: str = "rig", connect: Sequence[str] = (), explain: Explain | None = None
+) -> Publisher:
+    """A publisher without pairs."""
+    return Publisher(PublishConfig(rig=rig, listen=(at,), connect=tuple(connect)), 2, tell, explain=explain)
+
+
+def answering(told: Callable[[], Grounds | None]) -> Explain:
+    """Control that says at once on what it decides."""
+
+    def explain() -> Future[Grounds | None]:
+        answer: Future[Grounds | None] = Future()
+        answer.set_result(told())
+        return answer
+
+    return explain
 
 
 @contextlib.contextmanager

@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 import threading
 import time
-from concurrent.futures import Future
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +16,6 @@ import zenoh
 from autoexpose_daemon.client import StereoClient
 from autoexpose_daemon.client.status_client import StatusClient
 from autoexpose_daemon.config.document import Config, PublishConfig
-from autoexpose_daemon.control.decision import Grounds
 from autoexpose_daemon.messages.frames import read_exposure_info
 from autoexpose_daemon.messages.keys import rig_key
 from autoexpose_daemon.messages.types import CAMERA_INFO, TYPESTORE
@@ -30,8 +28,8 @@ from autoexpose_daemon.status.describe import describe
 from autoexpose_daemon.status.document import Status, grounds_from_json, grounds_to_json
 from autoexpose_daemon.status.states import State
 from autoexpose_daemon.status.telemetry import Telemetry
-from tests.autoexpose_daemon.grounds import GROUNDS
-from tests.autoexpose_daemon.publish.steps import PATIENCE_S, endpoint, nothing, wait_until
+from tests.autoexpose_daemon.publish.steps import PATIENCE_S, answering, endpoint, nothing, telling, told, wait_until
+from tests.autoexpose_daemon.samples import GROUNDS
 from tests.autoexpose_daemon.scripted import SHAPE, config, scripted_daemon
 from tests.calibration.geometry.written import small_ros
 from tests.drivers.rig.test_rig import ScriptedCamera
@@ -39,6 +37,7 @@ from tests.drivers.rig.test_rig import ScriptedCamera
 pytestmark = pytest.mark.wire
 
 CONTROL = {"policy": "neves2009"}
+CONFIG = Config.model_validate({"cameras": {"left": {"serial": "L"}, "right": {"serial": "R"}}})
 
 
 def test_a_consumer_gets_what_control_saw_and_decided() -> None:
@@ -103,13 +102,10 @@ def test_frames_of_a_camera_that_is_left_alone_keep_their_name() -> None:
         assert set(lone) == {"autoexpose/rig/right/exposure"}
 
 
-CONFIG = Config.model_validate({"cameras": {"left": {"serial": "L"}, "right": {"serial": "R"}}})
-
-
 def test_the_status_is_told_once_a_second_and_at_the_end() -> None:
     at = endpoint()
     with StatusClient("scout", [at]) as client:
-        with scripted_daemon(control={"policy": "neves2009"}, publish={"listen": [at], "rig": "scout"}) as (daemon, *_):
+        with scripted_daemon(control=CONTROL, publish={"listen": [at], "rig": "scout"}) as (daemon, *_):
             wait_until(lambda: latest(client).state is State.EXPOSING and latest(client).counts.pairs > 0, "pairs")
             status = latest(client)
             assert (status.rig, status.policy, status.ending) == ("scout", "neves2009", False)
@@ -132,7 +128,7 @@ def test_it_is_told_without_a_single_pair_and_the_next_daemon_is_found() -> None
     said = describe(Telemetry(), CONFIG)
     with StatusClient(connect=[at]) as client:
         for _ in range(2):
-            with Publisher(PublishConfig(listen=(at,)), 2, lambda _last: {rig_key("rig", "status"): said.to_json()}):
+            with telling(at, told(said)):
                 assert [client.wait(PATIENCE_S), client.wait(PATIENCE_S)] == [said, said]
 
 
@@ -156,10 +152,7 @@ def test_what_is_no_status_is_passed_over() -> None:
     at = endpoint()
     said = describe(Telemetry(), CONFIG)
     texts = itertools.chain(["", "{}", "no JSON"], itertools.repeat(said.to_json()))
-    with (
-        Publisher(PublishConfig(listen=(at,)), 2, lambda _last: {rig_key("rig", "status"): next(texts)}),
-        StatusClient(connect=[at]) as client,
-    ):
+    with telling(at, lambda _last: {rig_key("rig", "status"): next(texts)}), StatusClient(connect=[at]) as client:
         assert client.wait(PATIENCE_S) == said
 
 
@@ -198,34 +191,21 @@ def test_a_daemon_tells_what_its_decision_rests_on() -> None:
         StatusClient(connect=[at]) as client,
         scripted_daemon(control={"policy": "belief"}, publish={"listen": [at]}) as (_, _, seen),
     ):
-        told: list[Grounds] = []
-
-        def answered() -> bool:
-            grounds = client.ask_grounds()
-            told.extend([] if grounds is None else [grounds])
-            return bool(told)
-
-        wait_until(answered, "an answer")
-        grounds = told[0]
+        answers = (client.ask_grounds() for _ in itertools.count())
+        grounds = next(answer for answer in answers if answer is not None)
         assert list(grounds.scenes) == ["left", "right"]
         decided = [decision.level for _, decision in list(seen) if decision is not None]
         assert min(abs(level - grounds.best_level) for level in decided) < 0.01
 
 
 def test_however_many_ask_control_is_asked_now_and_then() -> None:
-    at, asked = endpoint(), []
-
-    def explain() -> Future[Grounds | None]:
-        answer: Future[Grounds | None] = Future()
-        answer.set_result(GROUNDS)
-        asked.append(answer)
-        return answer
-
-    with Publisher(PublishConfig(listen=(at,)), 2, nothing, explain=explain), StatusClient(connect=[at]) as client:
+    at, asked = endpoint(), itertools.count()
+    explain = answering(lambda: GROUNDS if next(asked) >= 0 else None)
+    with telling(at, nothing, explain=explain), StatusClient(connect=[at]) as client:
         wait_until(lambda: client.ask_grounds() == GROUNDS, "an answer")
         for _ in range(20):
             assert client.ask_grounds() == GROUNDS
-    assert len(asked) < 10
+    assert next(asked) < 10
 
 
 def test_an_answer_comes_back_as_it_was() -> None:

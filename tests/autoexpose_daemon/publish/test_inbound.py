@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import contextlib
-import json
 import logging
 import math
 import re
 import threading
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
-import numpy as np
 import pytest
 import zenoh
 from hypothesis import example, given
@@ -20,18 +17,12 @@ from hypothesis import strategies as st
 
 from autoexpose_daemon.client import StereoClient
 from autoexpose_daemon.config.document import ImuConfig, PublishConfig
-from autoexpose_daemon.control.inputs import COLUMNS, ROWS, LightSeries, TrackedCells
-from autoexpose_daemon.messages.frames import DamagedMessageError
 from autoexpose_daemon.messages.inputs import (
     LARGEST_LIGHT_BYTES,
     LARGEST_TRACKING_BYTES,
-    light_ahead,
-    read_light_ahead,
-    read_tracked_cells,
-    tracked_cells,
 )
 from autoexpose_daemon.messages.keys import check_key_expression, rig_key
-from autoexpose_daemon.messages.types import IMU, TRACKED_CELLS, TYPESTORE, header, serialise
+from autoexpose_daemon.messages.types import IMU, TYPESTORE
 from autoexpose_daemon.publish.inbound import LARGEST_IMU_BYTES, ImuSubscriber
 from autoexpose_daemon.publish.session import Endpoints, open_session
 from autoexpose_daemon.recording.recorder import ContinuousRecorder
@@ -41,11 +32,11 @@ from autoexpose_daemon.status.describe import describe
 from autoexpose_daemon.status.document import Status
 from autoexpose_daemon.status.panel import line_of
 from imaging.errors import ConfigurationError
-from tests.autoexpose_daemon.imu import imu_message
-from tests.autoexpose_daemon.publish.router import router
+from tests.autoexpose_daemon.messages.test_inputs import FEATURES, INLIERS, SERIES
+from tests.autoexpose_daemon.publish.processes import router, router_file
 from tests.autoexpose_daemon.publish.steps import endpoint, wait_until
-from tests.autoexpose_daemon.publish.test_router import router_file
 from tests.autoexpose_daemon.recording.runs import replayed
+from tests.autoexpose_daemon.samples import imu_message
 from tests.autoexpose_daemon.scripted import scripted_daemon
 from tests.meanwhile import meanwhile
 
@@ -104,13 +95,6 @@ def test_samples_come_in_through_a_router_from_a_peer_as_ros2_nodes_are(tmp_path
         wait_until(a_sample_comes, "a sample")
 
 
-def test_a_file_of_zenohs_names_the_endpoints(tmp_path: Path) -> None:
-    at, file = endpoint(), tmp_path / "z.json5"
-    file.write_text(json.dumps({"connect": {"endpoints": [at]}}))
-    with listening(ImuConfig(key=KEY, zenoh=file)) as rate, imu_at(at):
-        wait_until(lambda: rate.tally.samples, "samples")
-
-
 @pytest.mark.parametrize(
     ("data", "why"),
     [
@@ -144,6 +128,13 @@ def test_what_is_too_large_is_not_looked_at() -> None:
         with open_session("client", Endpoints(connect=[at])) as other:
             wait_until(lambda: other.put(KEY, TURNING) or rate.tally.samples > 0, "a sample")
         assert rate.tally.refused == 0
+
+
+def check_replay(file: Path, field: str) -> None:
+    """It is bit for bit, of decisions with and without the input."""
+    steps = replayed(file)
+    assert {getattr(each.step.inputs, field) is None for each in steps} == {True, False}
+    assert all(each.same for each in steps[1:])
 
 
 CHUNKS = st.sampled_from(
@@ -195,44 +186,7 @@ def test_control_goes_by_the_imu_and_without_it_by_flow_and_says_so(
         "image speed comes from the IMU",
         "image speed comes from optical flow",
     ]
-    steps = replayed(file)
-    assert {each.step.inputs.angular_rate_rad_s is None for each in steps} == {True, False}
-    assert all(each.same for each in steps[1:])
-
-
-SERIES = LightSeries(np.linspace(8.0, 12.0, 200), np.linspace(0.0, -3.0, 200), 100, 0.02, 0.05)
-
-
-def series(
-    levels: list[float], now: int = 0, step_s: float = 0.02, spread_s: float = 0.05, risen: list[float] | None = None
-) -> bytes:
-    light = np.zeros(len(levels)) if risen is None else np.array(risen)
-    return light_ahead(LightSeries(np.array(levels), light, now, step_s, spread_s), 5)
-
-
-def test_a_series_is_read_as_it_was_written() -> None:
-    read = read_light_ahead(light_ahead(SERIES, 7_000_000_123))
-    assert (read.levels == SERIES.levels).all() and (read.risen == SERIES.risen).all()
-    assert (read.now, read.step_s, read.spread_s) == (SERIES.now, SERIES.step_s, SERIES.spread_s)
-
-
-@pytest.mark.parametrize(
-    ("data", "why"),
-    [
-        (b"garbage" * 60, "not a autoexpose_msgs/msg/LightAhead"),
-        (series([]), "0 levels that is at level 0"),
-        (series([9.0] * 513), "513 levels"),
-        (series([9.0], now=1), "1 levels that is at level 1"),
-        (series([math.nan, 9.0]), "a level or a rise of the light beyond 100 stops"),
-        (series([9.0], risen=[math.nan]), "a level or a rise of the light beyond 100 stops"),
-        (series([9.0], risen=[0.0, 1.0]), "1 levels in light of 2 places"),
-        (series([9.0], step_s=0.0), "in steps of 0 s"),
-        (series([9.0], spread_s=math.inf), "spread inf s"),
-    ],
-)
-def test_what_is_no_series_is_refused(data: bytes, why: str) -> None:
-    with pytest.raises(DamagedMessageError, match=why):
-        read_light_ahead(data)
+    check_replay(file, "angular_rate_rad_s")
 
 
 def test_control_weighs_what_a_client_sends_and_its_recording_replays(
@@ -265,46 +219,7 @@ def test_control_weighs_what_a_client_sends_and_its_recording_replays(
         "a message under autoexpose/rig/light_ahead is refused: not a autoexpose_msgs/msg/LightAhead: "
         + caplog.messages[-1].rpartition("LightAhead: ")[2]
     ]
-    steps = replayed(file)
-    assert {each.step.inputs.light_ahead is None for each in steps} == {True, False}
-    assert all(each.same for each in steps[1:])
-
-
-FEATURES = np.full((ROWS, COLUMNS), 20, np.uint16)
-INLIERS = np.where(np.arange(COLUMNS) < 4, FEATURES, 0).astype(np.uint16)
-
-
-def message(**changes: Any) -> bytes:
-    """A report with fields replaced."""
-    fields = {"consumer": "slam", "side": "left", "rows": ROWS, "columns": COLUMNS}
-    fields |= {"features": FEATURES.ravel(), "inliers": INLIERS.ravel()} | changes
-    return serialise(TYPESTORE.types[TRACKED_CELLS](header(5, ""), **fields), TRACKED_CELLS)
-
-
-def test_a_report_is_read_as_it_was_written() -> None:
-    data = tracked_cells(TrackedCells("slam", 7_000_000_123, "right", FEATURES, INLIERS))
-    read = read_tracked_cells(data)
-    assert (read.consumer, read.stamp_ns, read.side) == ("slam", 7_000_000_123, "right")
-    assert (read.features == FEATURES).all() and (read.inliers == INLIERS).all()
-    assert len(data) < LARGEST_TRACKING_BYTES / 2
-
-
-@pytest.mark.parametrize(
-    ("data", "why"),
-    [
-        (b"garbage" * 60, "not a autoexpose_msgs/msg/TrackedCells"),
-        (message(consumer="not/a name"), "whose consumer is not 1 to 64 letters"),
-        (message(side="middle"), "of a camera named 'middle'"),
-        (message(rows=8, columns=6), "of 8 rows and 6 columns"),
-        (message(inliers=INLIERS.ravel()[1:]), "of 48 and 47 counts"),
-        (message(features=np.zeros(0, np.uint16), inliers=np.zeros(0, np.uint16)), "of 0 and 0 counts"),
-        (message(features=INLIERS.ravel(), inliers=FEATURES.ravel()), "more inliers than features"),
-        (message(features=np.full(48, 65_535, np.uint16)), "65535 features in a cell"),
-    ],
-)
-def test_what_is_no_report_is_refused(data: bytes, why: str) -> None:
-    with pytest.raises(DamagedMessageError, match=why):
-        read_tracked_cells(data)
+    check_replay(file, "light_ahead")
 
 
 def test_a_consumer_steers_control_and_its_recording_replays(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
@@ -342,25 +257,4 @@ def test_a_consumer_steers_control_and_its_recording_replays(tmp_path: Path, cap
     assert len(said) == 2
     assert "a report of consumer slam on its tracking is ignored: its frame is older than 1 s" in said
     assert any("a message under autoexpose/rig/tracking is refused" in text for text in said)
-    steps = replayed(file)
-    assert {each.step.inputs.steering is None for each in steps} == {True, False}
-    assert all(each.same for each in steps[1:])
-
-
-def test_another_policy_takes_reports_and_is_not_steered() -> None:
-    at = endpoint()
-    with (
-        scripted_daemon(publish={"listen": [at]}, control={"policy": "neves2009"}) as (daemon, _, _),
-        StereoClient(connect=[at], name="slam") as client,
-    ):
-        tally = daemon.telemetry.tracking
-        assert tally is not None
-
-        def is_taken() -> bool:
-            pair = client.next_pair(0.1)
-            if pair is not None:
-                client.send_tracking(pair.stamp_ns, FEATURES, INLIERS)
-            return tally.reports > 2
-
-        wait_until(is_taken, "reports")
-        assert "steered by nobody   " in line_of(describe(daemon.telemetry, daemon.tuning.config))
+    check_replay(file, "steering")

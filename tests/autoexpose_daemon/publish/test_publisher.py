@@ -1,9 +1,10 @@
-"""Publisher and consumers over real sessions on loopback, in this process and in others, and how sessions end."""
+"""Publisher and consumers over real sessions, in this process and in others, and through a router."""
 
 from __future__ import annotations
 
 import contextlib
 import itertools
+import json
 import signal
 import socket
 import subprocess
@@ -11,6 +12,7 @@ import sys
 import threading
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -22,15 +24,14 @@ from autoexpose_daemon.control.step import ControlStep, StepInputs
 from autoexpose_daemon.messages import keys
 from autoexpose_daemon.messages.client import ConsumerTally, response_to_json
 from autoexpose_daemon.messages.frames import MessageWriter
-from autoexpose_daemon.publish import session
-from autoexpose_daemon.publish.publisher import MAILBOX_PAIRS, Publisher
-from autoexpose_daemon.publish.session import Endpoints, SessionHolder, open_session
+from autoexpose_daemon.publish.publisher import Publisher
+from autoexpose_daemon.publish.session import Endpoints, SessionError, SessionHolder, open_session
 from autoexpose_daemon.status.telemetry import DropReason, PublishTally
 from drivers.log_throttle import LogThrottle
 from imaging.errors import ConfigurationError
 from imaging.response import ResponseFunction
 from imaging.vignetting import Vignetting
-from tests.autoexpose_daemon.publish.consumer import consumer
+from tests.autoexpose_daemon.publish.processes import consumer, router, router_file
 from tests.autoexpose_daemon.publish.steps import (
     DECISION,
     PATIENCE_S,
@@ -80,10 +81,6 @@ def test_a_client_that_nobody_has_any_more_disconnects() -> None:
         assert not closed.is_set()
         del client
         wait_until(closed.is_set, "the client's end")
-
-
-def test_clients_of_one_process_have_names_of_their_own() -> None:
-    assert len({StereoClient()._name for _ in range(3)}) == 3
 
 
 def test_a_client_waits_for_its_daemon_and_finds_the_next_one() -> None:
@@ -259,30 +256,6 @@ def listening_addresses() -> set[str]:
     return addresses
 
 
-def test_the_mailbox_is_bounded() -> None:
-    publisher = Publisher(PublishConfig(listen=(endpoint(),)), 2, nothing)
-    publisher._open = True  # as while its thread is held up
-    for number in range(MAILBOX_PAIRS + 5):  # control comes back from each call, though nobody takes a pair out
-        publisher(ControlStep(StepInputs(pair(number, (4, 4))), DECISION))
-    assert publisher.tally.dropped[DropReason.BEHIND] == 5
-
-
-class StuckThread(threading.Thread):
-    """Never ends; remembers how long it was waited for."""
-
-    def __init__(self, waited_s: list[float]) -> None:
-        super().__init__()
-        self._waited_s = waited_s
-
-    def is_alive(self) -> bool:
-        return True
-
-    def join(self, timeout: float | None = None) -> None:
-        assert timeout is not None
-        self._waited_s.append(timeout)
-        threading.Event().wait(timeout)
-
-
 def test_a_client_may_be_closed_by_any_of_its_threads() -> None:
     """By the one in which the garbage collector finds it forgotten."""
     closed_in_time: list[bool] = []
@@ -295,11 +268,59 @@ def test_a_client_may_be_closed_by_any_of_its_threads() -> None:
     assert holder.closed.is_set()
 
 
-def test_threads_that_are_stuck_are_waited_for_together(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(session, "_JOIN_S", 0.1)
-    holder = SessionHolder("peer", Endpoints(), lambda _session: None, lambda _trouble: None)
-    waited_s: list[float] = []
-    holder._threads = [StuckThread(waited_s) for _ in range(4)]
-    assert not holder.close()
-    assert len(waited_s) == 4
-    assert sum(waited_s) < 0.2
+def test_a_process_takes_part_through_a_router(tmp_path: Path) -> None:
+    at = endpoint()
+    with (
+        router(router_file(tmp_path, at)),
+        publishing(PublishConfig(listen=(), connect=(at,))) as publisher,
+        consumer("far", at) as far,
+    ):
+        far.wait_for_first()
+        wait_until(lambda: "far" in publisher.tally.consumers.listed(time.monotonic_ns()), "its report")
+        assert far.result()["tally"]["pairs"] > 0
+
+
+def certify(folder: Path, address: str) -> None:
+    """Keys and certificates of an authority, of a router at an address, and of a robot."""
+
+    def openssl(*arguments: str) -> None:
+        subprocess.run(["openssl", *arguments], cwd=folder, check=True, capture_output=True)
+
+    new_key = ["-newkey", "rsa:2048", "-nodes"]
+    openssl("req", "-x509", *new_key, "-keyout", "ca.key", "-out", "ca.pem", "-days", "2", "-subj", "/CN=authority")
+    for name, alternative in (("router", f"IP:{address}"), ("robot", "DNS:robot")):
+        openssl("req", *new_key, "-keyout", f"{name}.key", "-out", f"{name}.csr", "-subj", f"/CN={name}")
+        (folder / f"{name}.ext").write_text(f"subjectAltName={alternative}\n")
+        openssl(
+            *("x509", "-req", "-in", f"{name}.csr", "-CA", "ca.pem", "-CAkey", "ca.key", "-CAcreateserial"),
+            *("-days", "2", "-extfile", f"{name}.ext", "-out", f"{name}.pem"),
+        )
+
+
+@pytest.mark.needs("openssl")
+def test_tls_both_ways(tmp_path: Path) -> None:
+    at = endpoint().replace("tcp/", "tls/")
+    certify(tmp_path, at.removeprefix("tls/").split(":")[0])
+    authority = {"root_ca_certificate": str(tmp_path / "ca.pem"), "enable_mtls": True}
+
+    def tls(end: str, name: str) -> dict[str, Any]:
+        pair = {
+            f"{end}_private_key": str(tmp_path / f"{name}.key"),
+            f"{end}_certificate": str(tmp_path / f"{name}.pem"),
+        }
+        return {"link": {"tls": authority | pair}}
+
+    robot, stranger = tmp_path / "robot.json5", tmp_path / "stranger.json5"
+    ends = {"connect": {"endpoints": [at]}, "listen": {"endpoints": []}}
+    robot.write_text(json.dumps(ends | {"transport": tls("connect", "robot")}))
+    anonymous = {"link": {"tls": {"root_ca_certificate": str(tmp_path / "ca.pem")}}}
+    stranger.write_text(json.dumps(ends | {"transport": anonymous}))
+    with (
+        router(router_file(tmp_path, at, transport=tls("listen", "router"))),
+        publishing(PublishConfig(rig="rig", zenoh=robot)),
+        consumer("far", file=robot) as far,
+    ):
+        far.wait_for_first()
+        assert far.result()["tally"]["pairs"] > 0
+        with pytest.raises(SessionError):
+            open_session("client", Endpoints(file=stranger))

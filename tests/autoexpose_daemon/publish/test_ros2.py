@@ -19,9 +19,8 @@ from autoexpose_daemon.messages.frames import read_exposure_info, read_image
 from autoexpose_daemon.messages.keys import DEFAULT, LATCHED
 from autoexpose_daemon.messages.types import CAMERA_INFO, EXPOSURE_INFO, IMAGE, ODOMETRY, TWIST, TYPESTORE
 from autoexpose_daemon.publish.ros2_keys import Attachments, Ros2Node, Ros2Topic, key_of_topic
-from tests.autoexpose_daemon.publish.router import router
+from tests.autoexpose_daemon.publish.processes import router, router_file
 from tests.autoexpose_daemon.publish.steps import PATIENCE_S, endpoint, publishing, wait_until
-from tests.autoexpose_daemon.publish.test_router import router_file
 from tests.fakes import loopback_address
 
 pytestmark = pytest.mark.wire
@@ -134,17 +133,17 @@ CAMERA_INFO_HASH = "RIHS01_b3dfd68ff46c9d56c80fd3bd4ed22c7a4ddce8c8348f2f59c299e
 NODE = Ros2Node(2, "talker", "autoexpose", SESSION)
 
 
-def test_type_hashes_are_those_of_ros2() -> None:
-    assert TYPESTORE.hash_rihs01("std_msgs/msg/String") == STRING_HASH
-    assert TYPESTORE.hash_rihs01(IMAGE) == IMAGE_HASH
-    assert TYPESTORE.hash_rihs01(CAMERA_INFO) == CAMERA_INFO_HASH
-
-
-def test_a_key_is_domain_topic_type_and_hash() -> None:
-    topic = NODE.topic(10, "talker/chatter", "std_msgs/msg/String")
-    assert topic.key == f"2/talker/chatter/std_msgs::msg::dds_::String_/{STRING_HASH}"
-    image = Ros2Node(0, "scout", "autoexpose", SESSION).topic(1, "scout/left/image", IMAGE)
-    assert image.key == f"0/scout/left/image/sensor_msgs::msg::dds_::Image_/{IMAGE_HASH}"
+@pytest.mark.parametrize(
+    ("kind", "dds", "known"),
+    [
+        ("std_msgs/msg/String", "std_msgs::msg::dds_::String_", STRING_HASH),
+        (IMAGE, "sensor_msgs::msg::dds_::Image_", IMAGE_HASH),
+        (CAMERA_INFO, "sensor_msgs::msg::dds_::CameraInfo_", CAMERA_INFO_HASH),
+        (EXPOSURE_INFO, "autoexpose_msgs::msg::dds_::ExposureInfo_", TYPESTORE.hash_rihs01(EXPOSURE_INFO)),
+    ],
+)
+def test_a_key_is_domain_topic_type_and_the_hash_of_ros2(kind: str, dds: str, known: str) -> None:
+    assert NODE.topic(10, "talker/chatter", kind).key == f"2/talker/chatter/{dds}/{known}"
 
 
 def test_a_token_says_who_publishes_what_and_how() -> None:
@@ -159,30 +158,19 @@ def test_a_token_says_who_publishes_what_and_how() -> None:
     assert len(fields) == 13
 
 
-def test_what_is_sent_once_is_kept_for_those_who_join_later() -> None:
-    topic = NODE.topic(1, "talker/setup", "std_msgs/msg/String", LATCHED)
-    assert topic.token.split("/")[-1] == ":1:,1:,:,:,,"
-
-
-def test_a_node_without_a_namespace_sends_commands_reliably() -> None:
+def test_a_node_without_a_namespace_sends_commands_reliably_and_what_is_sent_once_is_kept() -> None:
     node = Ros2Node(0, "", "autoexpose_repeat", SESSION)
     assert node.token == f"@ros2_lv/0/{SESSION}/0/0/NN/%/%/autoexpose_repeat"
     topic = node.topic(1, "cmd_vel", TWIST, DEFAULT)
     assert topic.key.startswith("0/cmd_vel/geometry_msgs::msg::dds_::Twist_/RIHS01_")
     assert topic.token.split("/")[9] == "%cmd_vel"
     assert topic.token.split("/")[-1] == "::,10:,:,:,,"
+    assert node.topic(1, "setup", "std_msgs/msg/String", LATCHED).token.split("/")[-1] == ":1:,1:,:,:,,"
 
 
 def test_messages_of_a_topic_are_heard_whatever_their_hash() -> None:
     assert key_of_topic(3, "/odom", ODOMETRY) == "3/odom/nav_msgs::msg::dds_::Odometry_/*"
     assert key_of_topic(3, "base/cmd_vel") == "3/base/cmd_vel/*/*"
-
-
-def test_our_own_type_is_named_and_hashed_alike() -> None:
-    key = NODE.topic(1, "talker/left/exposure", EXPOSURE_INFO).key
-    assert key.startswith("2/talker/left/exposure/autoexpose_msgs::msg::dds_::ExposureInfo_/RIHS01_")
-    hashes = {TYPESTORE.hash_rihs01(message_type) for message_type in (IMAGE, CAMERA_INFO, EXPOSURE_INFO)}
-    assert len(hashes) == 3
 
 
 def test_an_attachment_is_number_time_and_gid() -> None:

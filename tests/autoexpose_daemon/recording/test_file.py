@@ -12,6 +12,7 @@ import threading
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -26,13 +27,12 @@ from autoexpose_daemon.config.document import Config, PublishConfig
 from autoexpose_daemon.control.inputs import CELLS, LightAhead
 from autoexpose_daemon.control.picture.steering import Steering
 from autoexpose_daemon.control.step import StepInputs
-from autoexpose_daemon.messages.types import CAMERA_INFO, EXPOSURE_INFO, TYPESTORE
+from autoexpose_daemon.messages.types import EXPOSURE_INFO, TYPESTORE
 from autoexpose_daemon.recording.file import METADATA, RESERVE_BYTES, Item, RecordingError, RecordingFile, Step
 from autoexpose_daemon.recording.read import Recording
 from autoexpose_daemon.recording.recorder import ContinuousRecorder, LastSecondsRecorder, new_recorder
 from autoexpose_daemon.recording.replay import Replay, report_replay
-from imaging.frames import Frame, StereoPair
-from imaging.geometry import CameraGeometry
+from imaging.frames import SIDES, Frame, Side, StereoPair
 from imaging.pixels import SAMPLES, PixelFormat
 from tests.autoexpose_daemon.recording.runs import VirtualRun, record, replayed
 
@@ -177,65 +177,46 @@ def test_another_version_of_the_message_is_refused(tmp_path: Path, monkeypatch: 
         list(Recording(path))
 
 
-def test_a_state_that_does_not_fit_its_setup_is_one_sentence(tmp_path: Path) -> None:
-    run, path = VirtualRun("lu2010"), tmp_path / "run.mcap"
-    pair = next(run.pairs())
-    step = Step(1, 2, StepInputs(pair), run.loop.step(pair))
-    file = RecordingFile(path, "rig")
-    file.write(step, run.loop.setup, VirtualRun("kim2018").loop.state())
-    file.close(1, 0)
-    with pytest.raises(RecordingError, match="its state of control does not fit: Lu2010 needs query, best_level"):
-        replayed(path)
-
-
-def test_camera_info_says_what_is_known_of_the_cameras(tmp_path: Path) -> None:
-    run, path = VirtualRun("fixed"), tmp_path / "run.mcap"
-    pair = next(run.pairs())
-    (height, width), k = pair.frames["left"].pixels.shape, (80.0, 0.0, 3.0, 0.0, 80.0, 2.0, 0.0, 0.0, 1.0)
-    left = CameraGeometry(width, height, "plumb_bob", (0.1,) * 5, k, (1.0,) * 9, (2.0,) * 12)
-    step = Step(1, 2, StepInputs(pair), run.loop.step(pair), calibrations={"left": left})
-    file = RecordingFile(path, "rig")
-    file.write(step, run.loop.setup, None)
-    file.close(1, 0)
-    with path.open("rb") as stream:
-        reader = make_reader(stream)
-        for side, expected in (("left", k), ("right", (0.0,) * 9)):
-            ((_, _, message),) = reader.iter_messages(topics=[f"/autoexpose/rig/{side}/camera_info"])
-            assert tuple(TYPESTORE.deserialize_cdr(message.data, CAMERA_INFO).k) == expected
-
-
-@pytest.mark.parametrize("rate", [math.nan, -1e300, 101.0])
-def test_an_impossible_angular_rate_is_one_sentence(tmp_path: Path, rate: float) -> None:
-    run, path = VirtualRun("fixed", imu=True), tmp_path / "run.mcap"
+def recorded(path: Path, state: object = None, **inputs: Any) -> Path:
+    """One step of a policy, with such inputs and such a state."""
+    run = VirtualRun("fixed" if state is None else "lu2010", imu=True)
     pair = next(run.pairs())
     file = RecordingFile(path, "rig")
-    file.write(Step(1, 2, StepInputs(pair, rate), run.loop.step(pair)), run.loop.setup, None)
+    file.write(Step(1, 2, StepInputs(pair, **inputs), run.loop.step(pair)), run.loop.setup, state)
     file.close(1, 0)
-    with pytest.raises(RecordingError, match=r"is damaged: an angular rate of .* rad/s"):
-        replayed(path)
+    return path
 
 
-def test_impossible_light_ahead_is_one_sentence(tmp_path: Path) -> None:
-    run, path, ahead = VirtualRun("fixed"), tmp_path / "run.mcap", LightAhead((9.0, 12.0), (0.0, -3.0), 1, 1.0)
+def impossible_light() -> LightAhead:
+    ahead = LightAhead((9.0, 12.0), (0.0, -3.0), 1, 1.0)
     object.__setattr__(ahead, "now", 2)
-    file = RecordingFile(path, "rig")
-    pair = next(run.pairs())
-    file.write(Step(1, 2, StepInputs(pair, light_ahead=ahead), run.loop.step(pair)), run.loop.setup, None)
-    file.close(1, 0)
-    with pytest.raises(RecordingError, match=r"is damaged: frame 2 of 2 levels"):
-        replayed(path)
+    return ahead
 
 
-def test_impossible_steering_is_one_sentence(tmp_path: Path) -> None:
-    run, path = VirtualRun("fixed"), tmp_path / "run.mcap"
+def impossible_steering() -> Steering:
     steering = Steering({"left": (0.5,) * CELLS}, ("slam",), 0.1)
     steering.favours["right"] = (1.5,) * CELLS
-    file = RecordingFile(path, "rig")
-    pair = next(run.pairs())
-    file.write(Step(1, 2, StepInputs(pair, steering=steering), run.loop.step(pair)), run.loop.setup, None)
-    file.close(1, 0)
-    with pytest.raises(RecordingError, match="is damaged: steering of the right camera is not 48 numbers from -1 to 1"):
-        replayed(path)
+    return steering
+
+
+@pytest.mark.parametrize(
+    ("content", "why"),
+    [
+        ({"state": VirtualRun("kim2018").loop.state()}, "its state of control does not fit: Lu2010 needs query"),
+        *(
+            ({"angular_rate_rad_s": rate}, "is damaged: an angular rate of .* rad/s")
+            for rate in (math.nan, -1e300, 101.0)
+        ),
+        ({"light_ahead": impossible_light()}, "is damaged: frame 2 of 2 levels"),
+        (
+            {"steering": impossible_steering()},
+            "is damaged: steering of the right camera is not 48 numbers from -1 to 1",
+        ),
+    ],
+)
+def test_what_cannot_be_is_one_sentence(tmp_path: Path, content: dict[str, Any], why: str) -> None:
+    with pytest.raises(RecordingError, match=why):
+        replayed(recorded(tmp_path / "run.mcap", **content))
 
 
 @pytest.mark.parametrize("missing", ["missing.mcap", "."])
@@ -304,29 +285,23 @@ def test_some_of_the_disk_is_left_free_and_the_file_is_whole(
         assert reader.topics["/autoexpose/rig/left/image"].msgcount == 30
 
 
-def test_a_disk_that_fails_ends_the_recording_and_nothing_else(
+def test_a_disk_that_fails_or_a_name_that_is_too_long_ends_the_recording_and_nothing_else(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     def failing(_: int) -> os.statvfs_result:
         raise OSError(errno.EIO, os.strerror(errno.EIO))
 
-    monkeypatch.setattr(os, "fstatvfs", failing)
-    path = tmp_path / "run.mcap"
-    with ContinuousRecorder(path, 60, PublishConfig()) as recorder:
-        VirtualRun("fixed").feed(recorder, 3)
-    assert caplog.messages == [f"recording stops, control goes on: {path}: cannot be written: Input/output error"]
-
-
-def test_last_seconds_of_a_name_that_cannot_be_looked_for_are_said(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
-    path = tmp_path / f"{'x' * 250}.mcap"  # 255 characters: one with a number is too long
-    with LastSecondsRecorder(path, 60, PublishConfig(), 1.0) as recorder:
+    path, long = tmp_path / "run.mcap", tmp_path / f"{'x' * 250}.mcap"  # 255 characters: one with a number is too long
+    with LastSecondsRecorder(long, 60, PublishConfig(), 1.0) as recorder:
         VirtualRun("fixed").feed(recorder, 3)
     assert recorder.incomplete
+    monkeypatch.setattr(os, "fstatvfs", failing)
+    with ContinuousRecorder(path, 60, PublishConfig()) as recorder:
+        VirtualRun("fixed").feed(recorder, 3)
     assert caplog.messages == [
-        f"nothing is saved, control goes on: {path}: cannot be written: File name too long"
-    ]  # fmt: skip
+        f"nothing is saved, control goes on: {long}: cannot be written: File name too long",
+        f"recording stops, control goes on: {path}: cannot be written: Input/output error",
+    ]
 
 
 def test_last_seconds_that_do_not_fit_on_the_disk_are_said_and_kept_for_the_next_time(
@@ -388,27 +363,42 @@ def frames_of(path: Path) -> list[Frame]:
     return [frame for item in Recording(path) if isinstance(item, Step) for frame in item.pair.frames.values()]
 
 
-@pytest.mark.parametrize("row", [PixelFormat.MONO12, PixelFormat.BAYER_RG10P, PixelFormat.RGB8, PixelFormat.YUV422_8])
+@pytest.mark.parametrize(
+    "row",
+    [
+        PixelFormat.MONO8,
+        PixelFormat.MONO12,
+        PixelFormat.MONO16,
+        PixelFormat.BAYER_RG10P,
+        PixelFormat.RGB8,
+        PixelFormat.YUV422_8,
+    ],
+)
 def test_every_layout_is_read_back_to_the_bit_and_replayed(tmp_path: Path, row: PixelFormat) -> None:
-    kept: list[Frame] = []
+    """Of both cameras, and of either one alone."""
+    kept: list[StereoPair] = []
 
     def in_this_format(pair: StereoPair) -> StereoPair:
         rng = np.random.default_rng(pair.trigger)
         shape = (136, 180, SAMPLES[row.layout]) if row.layout in SAMPLES else (136, 180)
         pixels = rng.integers(0, 1 << row.bit_depth, shape).astype(row.dtype)
+        sides: tuple[Side, ...] = ("left", "right") if pair.trigger % 4 > 1 else (SIDES[pair.trigger % 4],)
         frames = {
-            side: replace(frame, pixels=pixels, bit_depth=row.bit_depth, layout=row.layout)
-            for side, frame in pair.frames.items()
+            side: replace(pair.frames[side], pixels=pixels, bit_depth=row.bit_depth, layout=row.layout)
+            for side in sides
         }
-        kept.extend(frames.values())
-        return StereoPair(pair.trigger, frames)
+        kept.append(StereoPair(pair.trigger, frames))
+        return kept[-1]
 
     path = tmp_path / "run.mcap"
-    with ContinuousRecorder(path, 4, PublishConfig()) as recorder:
-        VirtualRun().feed(recorder, 4, in_this_format)
-    read = frames_of(path)
-    assert [(frame.bit_depth, frame.layout) for frame in read] == [(row.bit_depth, row.layout)] * 8
-    assert all(np.array_equal(one.pixels, other.pixels) for one, other in zip(read, kept, strict=True))
+    with ContinuousRecorder(path, 8, PublishConfig()) as recorder:
+        VirtualRun().feed(recorder, 8, in_this_format)
+    read = [item.pair for item in Recording(path) if isinstance(item, Step)]
+    for was, now in zip(kept, read, strict=True):
+        assert (now.trigger, list(now.frames)) == (was.trigger, list(was.frames))
+        for one, other in zip(was.frames.values(), now.frames.values(), strict=True):
+            assert np.array_equal(one.pixels, other.pixels) and one.pixels.dtype == other.pixels.dtype
+            assert all(getattr(one, name) == getattr(other, name) for name in Frame.__slots__ if name != "pixels")
     assert all(step.same for step in replayed(path)[1:])
 
 

@@ -1,24 +1,34 @@
-"""What is recorded is replayed bit for bit, by the recorded policy; another one decides for itself."""
+"""What is recorded is replayed bit for bit, of former formats as well; another policy decides for itself."""
 
 from __future__ import annotations
 
+import itertools
 import threading
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from autoexpose_daemon.config.document import PublishConfig
+from autoexpose_daemon.control.inputs import LightAhead
+from autoexpose_daemon.control.loop import ControlLoop
+from autoexpose_daemon.control.parameters import Bracketing, ControlParameters
+from autoexpose_daemon.control.policies.belief.policy import Belief
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY, POLICY_IDS
+from autoexpose_daemon.control.setup import ControlSetup
+from autoexpose_daemon.control.snapshot import parse, plain
 from autoexpose_daemon.recording import recorder as recorder_module
-from autoexpose_daemon.recording.file import LoopState, RecordingFile, Setup, Step
-from autoexpose_daemon.recording.read import Recording
+from autoexpose_daemon.recording.file import LoopState, RecordingFile, Setup, Step, from_json, to_json
+from autoexpose_daemon.recording.read import Recording, upgraded_light, upgraded_setup, upgraded_state
 from autoexpose_daemon.recording.recorder import ContinuousRecorder, LastSecondsRecorder
 from autoexpose_daemon.recording.replay import report_replay
-from imaging.frames import Side, StereoPair
+from imaging.frames import SIDES, Side, StereoPair
+from imaging.response import ResponseFunction
 from imaging.vignetting import Vignetting
-from tests.autoexpose_daemon.recording.runs import SHAPE, VirtualRun, record, replayed
+from tests.autoexpose_daemon.recording.runs import LIMITS, SHAPE, START, VirtualRun, record, replayed
 
 
 @pytest.fixture(autouse=True)
@@ -36,26 +46,27 @@ def test_every_decision_but_the_first_is_replayed_bit_for_bit(tmp_path: Path, po
     assert all(each.same for each in steps[1:])
 
 
-@pytest.mark.parametrize("policy_id", ["belief", "begin2022"])
-def test_decisions_by_an_imu_that_comes_and_goes_are_replayed_bit_for_bit(tmp_path: Path, policy_id: str) -> None:
-    path = record(tmp_path / "run.mcap", VirtualRun(policy_id, imu=True))
+INPUTS: dict[str, tuple[str, dict[str, Any]]] = {
+    "belief by an IMU": ("angular_rate_rad_s", {"policy_id": "belief", "imu": True}),
+    "begin2022 by an IMU": ("angular_rate_rad_s", {"policy_id": "begin2022", "imu": True}),
+    "light of an earlier drive": ("light_ahead", {"policy_id": DEFAULT_POLICY, "driven_before": True}),
+    "steered by a consumer": ("steering", {"policy_id": DEFAULT_POLICY, "tracked": True}),
+    "not steered by a consumer": ("steering", {"policy_id": "neves2009", "tracked": True}),
+}
+
+
+@pytest.mark.parametrize("name", INPUTS)
+def test_decisions_by_inputs_that_come_and_go_are_replayed_bit_for_bit(tmp_path: Path, name: str) -> None:
+    field, run = INPUTS[name]
+    path = record(tmp_path / "run.mcap", VirtualRun(**run))
     steps = replayed(path)
-    assert [each.step.inputs.angular_rate_rad_s is not None for each in steps] == [
-        each.step.pair.trigger % 8 < 5 for each in steps
-    ]
     for each in steps:
+        assert (getattr(each.step.inputs, field) is not None) == (each.step.pair.trigger % 8 < 5)
         if each.step.inputs.angular_rate_rad_s is not None:
             assert each.step.decision.motion_px == each.step.inputs.angular_rate_rad_s * 800 / 60
     assert all(each.same for each in steps[1:])
-    assert len([each for each in replayed(path, "neves2009") if each.decision]) == len(steps)
-
-
-def test_decisions_by_the_light_of_an_earlier_drive_are_replayed_bit_for_bit(tmp_path: Path) -> None:
-    steps = replayed(record(tmp_path / "run.mcap", VirtualRun(DEFAULT_POLICY, driven_before=True), 60))
-    assert [each.step.inputs.light_ahead is not None for each in steps] == [
-        each.step.pair.trigger % 8 < 5 for each in steps
-    ]
-    assert all(each.same for each in steps[1:])
+    if run["policy_id"] != "neves2009":
+        assert len([each for each in replayed(path, "neves2009") if each.decision]) == len(steps)
 
 
 def test_decisions_by_vignetting_are_replayed_bit_for_bit_from_what_the_recording_holds(tmp_path: Path) -> None:
@@ -73,15 +84,6 @@ def test_decisions_by_vignetting_are_replayed_bit_for_bit_from_what_the_recordin
     assert run.decisions != plain.decisions
 
 
-@pytest.mark.parametrize("policy_id", [DEFAULT_POLICY, "neves2009"])
-def test_decisions_that_consumers_steered_are_replayed_bit_for_bit(tmp_path: Path, policy_id: str) -> None:
-    steps = replayed(record(tmp_path / "run.mcap", VirtualRun(policy_id, tracked=True), 60))
-    assert [each.step.inputs.steering is not None for each in steps] == [
-        each.step.pair.trigger % 8 < 5 for each in steps
-    ]
-    assert all(each.same for each in steps[1:])
-
-
 @pytest.mark.parametrize("policy_id", [DEFAULT_POLICY, "neves2009", "kim2018"])
 def test_what_was_requested_is_replayed_bit_for_bit_and_named(tmp_path: Path, policy_id: str) -> None:
     path = record(tmp_path / "run.mcap", VirtualRun(policy_id, steered=True), 60)
@@ -94,31 +96,6 @@ def test_what_was_requested_is_replayed_bit_for_bit_and_named(tmp_path: Path, po
     assert [line for line in said if "made up" in line] == [
         f"trigger {number}: made up in step {number}" for number in range(100, 160, 10)
     ]
-
-
-@pytest.mark.parametrize("bits", [8, 12, 16])
-def test_frames_come_back_as_they_were(tmp_path: Path, bits: int) -> None:
-    run, kept = VirtualRun("neves2009", bits), []
-
-    def keep(pair: StereoPair) -> StereoPair:
-        alone = {
-            1: StereoPair(pair.trigger, {"left": pair.frames["left"]}),
-            2: StereoPair(pair.trigger, {"right": pair.frames["right"]}),
-        }
-        kept.append(alone.get(pair.trigger % 4, pair))
-        return kept[-1]
-
-    with ContinuousRecorder(tmp_path / "run.mcap", 20, PublishConfig()) as recorder:
-        run.feed(recorder, 20, keep)
-    steps = [item for item in Recording(tmp_path / "run.mcap") if isinstance(item, Step)]
-    for pair, step in zip(kept, steps, strict=True):
-        assert (step.pair.trigger, list(step.pair.frames)) == (pair.trigger, list(pair.frames))
-        for was, now in zip(pair.frames.values(), step.pair.frames.values(), strict=True):
-            assert np.array_equal(was.pixels, now.pixels)
-            assert was.pixels.dtype == now.pixels.dtype
-            for name in ("bit_depth", "frame_id", "device_time_ns", "host_time_ns", "arrival_time_ns", "setting"):
-                assert getattr(was, name) == getattr(now, name)
-    assert all(each.same for each in replayed(tmp_path / "run.mcap")[1:])
 
 
 def test_a_recorder_drop_is_named_and_the_replay_goes_on_at_the_next_snapshot(
@@ -269,3 +246,120 @@ def test_a_recording_by_a_policy_that_is_no_longer_here_is_shown_and_can_be_repl
     assert report_replay(path, None, said.append)
     assert "fisher-map" in said[-1] and "no longer here" in said[-1] and "--policy belief" in said[-1]
     assert len([each for each in replayed(path, "belief") if each.decision]) == 60
+
+
+def begun(policy_id: str, bracket: Bracketing | None = None) -> tuple[ControlLoop, list[StereoPair]]:
+    """A loop after eight pairs, and four that follow."""
+    pairs = list(itertools.islice(VirtualRun(policy_id).pairs(), 12))
+    loop = ControlLoop(policy_id, ResponseFunction.linear(), LIMITS, START, ControlParameters(bracket=bracket))
+    for pair in pairs[:8]:
+        loop.step(pair)
+    return loop, pairs[8:]
+
+
+def of_fifth(setup: Any, state: Any) -> tuple[Any, Any]:
+    """A setup and a state of the present format as the fifth format had them."""
+    return {key: value for key, value in setup.items() if key != "vignettings"}, state
+
+
+def of_fourth(setup: Any, state: Any) -> tuple[Any, Any]:
+    """As the fourth format had them."""
+    setup, state = of_fifth(setup, state)
+    limits = {key: value for key, value in setup["limits"].items() if key != "gains_db"}
+    return {**setup, "limits": limits}, state
+
+
+def of_second(setup: Any, state: Any) -> tuple[Any, Any]:
+    """As the second format had them."""
+    setup, state = of_fourth(setup, state)
+    former_setup = {key: value for key, value in setup.items() if key != "responses"}
+    return (
+        {**former_setup, "response": setup["responses"]["left"]},
+        {"past": state["past"], "motion": state["motions"]["left"], "policy": state["policy"]},
+    )
+
+
+def through_json(data: Any) -> Any:
+    return from_json(to_json(data))
+
+
+@pytest.mark.parametrize("as_it_was", [of_second, of_fourth, of_fifth])
+def test_a_loop_goes_on_from_a_former_setup_and_state(as_it_was: Callable[[Any, Any], tuple[Any, Any]]) -> None:
+    loop, pairs = begun("begin2022")
+    setup, state = (through_json(each) for each in as_it_was(plain(loop.setup), loop.state()))
+    again = ControlLoop(parse(upgraded_setup(setup), ControlSetup))
+    again.restore(upgraded_state(state, again.setup))
+    assert set(again.setup.responses) == set(SIDES)
+    assert [again.step(pair) for pair in pairs] == [loop.step(pair) for pair in pairs]
+
+
+def test_a_loop_of_the_tenth_format_goes_on_with_the_delay_that_it_knew() -> None:
+    loop = VirtualRun("belief").loop
+    state = through_json(loop.state())
+    state["policy"]["latency"] = {"frames": 3, "level": 9.0}
+    loop.restore(upgraded_state(state, loop.setup))
+    assert isinstance(loop._policy, Belief)
+    assert loop._policy.latency.frames == 3
+
+
+@pytest.mark.parametrize("bracket", [None, Bracketing(2, 2.0, keep=True)])
+@pytest.mark.parametrize("motion", ["policy", "dis"])
+def test_where_motion_was_measured_by_dis_tiles_begin_anew(motion: str, bracket: Bracketing | None) -> None:
+    """What is decided does not depend on it."""
+    loop, pairs = begun("neves2009", bracket)
+    setup, state = through_json(plain(loop.setup)), through_json(loop.state())
+    setup["parameters"]["motion"] = motion
+    by_dis = {
+        "shape": [136, 180],
+        "previous": np.zeros((68, 90), np.uint8),
+        "previous_level": 9.0,
+        "previous_time_ns": 1,
+    }
+    state["motions"] = dict.fromkeys(SIDES, by_dis)
+    again = ControlLoop(parse(upgraded_setup(setup), ControlSetup))
+    again.restore(upgraded_state(state, again.setup))
+    assert again.setup.parameters.motion in {"policy", "tiles"}
+    for pair in pairs:
+        decision, expected = again.step(pair), loop.step(pair)
+        assert replace(decision, motion_px=expected.motion_px) == expected
+
+
+@pytest.mark.parametrize("keep", [False, True])
+def test_brackets_without_frames_of_a_policy_do_not_need_it(keep: bool) -> None:
+    parameters = ControlParameters(bracket=Bracketing(2, 2.0, keep))
+    setup = through_json(plain(ControlLoop("belief", ResponseFunction.linear(), LIMITS, START, parameters).setup))
+    found = parse(upgraded_setup({**setup, "policy_id": "fisher-map"}), ControlSetup)
+    assert found.policy_id == ("fisher-map" if keep else "belief")
+
+
+@pytest.mark.parametrize("bracket", [None, Bracketing(2, 2.0, keep=True)])
+@pytest.mark.parametrize("policy_id", ["lu2010", "kim2018", "shin2019"])
+def test_a_search_of_the_eighth_format_goes_on_with_the_camera_of_its_next_frame(
+    policy_id: str, bracket: Bracketing | None
+) -> None:
+    loop, pairs = begun(policy_id, bracket)
+    again = ControlLoop(loop.setup)
+    again.restore(upgraded_state(through_json(_of_eighth(loop.state())), loop.setup))
+    assert [again.step(pair) for pair in pairs] == [loop.step(pair) for pair in pairs]
+
+
+def _of_eighth(state: Any) -> Any:
+    """The state of a loop or a bracket as the eighth format had it."""
+    policy = state["policy"]
+    if "policy" in policy:
+        return {**state, "policy": _of_eighth(policy)}
+    assert "reference" in policy
+    return {**state, "policy": {key: policy[key] for key in policy if key != "reference"}}
+
+
+def test_anything_else_is_left_to_whoever_reads_it() -> None:
+    for other in (None, 3, [], {}, {"policy": 1}, {"policy": {"memory": {"sightings": [1, {"views": [2]}]}}}):
+        assert upgraded_setup(other) == other
+        assert upgraded_state(other, VirtualRun("fixed").loop.setup) == other
+
+
+def test_light_of_the_ninth_format_changed_as_its_levels_did() -> None:
+    light = {"levels": [9, 12.5], "now": 1, "spread_frames": 1.0}
+    assert parse(upgraded_light(light), LightAhead) == LightAhead((9.0, 12.5), (-9.0, -12.5), 1, 1.0)
+    for other in (None, [], {"levels": 3}, {**light, "risen": [0.0, 1.0]}):
+        assert upgraded_light(other) == other

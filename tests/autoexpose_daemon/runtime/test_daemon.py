@@ -9,7 +9,11 @@ import numpy as np
 import pytest
 
 from autoexpose_daemon.config.request import new_request
+from drivers.aravis import open_nodes
+from drivers.genicam.features import differing
 from drivers.rig import supervision
+from drivers.setup import parse_features
+from fake_camera.device.faults import Fault
 from imaging.exposure import ExposureSetting
 from tests.autoexpose_daemon.stereo import JOIN_WARNING, Run, running_daemon, stereo_cameras
 from tests.fakes import ptp_master
@@ -115,3 +119,27 @@ def test_the_left_camera_may_trigger_the_right_one() -> None:
     ):
         run.wait_for_pairs(40)
         assert median_skew_periods(run, 40) < 0.1
+
+
+FEATURES = [
+    {"UserSetSelector": "Default"}, {"UserSetLoad": "execute"}, {"Width": 320}, {"Height": 200}, {"OffsetX": 200},
+    {"OffsetY": 100}, {"ReverseX": True}, {"LineSelector[Line3].LineInverter": True}, {"BlackLevel": 2.5},
+]  # fmt: skip
+
+
+def test_a_camera_that_comes_back_is_set_again() -> None:
+    """It comes back in its power-on state, after its plug was pulled."""
+    with stereo_cameras("--still") as cameras:
+        left, right, _ = cameras
+        sides = {"left": {"serial": left.serial, "features": FEATURES}, "right": {"serial": right.serial}}
+        settings = {"cameras": sides, "control": {"policy": "fixed"}}
+        with running_daemon(cameras, settings) as run:
+            run.wait_for_pairs(5)
+            left.inject(Fault.VANISH, count=20)
+            run.wait_until(lambda: run.daemon.telemetry.counts.reconnects == 1, "the left camera's return")
+            run.wait_for_pairs(5)
+            pairs = [pair for pair, _ in run.seen if len(pair.frames) == 2]
+        shapes = [{side: frame.pixels.shape for side, frame in pair.frames.items()} for pair in (pairs[0], pairs[-1])]
+        assert shapes == [{"left": (200, 320), "right": (540, 720)}] * 2
+        with open_nodes(left.serial) as nodes:
+            assert differing(nodes, parse_features(FEATURES[2:])) == []

@@ -1,22 +1,29 @@
-"""The rows of docs/faults.md that show at the cameras, in virtual time: what is reported and counted, and recovery.
-
-Each has its own rig. Nothing but what is named is counted, all is well again at the end, and every trigger of the
-wire is accounted for. That these faults look like this on the wire is for tests/accept/test_faults.py.
-"""
+"""The rows of docs/faults.md, and those that show at the cameras, in virtual time: what is reported and counted."""
 
 from __future__ import annotations
 
+import dataclasses
 import re
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
 
 from autoexpose_daemon.runtime.rig_health import FIRST_PAUSE_NS
+from autoexpose_daemon.status.counters import Counts
 from calibration.response.file import ResponseFile
+from drivers.genicam.timeline import FrameTimeline
+from drivers.triggers.account import TriggerAccount
+from drivers.triggers.outcomes import LossReason
 from imaging.errors import ConfigurationError
+from imaging.exposure import ExposureSetting
+from imaging.frames import Frame, Side
 from imaging.response import ResponseFunction
+from tests import REPOSITORY
 from tests.autoexpose_daemon.virtual import VirtualRun
-from tests.soak.clock import MS, SECOND
+from tests.soak.camera import PIXELS, Device
+from tests.soak.clock import MS, SECOND, Clock
 from tests.soak.faults import SURELY_JUDGED
 from tests.soak.rig import CONFIG, RATE_HZ
 
@@ -137,31 +144,19 @@ def test_frames_late(run: VirtualRun) -> None:
     assert run.counted().keys() <= {"pairs_without_decision"}
 
 
-def test_frame_truncated(run: VirtualRun) -> None:
-    run.left.truncate = 40
-    run.wait_for_state(
-        "degraded: left camera: all its frames arrive incomplete: "
-        "check its cable, and network or USB for what they can carry"
-    )
-    assert run.counted() == {"incomplete": 40}
-
-
-def test_a_camera_whose_frames_all_have_holes_is_not_reopened(run: VirtualRun) -> None:
-    run.left.truncate = 400  # longer than silence may last
-    run.wait_for_state(
-        "degraded: left camera: all its frames arrive incomplete: "
-        "check its cable, and network or USB for what they can carry"
-    )
-    assert run.counted() == {"incomplete": 400}
+@pytest.mark.parametrize("frames", [40, 400], ids=["for a while", "longer than silence may last"])
+def test_frame_truncated(run: VirtualRun, frames: int) -> None:
+    """The camera is not reopened."""
+    run.left.truncate = frames
+    run.wait_for_state("degraded: left camera: all its frames arrive incomplete: check its cable")
+    assert run.counted() == {"incomplete": frames}
 
 
 def test_transfer_stalled(run: VirtualRun) -> None:
     began_ns = run.rig.clock.now_ns
     run.left.halted = True
     run.wait_for_state("degraded: no frames from the left camera")
-    run.wait_for_state(
-        "left camera gone: camera left sends no frames while the other one does; it is reopened; trying again"
-    )
+    run.wait_for_state("left camera gone: camera left sends no frames while the other one does")
     assert run.rig.clock.now_ns - began_ns > FIRST_PAUSE_NS
     counted = run.counted()
     assert counted.pop("camera_gone") > FIRST_PAUSE_NS / SECOND * RATE_HZ
@@ -172,10 +167,7 @@ def test_transfer_stalled(run: VirtualRun) -> None:
 def test_chunk_missing(run: VirtualRun) -> None:
     """As over GigE Vision, or with chunks that are not numbers; over USB3 Vision it looks like truncation."""
     run.left.untell = 40
-    run.wait_for_state(
-        "degraded: left camera: its frames no longer say how they were taken: "
-        "their exposure is inferred from when it was written"
-    )
+    run.wait_for_state("degraded: left camera: its frames no longer say how they were taken")
     assert run.counted() == {"frames_without_exposure_metadata": 40}
 
 
@@ -208,10 +200,7 @@ def test_node_clips(run: VirtualRun, caplog: pytest.LogCaptureFixture) -> None:
 def test_exposure_frozen(run: VirtualRun) -> None:
     run.left.frozen = True
     run.ask(500)
-    run.wait_for_state(
-        "degraded: left camera: its frames do not follow what is written: its nodes hold 500 us, 0.0 dB, "
-        "frames are taken with 2000 us, 0.0 dB; switch the camera off and on"
-    )
+    run.wait_for_state("left camera: its frames do not follow", "nodes hold 500 us", "taken with 2000 us", "off and on")
     run.left.frozen = False
     run.ask(600)
     run.wait_for_taken(600)
@@ -266,3 +255,167 @@ def test_a_pause_of_5_s_heals(run: VirtualRun, forgotten: bool) -> None:
     else:
         assert counted.pop("both_missing") > 4 * RATE_HZ
     assert counted.keys() <= {"both_missing", "late_writes", "stale", "pairs_without_decision"}
+
+
+def same(value: int) -> int:
+    return value
+
+
+@dataclass(frozen=True)
+class Lie:
+    """What a camera makes of its numbers and times, and what the log says of that."""
+
+    says: str
+    counter: Callable[[int], int] = same
+    stamp: Callable[[int], int] = same
+    latch: Callable[[int], int] = same
+
+    def device(self, side: Side, clock: Clock, seed: int) -> Device:
+        """The left camera tells it from the start; the right one is sound."""
+        device = Device(side, clock, seed)
+        if side == "left":
+            self.tell(device)
+        return device
+
+    def tell(self, device: Device) -> None:
+        device.counter, device.stamp, device.latch = self.counter, self.stamp, self.latch
+
+
+LIES = {
+    "zero_counter": Lie("frame counter went from", counter=lambda number: 0),
+    "restart_counter": Lie("frame counter went from 100 to 1", counter=lambda number: (number - 1) % 100 + 1),
+    "skip_counter": Lie("frame counter went from", counter=lambda number: number + 3 * (number // 10)),
+    "double_counter": Lie("frame counter went from", counter=lambda number: 2 * number),
+    "zero_stamps": Lie("its time stamps stand still", stamp=lambda ns: 0),
+    "still_stamps": Lie("its time stamps stand still", stamp=lambda ns: 77 * SECOND),
+    "microseconds": Lie("its time stamps went on by", stamp=lambda ns: ns // 1000),
+    "picoseconds": Lie("its time stamps went on by", stamp=lambda ns: ns * 1000),
+    "all_in_microseconds": Lie("its time stamps went on by", stamp=lambda ns: ns // 1000, latch=lambda ns: ns // 1000),
+    "no clock at all": Lie("its time stamps stand still", stamp=lambda ns: 0, latch=lambda ns: 0),
+    "wrap_stamps": Lie("32 bits and start again every 4.3 s", stamp=lambda ns: ns % 2**32, latch=lambda ns: ns % 2**32),
+    "latch that is 0": Lie("its clock, as it is read", latch=lambda ns: 0),
+    "latch of another clock": Lie("its clock, as it is read", latch=lambda ns: ns + 10**18),
+}
+
+
+def check_counts(run: VirtualRun) -> None:
+    run.let_pass(300)
+    counted = run.counted()
+    counted.pop("clock_jumps", 0)  # when the lie begins
+    assert counted == {}
+
+
+def check(run: VirtualRun, lie: Lie, caplog: pytest.LogCaptureFixture) -> None:
+    """Nothing is lost, nothing is degraded, and one line says why."""
+    check_counts(run)
+    assert run.said == []
+    assert caplog.text.count(lie.says) == 1
+    skews_ns = [
+        abs(pair.frames["left"].host_time_ns - pair.frames["right"].host_time_ns)
+        for pair in run.pairs[-100:]
+        if len(pair.frames) == 2
+    ]
+    assert max(skews_ns) < 3 * MS
+
+
+@pytest.mark.parametrize("lie", LIES.values(), ids=LIES)
+def test_from_the_start(lie: Lie, caplog: pytest.LogCaptureFixture) -> None:
+    check(VirtualRun(lie.device), lie, caplog)
+    assert caplog.text.count("left camera: its ") <= 2
+    assert "right camera: its " not in caplog.text
+    assert "frames a second" not in caplog.text
+
+
+@pytest.mark.parametrize("name", ["skip_counter", "zero_stamps", "still_stamps", "picoseconds", "wrap_stamps"])
+def test_later(name: str, caplog: pytest.LogCaptureFixture) -> None:
+    run, lie = VirtualRun(), LIES[name]
+    lie.tell(run.left)
+    check(run, lie, caplog)
+
+
+@pytest.mark.parametrize("name", ["zero_counter", "microseconds", "latch that is 0"])
+def test_of_both_cameras(name: str) -> None:
+    run = VirtualRun()
+    for device in (run.left, run.right):
+        LIES[name].tell(device)
+    check_counts(run)
+
+
+def test_a_lost_frame_is_still_counted_beside_a_lie() -> None:
+    for lie in ("zero_counter", "double_counter", "zero_stamps", "microseconds"):
+        run = VirtualRun(LIES[lie].device)
+        run.left.lose = 3
+        run.let_pass(20)
+        run.right.lose = 2
+        run.let_pass(20)
+        assert run.counted() == {"left_missing": 3, "right_missing": 2}, lie
+
+
+def test_a_counter_that_starts_again_when_the_camera_is_back_is_no_lie(caplog: pytest.LogCaptureFixture) -> None:
+    run = VirtualRun()
+    run.left.vanish()
+    run.let_pass(60)
+    run.left.present = True
+    assert run.counted()["reconnects"] == 1
+    assert "camera: its " not in caplog.text
+
+
+@pytest.mark.parametrize("name", ["zero_counter", "restart_counter", "skip_counter", "double_counter", "zero_stamps"])
+def test_in_free_run_each_frame_that_arrives_is_one_trigger(name: str) -> None:
+    """A single camera, whose triggers are numbered by its frames; one of them is lost."""
+    lie, period_ns = LIES[name], SECOND / 60
+    timeline = FrameTimeline(period_ns, 0)
+    account = TriggerAccount(("left",), period_ns, SECOND, numbered_by="frame_id")
+    account.ready("left", SECOND)
+    for number in range(1, 301):
+        start_ns = round(SECOND + MS + (number - 1) * period_ns)
+        if number == 150:
+            continue
+        placed = timeline.place(lie.counter(number), lie.stamp(start_ns), start_ns + 9 * MS, 2 * MS)
+        assert placed.host_time_ns is not None
+        setting = ExposureSetting(2000.0, 0.0)
+        taken = Frame(PIXELS, 8, placed.frame_id, start_ns, placed.host_time_ns, start_ns + 9 * MS, setting)
+        account.frame("left", taken)
+    assert account.tally.pairs == 299
+    assert dict(account.tally.lost) == {LossReason.LEFT_MISSING: 1}
+    assert account.tally.surplus_frames == 0
+
+
+PAGE = REPOSITORY / "docs" / "faults.md"
+COLUMNS = ["fault", "what happens", "what the user sees", "counted", "test"]
+FAULTS = [
+    *("camera lost", "camera back", "replaced by another serial", "camera cannot be driven"),
+    *("trigger stopped", "trigger doubled", "trigger halved"),
+    *("half the packets lost", "frame truncated", "chunk missing", "hostile packets"),
+    *("node refuses a write", "node clips", "node sticks", "exposure frozen", "one camera's clock jumps"),
+    *("images all black, all white", "NaN-making inputs"),
+    *("response file missing", "response file wrong", "response file edited while running", "configuration garbage"),
+    *("disk full while recording", "consumer stuck", "SIGSTOP for 5 s", "SIGKILL"),
+]
+COUNTS = {str(reason) for reason in LossReason} | {field.name for field in dataclasses.fields(Counts)}
+
+
+def rows() -> list[dict[str, str]]:
+    cells = [
+        [cell.strip() for cell in line.strip("|").split(" | ")] for line in PAGE.read_text().splitlines() if "|" in line
+    ]
+    return [dict(zip(COLUMNS, row, strict=True)) for row in cells if row != COLUMNS and not row[0].startswith("---")]
+
+
+ROWS = rows()
+
+
+def test_every_fault_has_its_row() -> None:
+    assert set(FAULTS) <= {row["fault"].partition(":")[0] for row in ROWS}
+
+
+@pytest.mark.parametrize("row", ROWS, ids=lambda row: str(row["fault"]))
+def test_a_row_is_complete_and_names_tests_and_counts_that_exist(row: dict[str, str]) -> None:
+    assert all(row.values())
+    assert set(re.findall(r"`(\w+)`", row["counted"])) <= COUNTS
+    tests = re.findall(r"\[(\w+)\]::(\w+)", row["test"])
+    assert len(tests) == row["test"].count("::")
+    assert tests
+    for file, name in tests:
+        (path,) = re.findall(rf"^\[{file}\]: (\S+)$", PAGE.read_text(), re.MULTILINE)
+        assert re.search(rf"^def {name}\(", (PAGE.parent / path).read_text(), re.MULTILINE), f"{file}::{name}"

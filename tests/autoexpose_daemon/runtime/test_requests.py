@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from concurrent.futures import Future
 from typing import Any
 
@@ -226,12 +227,37 @@ def test_a_reload_puts_back_the_configuration_and_says_so(run: Rig, caplog: pyte
     assert answer.requests.bounds is not None and answer.requests.bounds.max_gain_db == 30.0
 
 
-def test_the_bounds_are_known_from_when_a_camera_is_open() -> None:
+OPENED = CameraReady(
+    "left",
+    CameraDescription("Maker", "Model", "L", pixel_format=PixelFormat.MONO8, size=(720, 540)),
+    ExposureLimits(20.0, 5000.0, 0.0, 30.0),
+)
+
+
+def test_the_bounds_are_known_and_requests_taken_from_when_a_camera_is_open() -> None:
     control = virtual.VirtualRig(7, lambda *_: None, lambda *_: None, tuning(START_US)).control
-    description = CameraDescription("Maker", "Model", "L", pixel_format=PixelFormat.MONO8, size=(720, 540))
-    control.take([CameraReady("left", description, ExposureLimits(20.0, 5000.0, 0.0, 30.0))])
+    answer: Future[Answer] = Future()
+    control.ask(new_request({"by": "ana", "locked": True}), answer)
+    with pytest.raises(ConfigurationError, match="not every camera has been open yet"):
+        answer.result(0)
+    control.take([OPENED])
     assert control.telemetry.requests.bounds is not None
     assert control.telemetry.requests.bounds.max_time_us == 5000.0
+
+
+def test_a_region_is_not_taken_for_a_camera_that_was_never_open_or_is_not_there() -> None:
+    active = ActiveLoop(Tuning(tuning(START_US).config))
+    active.ready(OPENED)
+    requests = Requests(active, RequestTally(), ExposureSetting(START_US, 0.0), 1e9 / 60)
+    region: dict[str, Any] = {"rectangles": [{"box": [0, 0, 1000, 1000]}]}
+    for side, why in (("left", r"reaches to pixel \(1000, 1000\)"), ("right", "not every camera has been open yet")):
+        answer: Future[Answer] = Future()
+        requests.ask(new_request({"by": "user", "region": {side: region}}), answer, 0)
+        with pytest.raises(ConfigurationError, match=why):
+            answer.result(0)
+    alone = Config.model_validate({"cameras": {"left": {"serial": "1"}}})
+    with pytest.raises(ConfigurationError, match=r"region.right: the rig has no right camera"):
+        SteadyTuning(alone).changed(new_request({"by": "ana", "region": {"right": region}}))
 
 
 def test_reset_does_the_same_and_what_else_is_asked_for_comes_after_it(run: Rig) -> None:
@@ -275,67 +301,39 @@ def test_every_change_is_logged_with_who_asked(run: Rig, caplog: pytest.LogCaptu
     assert len(caplog.messages) == 1
 
 
-def test_nothing_is_asked_of_cameras_that_were_never_open() -> None:
-    control = virtual.VirtualRig(7, lambda *_: None, lambda *_: None, tuning(START_US)).control
-    answer: Future[Answer] = Future()
-    control.ask(new_request({"by": "ana", "locked": True}), answer)
-    with pytest.raises(ConfigurationError, match="not every camera has been open yet"):
-        answer.result(0)
+def pair_of(trigger: int, *shown: Side, sides: Sequence[Side] = SIDES) -> StereoPair:
+    """A pair whose frames of the sides in `shown` are of the shot."""
+    pixels, other = np.zeros((1, 1), np.uint8), ExposureSetting(START_US, 0.0)
+    settings = {side: SHOT if side in shown else other for side in sides}
+    return StereoPair(trigger, {side: Frame(pixels, 8, trigger, 0, 0, 0, it) for side, it in settings.items()})
 
 
-def test_a_region_is_not_taken_for_a_camera_that_was_never_open() -> None:
-    active = ActiveLoop(Tuning(tuning(START_US).config))
-    description = CameraDescription("Maker", "Model", "L", pixel_format=PixelFormat.MONO8, size=(720, 540))
-    active.ready(CameraReady("left", description, ExposureLimits(20.0, 7500.0, 0.0, 30.0)))
-    requests = Requests(active, RequestTally(), ExposureSetting(START_US, 0.0), 1e9 / 60)
-    for side, why in (("left", r"reaches to pixel \(1000, 1000\)"), ("right", "not every camera has been open yet")):
-        answer: Future[Answer] = Future()
-        region = {side: {"rectangles": [{"box": [0, 0, 1000, 1000]}]}}
-        requests.ask(new_request({"by": "user", "region": region}), answer, 0)
-        with pytest.raises(ConfigurationError, match=why):
-            answer.result(0)
+def pending_shot(*sides: Side) -> PendingShot:
+    pending = PendingShot(SHOT, 10**9, Future())
+    pending.decided([], sides)
+    return pending
 
 
 def test_a_shot_in_a_pair_that_control_had_no_time_for_is_found() -> None:
-    answer: Future[Answer] = Future()
-    pending = PendingShot(SHOT, 10**9, answer)
-    pending.decided([], ["left"])
-    shown, next_one = (
-        StereoPair(trigger, {"left": Frame(np.zeros((1, 1), np.uint8), 8, trigger, 0, 0, 0, setting)})
-        for trigger, setting in ((6, SHOT), (7, ExposureSetting(START_US, 0.0)))
-    )
-    assert pending.is_in(shown) and not pending.is_in(next_one)
+    pending = pending_shot("left")
+    assert pending.is_in(pair_of(6, "left", sides=["left"])) and not pending.is_in(pair_of(7, sides=["left"]))
     found = pending.found()
     assert found is not None and (found.trigger, found.frame_ids) == (6, {"left": 6})
 
 
-@pytest.mark.parametrize("late", SIDES)
-def test_a_shot_that_is_split_over_two_pairs_has_the_trigger_of_its_left_frame(late: Side) -> None:
-    pending = PendingShot(SHOT, 10**9, Future())
-    pending.decided([], SIDES)
-    for trigger in (6, 7):
-        frames = {}
-        for side in SIDES:
-            setting = SHOT if (trigger == 7) == (side == late) else ExposureSetting(START_US, 0.0)
-            frames[side] = Frame(np.zeros((1, 1), np.uint8), 8, trigger, 0, 0, 0, setting)
-        assert pending.is_in(StereoPair(trigger, frames))
+@pytest.mark.parametrize(("first", "late"), [("left", "right"), ("right", "left")])
+def test_a_shot_that_is_split_over_two_pairs_has_the_trigger_of_its_left_frame(first: Side, late: Side) -> None:
+    pending = pending_shot(*SIDES)
+    assert pending.is_in(pair_of(6, first)) and pending.is_in(pair_of(7, late))
     found = pending.found()
     assert found is not None
     assert found.trigger == found.frame_ids["left"] == (7 if late == "left" else 6)
 
 
 def test_a_shot_whose_cameras_are_all_gone_fails_in_a_whole_sentence() -> None:
-    pending = PendingShot(SHOT, 10**9, Future())
-    pending.decided([], ["left", "right"])
-    pending.is_in(StereoPair(6, {"left": Frame(np.zeros((1, 1), np.uint8), 8, 6, 0, 0, 0, SHOT)}))
+    pending = pending_shot(*SIDES)
+    pending.is_in(pair_of(6, "left", sides=["left"]))
     assert pending.why_late.startswith("no frame of the right camera was taken")
     for side in SIDES:
         pending.gone(side)
     assert pending.why_late.startswith("no frame was taken with it in time")
-
-
-def test_a_rig_of_one_camera_has_no_right_region() -> None:
-    config = Config.model_validate({"cameras": {"left": {"serial": "1"}}})
-    region = {"right": {"rectangles": [{"box": [0, 0, 9, 9]}]}}
-    with pytest.raises(ConfigurationError, match=r"region.right: the rig has no right camera"):
-        SteadyTuning(config).changed(new_request({"by": "ana", "region": region}))

@@ -1,25 +1,42 @@
-"""Which pairs control decides on, what becomes of the others, and what is shown of the cameras meanwhile."""
+"""Which pairs control decides on, and what is said, done and shown of the cameras meanwhile."""
 
 from __future__ import annotations
 
+import logging
 from contextlib import nullcontext
 from dataclasses import replace
+from itertools import pairwise
+from typing import cast
 
 import numpy as np
 import pytest
 
 from autoexpose_daemon.config.document import Config
+from autoexpose_daemon.control.decision import Decision
+from autoexpose_daemon.control.loop import ControlLoop
+from autoexpose_daemon.control.step import StepInputs
 from autoexpose_daemon.runtime.rig_control import RigControl
-from autoexpose_daemon.runtime.rig_health import INCOMPLETE_FRAMES
+from autoexpose_daemon.runtime.rig_health import (
+    BESIDE_ANOTHER,
+    FIRST_PAUSE_NS,
+    INCOMPLETE_FRAMES,
+    LIKE_ALL,
+    LONGEST_PAUSE_NS,
+    StuckStreams,
+    Troubles,
+)
+from autoexpose_daemon.runtime.setup import ActiveLoop
 from autoexpose_daemon.status.describe import describe
 from autoexpose_daemon.status.panel import newest_setting
+from autoexpose_daemon.status.telemetry import GONE
 from drivers.camera import CameraDescription, IncompleteFrame, RefusedPackets
 from drivers.rig.events import CameraGone, CameraReady, CameraSilent, FrameArrived, PacketsRefused
 from drivers.rig.supervision import Slots
 from imaging.errors import CameraLostError, NodeError, UnsupportedCameraError
 from imaging.exposure import ExposureLimits, ExposureSetting
-from imaging.frames import SIDES, Frame, Side
+from imaging.frames import SIDES, Frame, Side, StereoPair
 from imaging.pixels import PixelFormat
+from tests.autoexpose_daemon.virtual import SteadyLoop, tuning
 
 PERIOD_NS = 20_000_000
 SETTING = ExposureSetting(1000.0, 0.0)
@@ -146,3 +163,146 @@ def test_a_camera_that_cannot_be_driven_ends_the_start_but_not_what_runs_for_lon
     control.take([CameraGone("left", CameraLostError("nobody there"), final=False)])
     with pytest.raises(UnsupportedCameraError) if ends else nullcontext():
         control.take([CameraGone("left", CANNOT_BE_DRIVEN, final=True)])
+
+
+TENTH_NS = 100_000_000
+CAMERAS: dict[Side, str] = {"left": "A 1", "right": "B 2"}
+
+
+def attempts_s(
+    right: str = "B 2", left_flows: bool = True, until_s: float = 100.0, period_s: float = 1 / 60
+) -> list[float]:
+    """When the right camera is reopened, which sent its last frame at 0."""
+    stuck = StuckStreams(period_s, needs_pulses=True)
+    cameras: dict[Side, str] = {"left": "A 1", "right": right}
+    for side in cameras:
+        stuck.arrived(side, 0)
+    attempts = []
+    for now_ns in range(0, 100_000_000_000, TENTH_NS):
+        if left_flows:
+            stuck.arrived("left", now_ns)
+        for side, why in stuck.reasons(cameras, now_ns).items():
+            assert (side, why) == ("right", BESIDE_ANOTHER)
+            attempts.append(now_ns * 1e-9)
+    return attempts
+
+
+def test_a_silent_camera_beside_one_that_sends_is_reopened_less_and_less_often() -> None:
+    attempts = attempts_s()
+    assert attempts[0] == pytest.approx(FIRST_PAUSE_NS * 1e-9 + 0.5, abs=0.2)
+    pauses = [later - earlier for earlier, later in pairwise(attempts)]
+    assert pauses == pytest.approx([6, 12, 24, 48], abs=0.3)
+    assert max(pauses) < LONGEST_PAUSE_NS * 1e-9
+
+
+def test_a_stopped_trigger_or_a_lost_camera_reopens_nothing() -> None:
+    assert attempts_s(left_flows=False) == []
+    assert attempts_s(right=GONE) == []
+
+
+def test_with_a_slow_trigger_it_waits_for_many_periods() -> None:
+    assert attempts_s(period_s=2.0)[0] == pytest.approx(60, abs=1)
+
+
+def test_once_it_sends_again_the_pause_is_reset() -> None:
+    stuck = StuckStreams(1 / 60, needs_pulses=True)
+    for start_ns in (0, 10 * FIRST_PAUSE_NS):
+        for side in CAMERAS:
+            stuck.arrived(side, start_ns)
+        assert stuck.reasons(CAMERAS, start_ns) == {}
+        stuck.arrived("left", start_ns + 2 * FIRST_PAUSE_NS)
+        assert stuck.reasons(CAMERAS, start_ns + FIRST_PAUSE_NS) == {}
+        assert stuck.reasons(CAMERAS, start_ns + 2 * FIRST_PAUSE_NS) == {"right": BESIDE_ANOTHER}
+
+
+def test_where_no_pulses_are_needed_all_silent_cameras_are_reopened() -> None:
+    stuck = StuckStreams(1 / 60, needs_pulses=False)
+    for side in CAMERAS:
+        stuck.arrived(side, 0)
+    assert stuck.reasons(CAMERAS, FIRST_PAUSE_NS // 2) == {}
+    assert stuck.reasons(CAMERAS, 2 * FIRST_PAUSE_NS) == {"left": LIKE_ALL, "right": LIKE_ALL}
+    assert stuck.reasons({"left": "A 1"}, 2 * FIRST_PAUSE_NS + 1, untriggered=["left"]) == {}
+
+
+@pytest.fixture
+def troubles(caplog: pytest.LogCaptureFixture) -> Troubles:
+    caplog.set_level(logging.WARNING)
+    return Troubles({})
+
+
+def test_a_trouble_is_logged_when_it_begins_and_when_it_returns(
+    troubles: Troubles, caplog: pytest.LogCaptureFixture
+) -> None:
+    troubles.begin("left", "refused", "1 us was refused")
+    troubles.begin("left", "refused", "2 us was refused")
+    assert troubles.present == {("left", "refused"): "1 us was refused"}
+    troubles.end("left", "refused")
+    assert troubles.present == {}
+    troubles.begin("left", "refused", "3 us was refused")
+    assert caplog.messages == ["left camera: 1 us was refused", "left camera: 3 us was refused"]
+
+
+def test_each_new_sentence_about_a_lost_camera_is_logged_once_however_they_alternate(
+    troubles: Troubles, caplog: pytest.LogCaptureFixture
+) -> None:
+    for sentence in ("no answer", "another serial", "no answer", "another serial"):
+        troubles.change("left", "gone", sentence)
+        assert troubles.present == {("left", "gone"): sentence}
+    assert caplog.messages == ["left camera: no answer", "left camera: another serial"]
+    troubles.end("left", "gone")
+    troubles.change("left", "gone", "no answer")
+    assert len(caplog.messages) == 3
+
+
+def test_a_verdict_is_logged_when_it_changes(troubles: Troubles, caplog: pytest.LogCaptureFixture) -> None:
+    for verdict in (None, "120 Hz", "120 Hz", "30 Hz", None):
+        troubles.judge("right", "rate", verdict)
+    assert caplog.messages == ["right camera: 120 Hz", "right camera: 30 Hz"]
+    assert troubles.present == {}
+
+
+def test_a_cameras_troubles_go_with_it_and_no_others(troubles: Troubles) -> None:
+    for side in ("left", "right"):
+        for kind in ("refused", "rate"):
+            troubles.begin(side, kind, "wrong")  # type: ignore[arg-type]
+    troubles.end_all("left")
+    assert troubles.present.keys() == {("right", "refused"), ("right", "rate")}
+
+
+class LoopUnderLamps(SteadyLoop):
+    """Finds, step by step, what it was told."""
+
+    def __init__(self, *found_hz: float | None) -> None:
+        super().__init__(ExposureLimits(20.0, 7500.0, 0.0, 30.0), ExposureSetting(2000.0, 0.0))
+        self._found_hz = list(found_hz)
+
+    def step(self, inputs: StepInputs | StereoPair) -> Decision:
+        self.flicker_hz = self._found_hz.pop(0)
+        return super().step(inputs)
+
+
+def test_the_log_says_once_that_the_light_flickers_or_no_longer_does(caplog: pytest.LogCaptureFixture) -> None:
+    active, pair = ActiveLoop(tuning(2000.0)), StereoPair(0, {})
+    active.loop = cast(ControlLoop, LoopUnderLamps(None, 100.0, 100.0, None))
+    with caplog.at_level("INFO"):
+        for _ in range(4):
+            active.step(StepInputs(pair))
+    assert caplog.messages == [
+        "the light flickers at 100 Hz: exposure times of whole periods, where they fit",
+        "the light no longer flickers: any exposure time",
+    ]
+
+
+@pytest.mark.parametrize(("range_stops", "told"), [(6.0, True), (3.0, False)])
+def test_brackets_that_do_not_fit_into_the_limits_are_told(
+    range_stops: float, told: bool, caplog: pytest.LogCaptureFixture
+) -> None:
+    sections = {"start": {"exposure_time_us": 2000}, "bracket": {"exposures": 3, "range_stops": range_stops}}
+    active = ActiveLoop(tuning(2000.0, control=sections))
+    camera = CameraDescription("Maker", "Model 7", "A")
+    active.ready(CameraReady("left", camera, ExposureLimits(1000.0, 2000.0, 0.0, 12.0)))
+    warned = [record.getMessage() for record in caplog.records if record.levelname == "WARNING"]
+    assert warned == told * [
+        "brackets of 6.0 stops do not fit into the 3.0 stops of these limits, and their outer shots are clipped: widen "
+        "`exposure`, or narrow the brackets"
+    ]

@@ -1,4 +1,4 @@
-"""`autoexpose run` as a service manager starts it: its notifications are read here."""
+"""The command line in a process or in this one, and `autoexpose run` as a service manager starts it."""
 
 from __future__ import annotations
 
@@ -14,8 +14,37 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import pytest
+
+from autoexpose_daemon.cli import main
+
 AUTOEXPOSE = [sys.executable, "-c", "from autoexpose_daemon.cli import main; main()"]
 PATIENCE_S = 30.0
+
+
+def autoexpose(*arguments: str, timeout_s: float = 60.0) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([*AUTOEXPOSE, *arguments], capture_output=True, text=True, timeout=timeout_s, check=False)
+
+
+class Within:
+    """The command line in this process: the same words and exit codes, without half a second of imports."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+        self._monkeypatch, self._capsys = monkeypatch, capsys
+
+    def __call__(self, *arguments: str) -> tuple[int, str, str]:
+        """Exit code, and what it printed on stdout and stderr."""
+        self._monkeypatch.setattr("sys.argv", ["autoexpose", *arguments])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        assert isinstance(ended.value.code, int)
+        return ended.value.code, *self._capsys.readouterr()
+
+    def refused(self, *arguments: str) -> str:
+        """The one line that refuses it."""
+        code, _, told = self(*arguments)
+        assert (code, told.count("\n")) == (1, 1), told
+        return told
 
 
 @dataclass

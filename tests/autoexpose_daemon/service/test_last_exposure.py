@@ -83,10 +83,21 @@ def test_it_is_written_seldom(file: Path) -> None:
     assert file.exists()
 
 
-@pytest.mark.parametrize("age_s", [LONGEST_AGE_S + 60.0, -60.0])
-def test_one_of_another_time_is_not_used(file: Path, age_s: float) -> None:
-    write(file, unix_time_s=time.time() - age_s)
+@pytest.mark.parametrize(
+    ("changes", "damaged"),
+    [
+        *(({"unix_time_s": time.time() - age_s}, False) for age_s in (LONGEST_AGE_S + 60.0, -3600.0)),
+        *(({"exposure_time_us": time_us}, False) for time_us in (8000.0, -1.0)),
+        ({"gain_db": 31.0}, False),
+        *((changes, True) for changes in ({"format": "other/1"}, {"gain_db": None}, {"gain_db": float("nan")})),
+    ],
+)
+def test_one_of_another_time_out_of_bounds_or_damaged_is_not_used(
+    file: Path, changes: dict[str, object], damaged: bool, caplog: pytest.LogCaptureFixture
+) -> None:
+    write(file, **changes)
     assert LastExposure(file).recall(LIMITS) is None
+    assert ["damaged" in message for message in caplog.messages] == damaged * [True]
 
 
 def test_it_grows_old_while_nothing_better_is_seen(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -101,22 +112,6 @@ def test_it_grows_old_while_nothing_better_is_seen(file: Path, monkeypatch: pyte
     now_s += 0.2 * LONGEST_AGE_S
     assert LastExposure(file).recall(LIMITS) is None
     assert last.recall(LIMITS) is None  # nor at a reload
-
-
-@pytest.mark.parametrize("changes", [{"exposure_time_us": 8000.0}, {"exposure_time_us": -1.0}, {"gain_db": 31.0}])
-def test_one_outside_the_bounds_is_not_used(file: Path, changes: dict[str, float]) -> None:
-    write(file, **changes)
-    assert LastExposure(file).recall(LIMITS) is None
-
-
-@pytest.mark.parametrize("changes", [{"format": "other/1"}, {"gain_db": None}, {"gain_db": float("nan")}])
-def test_a_damaged_file_is_a_line_of_the_log(
-    file: Path, changes: dict[str, object], caplog: pytest.LogCaptureFixture
-) -> None:
-    write(file, **changes)
-    assert LastExposure(file).recall(LIMITS) is None
-    assert len(caplog.records) == 1
-    assert "damaged" in caplog.text
 
 
 def test_a_place_that_cannot_be_written_is_said_once(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:

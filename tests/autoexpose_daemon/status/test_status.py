@@ -5,17 +5,17 @@ from __future__ import annotations
 import json
 import logging
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import fields, replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from autoexpose_daemon.config.document import Config
-from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.messages.client import (
+    LARGEST_REPORT_BYTES,
     LARGEST_RESPONSE_BYTES,
     LAST_COUNT,
     ConsumerTally,
@@ -36,17 +36,15 @@ from autoexpose_daemon.status.document import (
 )
 from autoexpose_daemon.status.panel import duration_text
 from autoexpose_daemon.status.states import State
-from autoexpose_daemon.status.telemetry import MOST_LISTED, DurationSamples, Telemetry
-from drivers.triggers import RigRecord
-from imaging.exposure import ExposureLimits, ExposureSetting
-from imaging.frames import Frame, StereoPair
+from autoexpose_daemon.status.telemetry import MOST_LISTED, Telemetry
+from imaging.exposure import ExposureSetting
 from imaging.response import ResponseFunction
 from imaging.vignetting import MOST_NODES, Vignetting
-from tests.autoexpose_daemon.statuses import EXPOSING
+from tests.autoexpose_daemon.samples import EXPOSING
 
 CONFIG = Config.model_validate({"cameras": {"left": {"serial": "L"}, "right": {"serial": "R"}}})
 JSON = st.recursive(st.none() | st.booleans() | st.integers() | st.floats() | st.text(), st.lists)
-LIMITS = ExposureLimits(20.0, 7500.0, 0.0, 30.0)
+COUNT = st.integers(0, LAST_COUNT)
 
 
 def test_a_status_arrives_as_it_was_sent() -> None:
@@ -55,9 +53,11 @@ def test_a_status_arrives_as_it_was_sent() -> None:
 
 
 @given(st.one_of(st.binary(), JSON.map(json.dumps), st.dictionaries(st.text(), JSON).map(json.dumps)))
+@example("[" * 100_000)
 def test_what_is_no_status_is_nothing(text: str | bytes) -> None:
     assert Status.from_json(text) is None
     assert response_from_json(text) is None and vignetting_from_json(text) is None
+    assert ConsumerTally.from_json(text) is None
 
 
 @given(st.sampled_from(sorted(json.loads(EXPOSING.to_json()))), JSON)
@@ -85,13 +85,20 @@ def test_a_number_without_bounds_is_no_status(kind: type, field: str, value: obj
     assert Status.from_json(json.dumps(said)) is None
 
 
-def test_what_is_longer_than_any_daemon_says_is_not_even_read() -> None:
-    text = EXPOSING.to_json()
-    assert Status.from_json(text.ljust(LARGEST_STATUS_BYTES)) == EXPOSING
-    assert Status.from_json(text.ljust(LARGEST_STATUS_BYTES + 1)) is None
-    response = response_to_json(ResponseFunction.linear())
-    assert response_from_json(response.ljust(LARGEST_RESPONSE_BYTES)) is not None
-    assert response_from_json(response.ljust(LARGEST_RESPONSE_BYTES + 1)) is None
+@pytest.mark.parametrize(
+    ("text", "read", "most_bytes"),
+    [
+        (EXPOSING.to_json(), Status.from_json, LARGEST_STATUS_BYTES),
+        (response_to_json(ResponseFunction.linear()), response_from_json, LARGEST_RESPONSE_BYTES),
+        (ConsumerTally().to_json(), ConsumerTally.from_json, LARGEST_REPORT_BYTES),
+    ],
+    ids=["status", "response", "report"],
+)
+def test_what_is_longer_than_any_daemon_says_is_not_even_read(
+    text: str, read: Callable[[str], object], most_bytes: int
+) -> None:
+    assert read(text.ljust(most_bytes)) is not None
+    assert read(text.ljust(most_bytes + 1)) is None
 
 
 def test_the_longest_status_that_a_daemon_can_say_is_read() -> None:
@@ -102,15 +109,17 @@ def test_the_longest_status_that_a_daemon_can_say_is_read() -> None:
     assert Status.from_json(status.to_json()) == status
 
 
+def test_daemons_of_before_and_newer_ones_are_read() -> None:
+    said = json.loads(EXPOSING.to_json()) | {"news": 1}
+    said["counts"]["flashes"] = 3
+    del said["publishing"]["unlisted_consumers"], said["counts"]["late_writes"]
+    expected = replace(EXPOSING, counts=replace(EXPOSING.counts, late_writes=0))
+    assert Status.from_json(json.dumps(said)) == expected
+
+
 def test_losses_for_a_thousand_reasons_are_no_status() -> None:
     rows = {f"reason{number}": 1 for number in range(1000)}
     assert Status.from_json(json.dumps(json.loads(EXPOSING.to_json()) | {"lost": rows})) is None
-
-
-def test_a_daemon_of_before_says_nothing_of_consumers_that_are_not_listed() -> None:
-    said = json.loads(EXPOSING.to_json())
-    del said["publishing"]["unlisted_consumers"]
-    assert Status.from_json(json.dumps(said)) == EXPOSING
 
 
 def test_other_versions_and_impossible_exposures_are_refused() -> None:
@@ -118,10 +127,6 @@ def test_other_versions_and_impossible_exposures_are_refused() -> None:
     for setting in (ExposureSetting(0.0, 0.0), ExposureSetting(1e300, 0.0), ExposureSetting(100.0, -1e9)):
         left = replace(EXPOSING.cameras["left"], applied=setting)
         assert Status.from_json(replace(EXPOSING, cameras={"left": left}).to_json()) is None
-
-
-def test_a_field_of_a_newer_daemon_is_passed_over() -> None:
-    assert Status.from_json(json.dumps(json.loads(EXPOSING.to_json()) | {"news": 1})) == EXPOSING
 
 
 def test_a_number_that_is_none_hides_nothing_else() -> None:
@@ -133,30 +138,27 @@ def test_a_number_that_is_none_hides_nothing_else() -> None:
     assert np.isnan(status.decision.metric)
 
 
-def test_a_response_arrives_as_it_was_sent() -> None:
+def test_a_response_arrives_as_it_was_sent_with_its_vignetting() -> None:
     response = ResponseFunction.linear(16)
-    received = response_from_json(response_to_json(response))
-    assert received is not None
-    assert np.array_equal(received.log2_exposure, response.log2_exposure)
-    assert (received.black_level, received.saturation) == (16, 255)
+    for lens in (
+        None,
+        Vignetting(96, 72, (47.5, 30.25), (-0.5, 0.125)),
+        Vignetting(96, 72, (47.5, 35.5), (), ((1.0, 0.5), (0.5, 0.25))),
+    ):
+        text = response_to_json(response, lens)
+        received = response_from_json(text)
+        assert received is not None and np.array_equal(received.log2_exposure, response.log2_exposure)
+        assert (received.black_level, received.saturation) == (16, 255)
+        assert vignetting_from_json(text) == lens
 
 
-def test_a_response_arrives_with_the_largest_grid_of_a_vignetting() -> None:
+def test_the_largest_grid_of_a_vignetting_arrives() -> None:
     light = np.random.default_rng(1).uniform(3e-5, 9e-5, (MOST_NODES, MOST_NODES))
     lens = Vignetting(1440, 1080, (719.5, 539.5), (), tuple(tuple(row) for row in light.tolist()))
     text = response_to_json(ResponseFunction.linear(16), lens)
     received = vignetting_from_json(text)
     assert response_from_json(text) is not None and received is not None
     assert np.allclose(received.grid, light, rtol=1e-5, atol=0)
-
-
-def test_a_vignetting_arrives_as_it_was_sent() -> None:
-    for lens in (
-        Vignetting(96, 72, (47.5, 30.25), (-0.5, 0.125)),
-        Vignetting(96, 72, (47.5, 35.5), (), ((1.0, 0.5), (0.5, 0.25))),
-    ):
-        assert vignetting_from_json(response_to_json(ResponseFunction.linear(), lens)) == lens
-    assert vignetting_from_json(response_to_json(ResponseFunction.linear())) is None
 
 
 @pytest.mark.parametrize(
@@ -175,38 +177,6 @@ def test_a_daemon_that_died_says_of_what() -> None:
     assert (status.state, status.reasons, status.ending) == (State.FAILED, ("ZeroDivisionError",), True)
 
 
-def test_decisions_at_a_bound_are_counted() -> None:
-    telemetry = Telemetry()
-    for level in (LIMITS.darkest.level, 12.0, LIMITS.brightest.level, LIMITS.brightest.level):
-        telemetry.decided(Decision(LIMITS.realise(level, 1000.0), level, "", 0.1, 0.0, 0.0, 0.0), LIMITS)
-    counts = telemetry.counts
-    assert (counts.decisions_at_darkest_limit, counts.decisions_at_brightest_limit) == (1, 2)
-
-
-@pytest.mark.parametrize(("rate_hz", "triggers"), [(1.0, range(3)), (60.0, (*range(100), *range(9000, 9010)))])
-def test_the_rate_holds_between_slow_triggers_and_after_a_pause(rate_hz: float, triggers: Iterable[int]) -> None:
-    telemetry, record = Telemetry(period_s=1 / rate_hz), RigRecord(["left"], {}, rate_hz, 0)
-    for number in triggers:
-        start_ns = round(number * 1e9 / rate_hz)
-        frame = Frame(np.zeros((2, 2), np.uint8), 8, number, start_ns, start_ns, start_ns, ExposureSetting(1e3, 0.0))
-        telemetry.delivered(StereoPair(number, {"left": frame}), record, 0, complete=True)
-    soon_ns = start_ns + round(1.05e9 / rate_hz)  # when the next pair is in memory
-    assert telemetry.rate_hz(soon_ns) == pytest.approx(rate_hz)
-    assert telemetry.rate_hz(soon_ns + 10_000_000_000) == 0.0
-
-
-def test_all_durations_count_and_the_latest_make_the_percentiles() -> None:
-    durations = DurationSamples()
-    assert durations.percentiles() == {"p50": None, "p99": None}
-    for _ in range(1 << 14):
-        durations.add_ns(1_000_000)
-    for _ in range(1 << 14):
-        durations.add_ns(3_000_000)
-    assert durations.percentiles() == {"p50": 3.0, "p99": 3.0}
-    assert durations.count == 1 << 15
-    assert durations.sum_ms == pytest.approx(4.0 * (1 << 14))
-
-
 def test_the_fault_log_keeps_the_latest_faults_a_line_each(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(logging, "raiseExceptions", False)
     log, faults = logging.Logger("test"), FaultLog()
@@ -222,6 +192,20 @@ def test_the_fault_log_keeps_the_latest_faults_a_line_each(monkeypatch: pytest.M
     assert (kept[-1].level, kept[-1].message) == ("ERROR", "state failed")
 
 
-def test_durations_have_a_unit_that_suits_their_length() -> None:
-    texts = [duration_text(seconds) for seconds in (1.2, 119, 120, 3600, 47 * 3600, 49 * 3600)]
-    assert texts == ["1 s", "119 s", "2 min", "1 h 0 min", "47 h 0 min", "2 d 1 h"]
+@pytest.mark.parametrize(
+    ("seconds", "text"), [(1.2, "1 s"), (119, "119 s"), (120, "2 min"), (3600, "1 h 0 min"), (49 * 3600, "2 d 1 h")]
+)
+def test_durations_have_a_unit_that_suits_their_length(seconds: float, text: str) -> None:
+    assert duration_text(seconds) == text
+
+
+@given(st.builds(ConsumerTally, COUNT, COUNT, COUNT, COUNT, COUNT))
+def test_a_report_arrives_as_it_was_sent(tally: ConsumerTally) -> None:
+    assert ConsumerTally.from_json(tally.to_json()) == tally
+
+
+@pytest.mark.parametrize("count", [-1, LAST_COUNT + 1, 10**400, 1.5, True, "1", None, [1]])
+def test_a_count_that_is_none_makes_no_report(count: object) -> None:
+    report = json.loads(ConsumerTally().to_json())
+    assert ConsumerTally.from_json(json.dumps(report | {"pairs": 1})) == ConsumerTally(pairs=1)
+    assert ConsumerTally.from_json(json.dumps(report | {"pairs": count})) is None

@@ -19,7 +19,7 @@ from calibration.geometry.file import check_pair, load_geometry
 from fake_camera.world.scene.board import BoardPath
 from imaging.frames import SIDES
 from tests.calibration.command_line import done, refused
-from tests.calibration.geometry.shown import BASELINE_M, FOCAL_PX, shown
+from tests.calibration.geometry.test_calibrate import BASELINE_M, FOCAL_PX, shown
 from tests.fakes import fake_camera, unique
 
 STEADY = {"light": [{"at_s": 0, "lux": 150}]}

@@ -21,7 +21,7 @@ from calibration.geometry.slam import read_camchain
 from imaging.errors import ConfigurationError
 from imaging.frames import SIDES, Side
 from imaging.geometry import CameraGeometry
-from tests.calibration.geometry.written import LENSES, camchain, of_chain, of_ros, ros
+from tests.calibration.geometry.written import LENSES, camchain, matrices, of_chain, of_ros, ros, show
 
 NUMBERS = st.floats(-0.3, 0.3)
 
@@ -32,19 +32,10 @@ def load(tmp_path: Path, content: object, side: Side = "left") -> CameraGeometry
     return load_geometry(file, side)
 
 
-def pixel(geometry: CameraGeometry, point: np.ndarray) -> np.ndarray:
-    """Where a point in the camera's own coordinates is in its raw picture."""
-    k, d = np.reshape(geometry.camera_matrix, (3, 3)), np.array(geometry.distortion)
-    projected = cv2.fisheye.projectPoints if geometry.distortion_model == "equidistant" else cv2.projectPoints
-    found = projected(point.reshape(1, 1, 3), np.zeros(3), np.zeros(3), k, d)[0]
-    return np.asarray(found).reshape(1, 1, 2)
-
-
 def rectified_pixel(geometry: CameraGeometry, raw: np.ndarray) -> np.ndarray:
-    k, d = np.reshape(geometry.camera_matrix, (3, 3)), np.array(geometry.distortion)
-    r, p = np.reshape(geometry.rectification, (3, 3)), np.reshape(geometry.projection, (3, 4))
+    k, d, r, p = matrices(geometry)
     turn = cv2.fisheye.undistortPoints if geometry.distortion_model == "equidistant" else cv2.undistortPoints
-    return np.asarray(turn(raw, k, d, R=r, P=p[:, :3])).ravel()
+    return np.asarray(turn(raw.reshape(1, 1, 2), k, d, R=r, P=p[:, :3])).ravel()
 
 
 @pytest.mark.parametrize("model", LENSES)
@@ -57,7 +48,7 @@ def test_a_point_lies_in_one_row_of_both_rectified_pictures_by_its_depth(
     left, right = (of_chain(chain, side) for side in SIDES)
     x = np.array(point)
     (u, v), (u_right, v_right) = (
-        rectified_pixel(geometry, pixel(geometry, seen))
+        rectified_pixel(geometry, show(geometry, seen))
         for geometry, seen in ((left, x), (right, pose[:3, :3] @ x + pose[:3, 3]))
     )
     assert v == pytest.approx(v_right, abs=0.02)
@@ -115,23 +106,18 @@ UP = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     ("key", "value", "words"),
     [
         ("image_width", "wide", "image_width is 'wide': give a whole number of pixels"),
-        ("image_width", 0, "image_width is 0"),
         ("camera_name", "narrow_stereo/right", "camera_name is 'narrow_stereo/right', but this is the left camera"),
         ("distortion_model", "scaramuzza", r"distortion_model is 'scaramuzza': only radtan \(plumb_bob\), rational_"),
-        ("distortion_model", ["x"], "distortion_model is"),
         ("distortion_model", "omni", "its model, omni, has xi, .* here are 0, "),
         ("distortion_coefficients", [0.1] * 6, "distortion_coefficients has 6 numbers: the model has 4, 5, 8, 12, 14"),
         ("distortion_coefficients", [0.1] * 12, "has a thin prism or a tilted sensor"),
         ("distortion_coefficients", [1e9, 0, 0, 0, 0], "distortion_coefficients is beyond any lens"),
         ("distortion_coefficients", [0.1, float("nan"), 0, 0, 0], "holds nan: give finite"),
-        ("distortion_coefficients", [0.1, True, 0, 0, 0], "distortion_coefficients holds True"),
         ("distortion_coefficients", "x", "distortion_coefficients holds 'x': give finite numbers"),
         ("camera_matrix", [860.0] * 8, "camera_matrix is .*: give a list of 9 numbers, not 8"),
         ("camera_matrix", [860.0, 3, 360, 0, 860, 270, 0, 0, 1], "camera_matrix is not of the form fx 0 cx"),
         ("camera_matrix", [8.6, 0, 360, 0, 8.6, 270, 0, 0, 1], "focal lengths of 8.6 and 8.6 pixels: no lens has them"),
-        ("camera_matrix", [860, 0, 360, 0, 86, 270, 0, 0, 1], "focal lengths of 860 and 86 pixels"),
         ("camera_matrix", [860, 0, 900, 0, 860, 270, 0, 0, 1], r"principal point at \(900, 270\), outside of 720x540"),
-        ("rectification_matrix", [1.0] * 9, "rectification_matrix is no rotation"),
         ("rectification_matrix", [1, 0, 0, 0, 1, 0, 0, 0, -1], "rectification_matrix is no rotation"),
         ("projection_matrix", [0.0] * 12, "projection_matrix is not of the form"),
         (
@@ -155,7 +141,6 @@ def test_a_ros_file_that_cannot_be_is_refused_by_key(tmp_path: Path, key: str, v
         ("cam0", "camera_model", "scaramuzza", "cam0.camera_model is 'scaramuzza': only radtan"),
         ("cam0", "camera_model", "omni", r"cam0.intrinsics is .*: give a list of 5 numbers, not 4"),
         ("cam1", "camera_model", "fov", "cam1: its model, fov, has w, .* here are 4, "),
-        ("cam1", "distortion_model", "spline", "cam1.distortion_model is 'spline': only radtan"),
         ("cam0", "intrinsics", [1, 2, 3], "cam0.intrinsics is .*: give a list of 4 numbers"),
         ("cam0", "intrinsics", [860, 860, 1e9, 270], "cam0: camera_matrix has its principal point"),
         ("cam1", "resolution", [720], "cam1.resolution is .*: give width and height"),
@@ -169,7 +154,6 @@ def test_a_ros_file_that_cannot_be_is_refused_by_key(tmp_path: Path, key: str, v
             (np.eye(4) - 0.08 * np.eye(4)[[1]].T @ np.eye(4)[[3]]).tolist(),
             "80 mm below and 0 mm ahead of it",
         ),
-        ("cam1", "T_cn_cnm1", np.eye(4).tolist(), "mostly to its right"),
     ],
 )
 def test_a_camchain_that_cannot_be_is_refused_by_key(

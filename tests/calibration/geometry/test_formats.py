@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import astuple, dataclass, replace
+from dataclasses import astuple, replace
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +22,18 @@ from calibration.geometry.slam import camchain_yaml
 from imaging.errors import ConfigurationError
 from imaging.frames import SIDES
 from imaging.geometry import CameraGeometry
-from tests.calibration.geometry.written import WRITERS, MadeRig, camchain, kalibr, made_rig, of_chain, ros, storage
+from tests.calibration.geometry.written import (
+    WRITERS,
+    MadeRig,
+    camchain,
+    kalibr,
+    made_rig,
+    matrices,
+    of_chain,
+    ros,
+    show,
+    storage,
+)
 
 SMALL = st.floats(-0.05, 0.05)
 
@@ -32,8 +43,7 @@ def both(file: Path) -> list[CameraGeometry]:
 
 
 def flat(geometry: CameraGeometry) -> np.ndarray:
-    parts = (geometry.distortion, geometry.camera_matrix, geometry.rectification, geometry.projection)
-    return np.concatenate([np.array(part) for part in parts])
+    return np.concatenate([each.ravel() for each in matrices(geometry)])
 
 
 @pytest.mark.parametrize("model", ["radtan", "equidistant"])
@@ -171,32 +181,12 @@ def test_the_ini_of_ros_is_read_with_one_camera_or_two(tmp_path: Path) -> None:
 # Wide lenses.
 
 
-def show(geometry: CameraGeometry, points: np.ndarray) -> np.ndarray:
-    """Pixels of points in the camera's axes, by OpenCV."""
-    k, d, zero = np.reshape(geometry.camera_matrix, (3, 3)), np.array(geometry.distortion), np.zeros(3)
-    project = cv2.fisheye.projectPoints if geometry.distortion_model == "equidistant" else cv2.projectPoints
-    return np.asarray(project(points.reshape(-1, 1, 3), zero, zero, k, d)[0]).reshape(-1, 2)
-
-
-@dataclass
-class Matrices:
-    k: np.ndarray
-    d: np.ndarray
-    rectification: np.ndarray
-    projection: np.ndarray
-
-
-def matrices(geometry: CameraGeometry) -> Matrices:
-    k, r = np.reshape(geometry.camera_matrix, (3, 3)), np.reshape(geometry.rectification, (3, 3))
-    return Matrices(k, np.array(geometry.distortion), r, np.reshape(geometry.projection, (3, 4)))
-
-
 def maps(geometry: CameraGeometry) -> list[np.ndarray]:
     """Where OpenCV looks in the raw picture for each pixel of the rectified one: columns and rows."""
-    one, size = matrices(geometry), (geometry.width, geometry.height)
+    (k, d, r, p), size = matrices(geometry), (geometry.width, geometry.height)
     fisheye = geometry.distortion_model == "equidistant"
     init = cv2.fisheye.initUndistortRectifyMap if fisheye else cv2.initUndistortRectifyMap
-    return list(init(one.k, one.d, one.rectification, one.projection[:, :3], size, cv2.CV_32FC1))
+    return list(init(k, d, r, p[:, :3], size, cv2.CV_32FC1))
 
 
 def raw(geometry: CameraGeometry, rectified: np.ndarray) -> np.ndarray:
@@ -234,7 +224,8 @@ def test_a_wide_pair_keeps_half_of_its_focal_length_and_its_rows(
     points = np.column_stack([x.ravel(), y.ravel(), np.ones(x.size)]) * 3.0
     turned = points @ np.reshape(left.rectification, (3, 3)).T
     shown = [
-        (one.projection @ np.column_stack([turned, np.ones(len(turned))]).T).T for one in map(matrices, (left, right))
+        (projection @ np.column_stack([turned, np.ones(len(turned))]).T).T
+        for *_, projection in map(matrices, (left, right))
     ]
     first, second = (seen[:, :2] / seen[:, 2:] for seen in shown)
     here = ((first > 1) & (second > 1) & (first < np.array(size) - 2) & (second < np.array(size) - 2)).all(axis=1)
@@ -253,7 +244,7 @@ def test_all_pixels_are_valid_as_with_opencv(focal_px: float, d: list[float]) ->
         chain[name] |= {"intrinsics": [focal_px, focal_px, 359.5, 269.5], "distortion_model": "radtan"}
         chain[name]["distortion_coeffs"] = d
     left = of_chain(chain)
-    lens, pose = (matrices(left).k, matrices(left).d), np.array(chain["cam1"]["T_cn_cnm1"])
+    lens, pose = matrices(left)[:2], np.array(chain["cam1"]["T_cn_cnm1"])
     _, _, p1, *_ = cv2.stereoRectify(*lens, *lens, (720, 540), pose[:3, :3], pose[:3, 3:].copy(), alpha=0.0)
     assert left.projection[0] == pytest.approx(p1[0, 0], rel=3e-3)
     check_all_valid(left)
@@ -476,17 +467,13 @@ def spoil(rig: MadeRig, folder: Path, **changes: Any) -> Path:
     [
         ({"image_size": None}, "does not say the size of the pictures: add image_size"),
         ({"image_size": (540, 720)}, "the size is 540x720 pixels, but .* in the middle of 720x540: give width before"),
-        ({"R": np.zeros((3, 3))}, "R is no rotation: calibrate again"),
         ({"R": np.array([0.0, 0.0, 0.0, 1.0])}, "R is .*: give a list of 3 or 9 numbers, not 4"),
         ({"T": np.array([0.08, 0.0, 0.0])}, "the right camera is -80 mm to the right of the left one"),
         ({"T": np.array([0.0, -0.08, 0.0])}, "it must be mostly to its right: check which camera is which"),
-        ({"T": np.array([-0.08, 1e8, 0.0])}, "it must be mostly to its right"),
         ({"T": np.array([-1e300, 0.0, 0.0])}, "T holds -1e.300, which nothing in a calibration is"),
-        ({"T": np.zeros(3)}, "is 0 mm to the right of the left one"),
         ({"R": None, "T": None}, "says nothing of where left is"),
         ({"D1": None}, "has K1, but no distortion coefficients of the left camera"),
         ({"D2": np.arange(6.0)}, "K2, D2: distortion_coefficients has 6 numbers: the model has 4, 5, 8, 12, 14"),
-        ({"K1": np.eye(2)}, "K1 is .*: give a list of 9 numbers, not 4"),
         ({"K1": np.eye(3)}, "K1, D1: camera_matrix has focal lengths of 1 and 1 pixels"),
         ({"model": "spline"}, "model is 'spline': only radtan"),
         ({"K1": None, "K2": None, "D1": None}, "says where the cameras are, but has no lens: join it"),
@@ -504,7 +491,6 @@ def test_a_pair_of_opencv_that_cannot_be_is_refused_by_key(tmp_path: Path, chang
         ("<!DOCTYPE x [<!ENTITY a 'b'>]><opencv_storage><K>&a;</K></opencv_storage>", "is XML with declarations"),
         ("<opencv_storage><a>", "not an XML file: "),
         ("<opencv_storage><a>1</a><a>2</a></opencv_storage>", "the key a appears twice"),
-        ("<opencv_storage>1</opencv_storage>", "has no keys"),
         ("<a>" * 99 + "</a>" * 99, "nested deeper than 16 levels"),
         ("[image]\nwidth\n720\n", "has no section with a camera matrix"),
         ("FOV 1 2 3\n640 480\n", "has no keys|not a YAML file"),
@@ -512,10 +498,8 @@ def test_a_pair_of_opencv_that_cannot_be_is_refused_by_key(tmp_path: Path, chang
         ("Pinhole 1 2 3 4 0\n640\n", "line 2 is .*: give width and height"),
         ("RadTan 860 861 359.5 269.5 0\n720 540\n", "line 1 has 5 numbers after RadTan"),
         ("model_type: SCARAMUZZA\n", "model_type is 'SCARAMUZZA': only PINHOLE, PINHOLE_FULL, KANNALA_BRANDT, MEI"),
-        ("model_type: [MEI]\n", "model_type is "),
         ("model_type: MEI\n", "the key projection_parameters is missing"),
         ("cam0_calib: none.yaml\n", "none.yaml: cannot be read"),
-        ("cam0_calib: 3\n", "cam0_calib is 3: name a file"),
         ("cam1_calib: a.yaml\ncam0_calib: camera.yaml\n", "the key model_type is missing"),
         ("Camera.type: Rectified\nCamera.fx: 1\n", "Camera.type is 'Rectified', which leaves the lenses out"),
         ("Camera.fx: 1\nCamera.type: PinHole\nCamera.width: 3\n", "the key Camera.height is missing"),

@@ -213,6 +213,19 @@ def ros(side: Side) -> dict[str, Any]:
     return document
 
 
+def matrices(geometry: CameraGeometry) -> tuple[Array, Array, Array, Array]:
+    """Camera matrix, distortion, rectification and projection."""
+    k, r = np.reshape(geometry.camera_matrix, (3, 3)), np.reshape(geometry.rectification, (3, 3))
+    return k, np.array(geometry.distortion), r, np.reshape(geometry.projection, (3, 4))
+
+
+def show(geometry: CameraGeometry, points: Array) -> Array:
+    """Pixels of points in the camera's axes, by OpenCV."""
+    k, d, *_ = matrices(geometry)
+    project = cv2.fisheye.projectPoints if geometry.distortion_model == "equidistant" else cv2.projectPoints
+    return np.asarray(project(points.reshape(-1, 1, 3), np.zeros(3), np.zeros(3), k, d)[0]).reshape(-1, 2)
+
+
 def small_ros(side: Side, width: int, height: int) -> dict[str, Any]:
     """Of cameras with frames of another size, and 80 mm apart."""
     document = ros(side) | {"image_width": width, "image_height": height}

@@ -1,4 +1,4 @@
-"""Cameras in this process, on the wire of this run, and a scene that shows what each frame was really taken with."""
+"""Cameras in this process, a scene that shows what each frame was taken with, and what the driver writes to nodes."""
 
 from __future__ import annotations
 
@@ -9,15 +9,20 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
 from drivers.aravis import AravisCamera
+from drivers.aravis.nodes import AravisNodes
+from drivers.genicam.nodes import NodeMap, read_feature
+from drivers.setup import FeatureValue
 from fake_camera.device.device import Device
 from fake_camera.genapi.xml_camera import XmlCamera
 from fake_camera.gige.server import GigeServer
 from fake_camera.imaging import ImageSettings
 from fake_camera.usb3.run import CAMERAS_VARIABLE
 from fake_camera.usb3.usbip.server import Usb3Server
+from imaging.errors import NodeError
 from imaging.exposure import ExposureSetting, linear_gain
 from imaging.frames import Frame
 from tests.fakes import loopback_address
@@ -72,3 +77,35 @@ def frames_until(camera: AravisCamera, grey: float) -> list[Frame]:
 
 def grey_of(setting: ExposureSetting) -> float:
     return setting.exposure_time_us / US_PER_GREY * linear_gain(setting.gain_db)
+
+
+SELECTORS = {
+    *("TriggerSelector", "GainSelector", "ChunkSelector", "LineSelector", "ActionSelector"),
+    *("TimestampLatch", "GevTimestampControlLatch", "PtpDataSetLatch"),
+}
+"""May be features all the same: the driver sets a selector whenever it needs it, and may latch at any time."""
+
+
+def names_written(monkeypatch: pytest.MonkeyPatch) -> set[str]:
+    """Names of the nodes that are written from now on, as if none held its value already."""
+    names: set[str] = set()
+
+    def read_unless_writable(nodes: NodeMap, name: str) -> FeatureValue:
+        if nodes.writable(name):
+            raise NodeError(name)
+        return read_feature(nodes, name)
+
+    monkeypatch.setattr("drivers.genicam.nodes.read_feature", read_unless_writable)
+
+    def noting(method: str) -> None:
+        original = getattr(AravisNodes, method)
+
+        def note(nodes: AravisNodes, name: str, *value: object) -> None:
+            names.add(name)
+            original(nodes, name, *value)
+
+        monkeypatch.setattr(AravisNodes, method, note)
+
+    for method in ("write", "execute"):
+        noting(method)
+    return names

@@ -38,9 +38,9 @@ from imaging.errors import (
 from imaging.exposure import ExposureSetting
 from imaging.frames import Frame
 from imaging.pixels import PixelFormat
-from tests.drivers import camera_contract
-from tests.drivers.aravis.written import SELECTORS, names_written
-from tests.drivers.camera_contract import CameraContract
+from tests.drivers import test_camera_contract as camera_contract
+from tests.drivers.aravis.grey_card import SELECTORS, names_written
+from tests.drivers.test_camera_contract import CameraContract
 from tests.fakes import FakeCamera, camera_on_this_bus, fake_camera
 from tests.meanwhile import wait_until
 

@@ -26,10 +26,18 @@ from imaging.exposure import ExposureSetting
 from imaging.frames import Frame
 from imaging.pixels import PixelFormat
 from tests.data import data
-from tests.drivers.aravis.grey_card import NAME_SPACE, TRANSPORT, GreyCard, frames_until, grey_of, served
-from tests.drivers.aravis.written import SELECTORS, names_written
+from tests.drivers.aravis.grey_card import (
+    NAME_SPACE,
+    SELECTORS,
+    TRANSPORT,
+    GreyCard,
+    frames_until,
+    grey_of,
+    names_written,
+    served,
+)
 from tests.fakes import unique
-from tests.xml_cameras import COMBINATIONS, REAL, features, xml_camera
+from tests.xml_cameras import COMBINATIONS, REAL, xml_camera
 
 pytestmark = pytest.mark.wire
 
@@ -192,10 +200,3 @@ def check_words(worn: Worn, camera: AravisCamera) -> None:
     assert ("no TriggerOverlap" in limitations) == ("TriggerOverlap" not in nodes)
     assert ("inferred from when it was written" in limitations) == (not worn.tells_by_chunks)
     assert "gamma" not in limitations
-
-
-def test_the_combinations_are_distinct_and_say_what_they_declare() -> None:
-    assert len(set(COMBINATIONS)) == len(COMBINATIONS) == 20
-    for number in range(len(COMBINATIONS)):
-        nodes = Description.from_bytes(xml_camera(number), "").nodes
-        assert {name for name, (type_, _) in features(COMBINATIONS[number]).items() if type_} <= nodes.keys()

@@ -14,14 +14,12 @@ pytestmark = pytest.mark.wire
 
 HERE = Path(__file__).parent
 DIALECTS = HERE / "test_dialects_on_the_wire.py"
-RUNTIME = REPOSITORY / "tests/autoexpose_daemon/runtime"
 SUITES = [
     HERE / "test_camera_contract.py",
     DIALECTS,
     HERE / "test_shapes_on_the_wire.py",
     HERE / "test_pixel_formats_on_the_wire.py",
-    RUNTIME / "test_daemon.py",
-    RUNTIME / "test_features.py",
+    REPOSITORY / "tests/autoexpose_daemon/runtime/test_daemon.py",
 ]
 PORTS = len(COMBINATIONS)
 """As many cameras as the dialects need at a time."""

@@ -133,7 +133,6 @@ def test_it_runs_freely_at_its_rate(name: str, cameras: dict[str, Shaped]) -> No
     [
         shape("no exposure", BY_LINE, "neither ExposureTime nor ExposureTimeAbs can be written"),
         shape("a rate alone", FREELY, "neither ExposureTime nor ExposureTimeAbs can be written"),
-        shape("nothing", FREELY, "neither ExposureTime nor ExposureTimeAbs can be written"),
         shape("no picture", BY_LINE, "it has no PixelFormat"),
         shape("a time alone", BY_LINE, "no hardware trigger line, and no AcquisitionFrameRate to run freely at"),
         shape("a time alone", FREELY, "no AcquisitionFrameRate to set"),
@@ -146,7 +145,6 @@ def test_it_runs_freely_at_its_rate(name: str, cameras: dict[str, Shaped]) -> No
         shape("no bounds", BY_LINE, "the bounds of node ExposureTime are not numbers"),
         shape("by the pulse", BY_LINE, "ExposureMode is TriggerWidth and cannot be Timed"),
         shape("always automatic", BY_LINE, "ExposureAuto has no Off, only Continuous"),
-        shape("fixed at another trigger", BY_LINE, "no FrameStart .* TriggerSelector offers AcquisitionStart"),
         shape("no payload size", BY_LINE, "it has no PayloadSize"),
         shape("no start", BY_LINE, "could not start acquisition: .*AcquisitionStart"),
         shape("integers", BETWEEN, r"whole numbers of Hz, such as 50, but not at 49\.6 Hz"),

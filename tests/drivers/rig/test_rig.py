@@ -15,7 +15,7 @@ import numpy as np
 from drivers.camera import Camera, CameraDescription, RefusedPackets
 from drivers.rig import Rig
 from drivers.rig.events import CameraGone, CameraReady, FrameArrived, RigEvent, WriteFailed, Written
-from imaging.errors import CameraLostError, CameraNotFoundError, NodeError
+from imaging.errors import CameraLostError, NodeError
 from imaging.exposure import ExposureLimits, ExposureSetting
 from imaging.frames import Frame, Side
 
@@ -116,22 +116,6 @@ def test_only_the_latest_waiting_setting_is_written_and_not_early() -> None:
         assert written.asked.exposure_time_us == 3000.0
         assert written.started_ns >= not_before_ns
     assert [setting.exposure_time_us for setting in camera.written] == [1000.0, 3000.0]
-
-
-def test_a_camera_that_cannot_be_opened_is_retried() -> None:
-    camera = ScriptedCamera()
-    attempts: list[int] = []
-
-    def opener() -> Camera:
-        attempts.append(1)
-        if len(attempts) < 3:
-            raise CameraNotFoundError("no camera S")
-        return camera
-
-    with running({"left": opener}) as rig:
-        assert not wait_for(rig, CameraGone).final
-        wait_for(rig, CameraReady)
-    assert len(attempts) == 3
 
 
 def test_a_lost_camera_is_reopened_with_the_last_wanted_setting_and_does_not_disturb_the_other() -> None:

@@ -308,18 +308,6 @@ def test_cameras_that_wait_for_an_absent_trigger_lose_nothing(periods: int) -> N
     assert account.tally.triggers == 0
 
 
-@pytest.mark.parametrize("periods", [50, 400, 1400])
-def test_a_silent_camera_is_not_excused_by_the_shutdown(periods: int) -> None:
-    rig = FakeRig()
-    rig.pulses(3)
-    rig.pulse(right="silent")
-    rig.pulses(periods, right="absent")
-    lost = rig.close()
-    assert "shutdown" not in lost
-    assert sum(lost.values()) == periods + 1
-    assert set(lost) <= {"right_missing", "trigger_ignored"}
-
-
 @pytest.mark.parametrize(("newest", "goes_on_after"), [(3, 2), (20, 0)])
 def test_a_free_run_goes_on_after_a_frame_id_that_comes_twice_or_a_counter_that_restarts(
     newest: int, goes_on_after: int

@@ -1,4 +1,4 @@
-"""Acquisition in virtual time, and the device's threads on a real clock."""
+"""The device's threads on a real clock, and action commands by its own clock."""
 
 from __future__ import annotations
 
@@ -12,12 +12,15 @@ from queue import Queue
 import numpy as np
 import pytest
 
-from fake_camera.device.acquisition import Acquisition, Exposure
+from fake_camera.device.actions import ActionOutcome, Actions
 from fake_camera.device.device import Device
-from fake_camera.device.faults import JUMP_NS, Fault, FaultOrder
-from fake_camera.device.features import Features
+from fake_camera.device.faults import JUMP_NS, LATE_NS, Fault, FaultOrder
 from fake_camera.device.line0 import Line0
 from fake_camera.imaging import ExposedFrame, ImageSettings, Pixels
+from fake_camera.ptp.clock import Clock
+from fake_camera.ptp.messages import PortIdentity
+from fake_camera.ptp.slave import PortState, Slave
+from tests.fake_camera.gige import gige_client
 from tests.fake_camera.gige.gige_client import Ramp
 from tests.meanwhile import wait_until
 
@@ -25,167 +28,6 @@ MS = 1_000_000
 PATIENCE_S = 20.0
 SOON_TRIGGERS = 30
 NO_FAULTS: frozenset[str] = frozenset()
-
-
-class Bench:
-    """An acquisition at 16 ms per pulse, on a clock that the test sets."""
-
-    def __init__(self) -> None:
-        self.now_ns = 0
-        self.features = Features("S1", 720, 540, lambda: 0, lambda: self.now_ns)
-        self.acquisition = Acquisition(self.features)
-        for name in ("ExposureAuto", "GainAuto"):
-            self.features.set(name, "Off")
-
-    def await_line0(self, exposure_ms: float, overlap: str) -> None:
-        self.features.set("TriggerMode", "On")
-        self.features.set("TriggerOverlap", overlap)
-        self.features.set("ExposureTime", exposure_ms * 1e3)
-        self.acquisition.start(self.now_ns)
-
-    def pulse(self, time_ms: float, number: int = 0, faults: frozenset[str] = NO_FAULTS) -> Exposure | None:
-        self.now_ns = round(time_ms * MS)
-        return self.acquisition.pulse(number, self.now_ns, faults, wired=True)
-
-    def exposed(self, time_ms: float, number: int = 0, faults: frozenset[str] = NO_FAULTS) -> Exposure:
-        exposure = self.pulse(time_ms, number, faults)
-        assert exposure is not None
-        return exposure
-
-    def free_run_starts_ms(self, count: int) -> list[float]:
-        starts = []
-        for _ in range(count):
-            start_ns = self.acquisition.free_run_start_ns(self.now_ns)
-            assert start_ns is not None
-            self.acquisition.free_run(start_ns)
-            starts.append(start_ns / MS)
-        return starts
-
-
-@pytest.fixture
-def bench() -> Bench:
-    return Bench()
-
-
-def test_each_pulse_makes_an_exposure_with_its_number_and_time(bench: Bench) -> None:
-    bench.await_line0(5.0, "Off")
-    exposures = [bench.exposed(16.0 * n, number=n + 7) for n in range(3)]
-    assert [(e.frame_id, e.trigger, e.start_ns, e.ready_ns) for e in exposures] == [
-        (1, 7, 0, 8 * MS),
-        (2, 8, 16 * MS, 24 * MS),
-        (3, 9, 32 * MS, 40 * MS),
-    ]
-    assert bench.acquisition.pulse(0, 48 * MS, NO_FAULTS, wired=False) is None
-
-
-@pytest.mark.parametrize(
-    ("overlap", "second_ms", "taken"),
-    [
-        ("Off", 4.9, False),  # in the exposure
-        ("ReadOut", 4.9, False),
-        ("Off", 5.1, False),  # in the readout
-        ("ReadOut", 5.1, True),
-        ("Off", 8.0, True),
-        ("ReadOut", 8.0, True),
-    ],
-)
-def test_a_trigger_in_exposure_or_readout_is_dropped(bench: Bench, overlap: str, second_ms: float, taken: bool) -> None:
-    bench.await_line0(5.0, overlap)
-    assert bench.pulse(0.0) is not None
-    assert (bench.pulse(second_ms) is not None) == taken
-    assert bench.acquisition.counters.dropped == (not taken)
-
-
-def test_readouts_follow_each_other_as_long_as_the_region_is_high_and_no_third_image_waits(bench: Bench) -> None:
-    bench.await_line0(0.1, "ReadOut")
-    bench.exposed(0.0)
-    assert bench.exposed(1.0).ready_ns == 0.1 * MS + 2 * 3 * MS
-    assert bench.pulse(2.0) is None
-    bench.exposed(3.2)
-    bench.acquisition.stop()
-    bench.features.set("Height", 180)
-    bench.await_line0(5.0, "Off")
-    assert bench.exposed(20.0).ready_ns == 26 * MS
-
-
-def test_a_write_counts_from_its_own_time_on(bench: Bench) -> None:
-    bench.await_line0(5.0, "ReadOut")
-    first = bench.exposed(0.0)
-    bench.now_ns = 2 * MS
-    bench.features.set("ExposureTime", 1000.0)
-    assert (first.settings.exposure_time_us, first.ready_ns) == (5000, 8 * MS)
-    assert bench.exposed(16.0).settings.exposure_time_us == 1000
-    bench.now_ns = 32 * MS + 1
-    bench.features.set("ExposureTime", 2000.0)
-    late = bench.acquisition.pulse(0, 32 * MS, NO_FAULTS, wired=True)  # whose thread comes after the write
-    assert late is not None
-    assert late.settings.exposure_time_us == 1000
-
-
-def test_pulses_before_the_start_and_after_the_stop_make_nothing(bench: Bench) -> None:
-    bench.now_ns = 10 * MS
-    bench.await_line0(1.0, "Off")
-    assert bench.features.locked("Width")
-    assert bench.acquisition.pulse(0, 9 * MS, NO_FAULTS, wired=True) is None
-    bench.exposed(16.0)
-    bench.acquisition.stop()
-    assert not bench.features.locked("Width")
-    assert bench.pulse(32.0) is None
-    bench.acquisition.start(bench.now_ns)
-    assert bench.exposed(48.0).frame_id == 1
-
-
-def test_triggers_may_be_ignored_or_halved(bench: Bench) -> None:
-    bench.await_line0(1.0, "Off")
-    faults = [NO_FAULTS, *[frozenset({Fault.IGNORE_TRIGGERS})] * 2, NO_FAULTS, *[frozenset({Fault.HALVE_TRIGGERS})] * 3]
-    exposures = [bench.pulse(16.0 * n, n, each) for n, each in enumerate(faults)]
-    assert [e and (e.frame_id, e.trigger) for e in exposures] == [(1, 0), None, None, (2, 3), (3, 4), None, (4, 6)]
-    assert bench.acquisition.counters.ignored == 3
-
-
-def test_a_software_trigger_exposes_only_when_it_is_the_source_and_not_ignored(bench: Bench) -> None:
-    bench.await_line0(1.0, "Off")
-    assert bench.acquisition.software_trigger(16 * MS) is None
-    bench.features.set("TriggerSource", "Software")
-    bench.pulse(32.0, faults=frozenset({Fault.IGNORE_TRIGGERS}))
-    assert bench.acquisition.software_trigger(33 * MS) is None
-    assert bench.acquisition.counters.ignored == 1
-    assert bench.pulse(48.0) is None
-    exposure = bench.acquisition.software_trigger(49 * MS)
-    assert exposure is not None
-    assert (exposure.trigger, exposure.frame_id) == (None, 1)
-
-
-def test_a_frozen_exposure_stays_whatever_is_written(bench: Bench) -> None:
-    bench.await_line0(5.0, "ReadOut")
-    bench.pulse(0.0)
-    bench.features.set("ExposureTime", 1000.0)
-    frozen, free = bench.exposed(16.0, faults=frozenset({Fault.FREEZE_EXPOSURE})), bench.exposed(32.0)
-    assert frozen.settings.exposure_time_us == 5000
-    assert free.settings.exposure_time_us == bench.features.get("ExposureTime") == 1000
-
-
-def test_runs_free_at_the_frame_rate_or_as_fast_as_the_sensor_goes(bench: Bench) -> None:
-    bench.features.set("AcquisitionFrameRate", 50.0)
-    bench.acquisition.start(0)
-    assert bench.free_run_starts_ms(3) == [0, 20, 40]
-    bench.features.set("ExposureTime", 30_000.0)
-    assert bench.free_run_starts_ms(3) == [60, 90, 120]
-    bench.features.set("TriggerMode", "On")
-    bench.now_ns = 500 * MS
-    assert bench.acquisition.free_run_start_ns(500 * MS) is None
-    bench.features.set("TriggerMode", "Off")
-    bench.features.set("AcquisitionFrameRateEnable", False)
-    bench.features.set("ExposureTime", 1000.0)
-    assert bench.free_run_starts_ms(3) == [500, 503, 506]  # it does not make up for the time it was off
-
-
-def test_a_single_frame_ends_the_acquisition(bench: Bench) -> None:
-    bench.features.set("AcquisitionMode", "SingleFrame")
-    bench.acquisition.start(0)
-    bench.free_run_starts_ms(1)
-    assert bench.acquisition.free_run_start_ns(bench.now_ns) is None
-    assert not bench.features.locked("Width")
 
 
 class FlatSource:
@@ -267,20 +109,6 @@ def test_sends_a_frame_for_each_pulse_after_its_readout(device: Device) -> None:
 
 
 @pytest.mark.realtime
-def test_runs_free_after_power_on(device: Device, source: FlatSource) -> None:
-    client = Client(device)
-    device.execute("AcquisitionStart")
-    frames = client.wait(lambda frames: len(frames) >= 3)
-    assert {frame.trigger for frame in frames} == {None}
-    device.execute("AcquisitionStop")
-    device.execute("AcquisitionStart")
-    client.wait(lambda again: len(again) > len(frames) + 1)
-    assert len(set(source.seeds)) == len(source.seeds)  # the noise of two acquisitions differs, too
-    with pytest.raises(KeyError):
-        device.execute("FileOpen")
-
-
-@pytest.mark.realtime
 def test_a_camera_without_power_makes_no_exposures(device: Device) -> None:
     client = Client(device)
     device.execute("AcquisitionStart")  # free run
@@ -305,16 +133,7 @@ def test_nothing_is_sent_after_the_stop(device: Device, source: FlatSource) -> N
     device.execute("AcquisitionStart")
     frames = client.wait(lambda frames: len(frames) > sent)
     assert frames[sent].frame_id == 1
-
-
-@pytest.mark.realtime
-def test_a_source_slower_than_the_trigger_loses_frames_but_not_all(device: Device, source: FlatSource) -> None:
-    source.takes_s = 0.025  # a trigger comes every 0.01 s
-    client = Client(device)
-    trigger_by_line0(device)
-    wait_until(lambda: device.counters.overruns > 0)
-    sent = len(client.frames)
-    client.wait(lambda frames: len(frames) >= sent + 10)
+    assert len(set(source.seeds)) == len(source.seeds)  # the noise of two acquisitions differs, too
 
 
 @pytest.mark.realtime
@@ -432,3 +251,92 @@ def test_rendering_gives_way_as_far_as_it_is_told(niceness: int) -> None:
     with closing(Device(Source(), "S1", niceness=niceness)) as device:
         device.execute("AcquisitionStart")
         assert rendered.get(timeout=10) == min(os.getpriority(os.PRIO_PROCESS, 0) + niceness, 19)
+
+
+S = 1_000_000_000
+EPOCH = 1_700_000_000 * S
+PTP_CLOCK = 0x0200_00FF_FE00_0001
+
+
+def actions(drift_ppm: float = 0.0, *, set_by_master: bool = True) -> tuple[Actions, Clock]:
+    clock = Clock(0, EPOCH, drift_ppm)
+    ptp = Slave(clock, PortIdentity(1), lambda: True)
+    ptp.set_by_master = set_by_master
+    return Actions(clock, ptp), clock
+
+
+def test_an_action_without_a_time_is_for_now_even_without_ptp() -> None:
+    clock = Clock(0)
+    assert Actions(clock, None).command(None, 0) is ActionOutcome.NOW
+    assert Actions(clock, None).command(S, 0) is ActionOutcome.NO_REFERENCE_TIME
+    assert actions(set_by_master=False)[0].command(EPOCH + S, 0) is ActionOutcome.NO_REFERENCE_TIME
+
+
+def test_actions_are_due_by_the_cameras_clock_in_the_order_of_their_times() -> None:
+    waiting, clock = actions(drift_ppm=100.0)
+    for seconds in (20, 10):
+        assert waiting.command(EPOCH + seconds * S, 0) is ActionOutcome.SCHEDULED
+    due_ns = waiting.due_ns()
+    assert due_ns is not None
+    assert abs(due_ns - (10 * S - 1_000_000)) < 200  # its second is shorter by 100 us
+    assert waiting.take(due_ns - 1) is None
+    assert waiting.take(due_ns) == due_ns
+    clock.set(EPOCH + 30 * S, due_ns)  # a jump past the other one
+    assert waiting.take(due_ns) is not None
+    assert waiting.due_ns() is None
+    assert waiting.take(due_ns) is None
+
+
+def waiting_for_actions(camera: Device) -> Queue[ExposedFrame]:
+    frames: Queue[ExposedFrame] = Queue()
+    camera.connect(frames.put)
+    camera.features.set("TriggerMode", "On")
+    camera.features.set("TriggerSource", "Action1")
+    camera.execute("AcquisitionStart")
+    assert camera.ptp is not None
+    camera.ptp.set_by_master = True
+    return frames
+
+
+def test_a_device_exposes_at_once_and_at_the_time_given() -> None:
+    with gige_client.device(ptp_clock=PTP_CLOCK) as camera:
+        frames = waiting_for_actions(camera)
+        before_ns = camera.now_ns()
+        assert camera.action(None) is ActionOutcome.NOW
+        after_ns = camera.now_ns()
+        assert before_ns <= frames.get(timeout=PATIENCE_S).device_time_ns <= after_ns
+        at_ns = camera.now_ns() + S // 10
+        assert camera.action(at_ns) is ActionOutcome.SCHEDULED
+        frame = frames.get(timeout=PATIENCE_S)
+        assert abs(frame.device_time_ns - at_ns) <= 2
+        assert frame.trigger is None
+        camera.features.set("TriggerSource", "Software")
+        assert camera.action(None) is ActionOutcome.NOW
+        camera.features.set("TriggerSource", "Action1")
+        camera.action(camera.now_ns() + S // 10)
+        assert frames.get(timeout=PATIENCE_S).frame_id == 3
+
+
+def test_a_late_action_acts_after_its_time() -> None:
+    with gige_client.device(ptp_clock=PTP_CLOCK) as camera:
+        frames = waiting_for_actions(camera)
+        camera.faults.add(FaultOrder(Fault.LATE_ACTIONS, None, 1))
+        at_ns = camera.now_ns() + S // 10
+        assert camera.action(at_ns) is ActionOutcome.LATE
+        assert abs(frames.get(timeout=PATIENCE_S).device_time_ns - at_ns - LATE_NS) <= 2
+
+
+def test_a_restart_forgets_actions_and_the_time() -> None:
+    with gige_client.device(ptp_clock=PTP_CLOCK) as camera:
+        waiting_for_actions(camera)
+        assert camera.ptp is not None
+        camera.features.set("PtpEnable", True)
+        camera.ptp.poll(time.monotonic_ns())
+        outcomes = [camera.action(camera.now_ns() + 1000 * S) for _ in range(11)]
+        assert outcomes[-1] is ActionOutcome.OVERFLOW
+        camera.execute("DeviceReset")
+        assert camera.features.get("PtpEnable") is False
+        assert camera.ptp.state is PortState.Disabled
+        assert camera.action(camera.now_ns() + 1000 * S) is ActionOutcome.NO_REFERENCE_TIME
+        camera.ptp.set_by_master = True
+        assert camera.action(camera.now_ns() + 1000 * S) is ActionOutcome.SCHEDULED

@@ -1,24 +1,29 @@
-"""EMVA's reference GenApi, which nobody here wrote, examines the fake cameras: `tests.fake_camera.genapi.examiner`.
-
-It is an extra of development (`examiners`) with a licence of its own; where it is not installed these tests skip.
-"""
+"""EMVA's reference GenApi, which nobody here wrote, examines the fake cameras; and every real description makes one."""
 
 from __future__ import annotations
 
 import importlib.util
 import json
+import math
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import closing
+from pathlib import Path
 from typing import Any
 
 import pytest
 
+from fake_camera.device.device import Device
+from fake_camera.genapi.description import Description
+from fake_camera.genapi.evaluator import Evaluator
 from fake_camera.genapi.formula import FormulaError, compile_formula
+from fake_camera.genapi.xml_camera import XmlCamera
 from tests.data import DATA
+from tests.fake_camera.gige.gige_client import Ramp
 from tests.xml_shapes import DRIVEN, FREE_ONLY
 
-pytestmark = pytest.mark.skipif(
+needs_reference = pytest.mark.skipif(
     importlib.util.find_spec("genicam") is None, reason="EMVA's reference GenApi is not installed: pip install genicam"
 )
 
@@ -57,6 +62,7 @@ def check(findings: dict[str, Any]) -> None:
     assert (differ, unusable) == ([], [])
 
 
+@needs_reference
 def test_the_reference_reads_our_own_descriptions_as_we_do_and_each_feature_takes_its_value_back() -> None:
     found = examine(OWN)
     for name, findings in found.items():
@@ -64,6 +70,7 @@ def test_the_reference_reads_our_own_descriptions_as_we_do_and_each_feature_take
         assert findings["usable"] >= 12, name
 
 
+@needs_reference
 @pytest.mark.data
 @pytest.mark.parametrize("name", REAL)
 def test_the_reference_reads_real_descriptions_as_we_do_and_each_feature_takes_its_value_back(name: str) -> None:
@@ -90,6 +97,7 @@ WHOLE_ONLY = (
 """In formulas of floats the reference computes with 32 bits here; Aravis and we do not."""
 
 
+@needs_reference
 @pytest.mark.parametrize("integer", [False, True])
 def test_formulas_mean_what_they_mean_to_the_reference(integer: bool) -> None:
     from tests.fake_camera.genapi.examiner import same, value_of_formula  # noqa: PLC0415 (needs the reference)
@@ -106,3 +114,47 @@ def test_formulas_mean_what_they_mean_to_the_reference(integer: bool) -> None:
         if not same(ours, theirs):
             differ.append((text, ours, theirs))
     assert differ == []
+
+
+NUMBERS = (
+    *("ExposureTime", "ExposureTimeAbs", "ExposureTimeBaseAbs", "Gain", "GainAbs", "GainRaw", "Gamma"),
+    *("Width", "Height", "OffsetX", "OffsetY", "AcquisitionFrameRate", "AcquisitionFrameRateAbs", "GevSCPSPacketSize"),
+)
+ALWAYS_0 = {"OffsetX", "OffsetY"}
+"""While the image is as large as the sensor."""
+
+
+@pytest.fixture(params=REAL)
+def worn(request: pytest.FixtureRequest) -> Iterator[XmlCamera]:
+    path = Path(request.param)
+    with closing(Device(Ramp(), "X1")) as device:
+        yield XmlCamera(Description.from_bytes(path.read_bytes(), path.name), device)
+
+
+@pytest.mark.data
+def test_there_are_descriptions() -> None:
+    assert len(REAL) >= 55
+
+
+@pytest.mark.data
+def test_what_it_drives_has_limits_that_hold_its_value_and_a_smaller_image_has_room_to_move(worn: XmlCamera) -> None:
+    camera = Evaluator(worn.description, worn)
+    parts = [part for node in worn.description.nodes.values() for part in node.parts.get("pFeature", [])]
+    offered = {(part.text or "").strip() for part in parts}
+    there = [name for name in NUMBERS if name in offered and camera.kind(name) not in (None, "Category")]
+    assert worn.not_available == ()
+    assert {"Width", "Height"} < set(there)
+    assert {"ExposureTime", "ExposureTimeAbs"} & set(there)
+    for name in there:
+        value, (low, high), step = camera.value(name), camera.limits(name), camera.bound(name, "Inc")
+        assert low <= value <= high, name
+        assert low < high or name in ALWAYS_0, name
+        assert step is None or step > 0, name
+        if step is not None and math.isfinite(low):
+            assert abs((value - low) / step - round((value - low) / step)) < 1e-5, name
+    for name in ("TriggerMode", "TriggerSource"):
+        entries = {entry.integer("Value", 0) for entry in camera.node(name).entries.values()}
+        assert camera.value(name) in entries
+    for size, offset in (("Width", "OffsetX"), ("Height", "OffsetY")):
+        camera.set(size, camera.limits(size)[0])
+        assert camera.limits(offset)[1] > 0

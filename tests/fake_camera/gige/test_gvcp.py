@@ -1,3 +1,5 @@
+"""The control channel: requests, control privilege, action commands."""
+
 from __future__ import annotations
 
 import struct
@@ -8,12 +10,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from fake_camera.device.device import Device
+from fake_camera.device.faults import Fault, FaultOrder
 from fake_camera.genicam.privilege import ControlPrivilege
 from fake_camera.genicam.registers import Register, RegisterMap, constant, unsigned
+from fake_camera.gige.actions import ActionChannel
 from fake_camera.gige.control_channel import ControlChannel
 from fake_camera.gige.gvcp import Request, Resend
 from tests.fake_camera.gige.gige_client import (
     ACCESS_DENIED,
+    ACTION,
     BAD_ALIGNMENT,
     CCP,
     DISCOVERY,
@@ -31,6 +37,7 @@ from tests.fake_camera.gige.gige_client import (
     WRITEREG,
     GvcpClient,
     command,
+    device,
     gige_camera,
     parse_ack,
 )
@@ -126,16 +133,13 @@ def test_any_payload_is_answered_or_ignored_but_never_fatal(number: int, payload
         (READREG, struct.pack(">I", 0x5000), INVALID_ADDRESS),
         (READREG, struct.pack(">I", 0x2002), BAD_ALIGNMENT),
         (READREG, b"\0\0", INVALID_HEADER),
-        (READREG, b"", INVALID_HEADER),
         (WRITEREG, struct.pack(">II", 0x5000, 1), INVALID_ADDRESS),
         (WRITEREG, struct.pack(">II", VERSION, 1), WRITE_PROTECT),
-        (WRITEREG, struct.pack(">II", 0x2002, 1), BAD_ALIGNMENT),
         (WRITEREG, struct.pack(">II", TEXT, 1), BAD_ALIGNMENT),
         (READMEM, struct.pack(">IHH", VERSION, 0, 2), BAD_ALIGNMENT),
         (READMEM, struct.pack(">IHH", VERSION, 0, 540), INVALID_PARAMETER),
         (READMEM, struct.pack(">IHH", 0xF0, 0, 12), INVALID_ADDRESS),
         (WRITEMEM, struct.pack(">I", TEXT) + bytes(12), BAD_ALIGNMENT),
-        (WRITEMEM, struct.pack(">I", TEXT) + bytes(15), BAD_ALIGNMENT),
         (WRITEMEM, struct.pack(">I", TEXT), INVALID_HEADER),
         (0x0100, b"", NOT_IMPLEMENTED),
     ],
@@ -219,3 +223,136 @@ def test_resend_is_asked_of_the_controlling_host_from_any_port(camera: Camera) -
     assert camera.channel.answer(command(PACKETRESEND, request), (ANNE[0], 6000), camera.now_s) is None
     assert camera.channel.answer(command(PACKETRESEND, request), BERT, camera.now_s) is None
     assert camera.resends == [Resend(0, 5, 2, 4)]
+
+
+ROBOT, OTHER = ("10.0.0.1", 5000), ("10.0.0.2", 5000)
+KEY, GROUP, MASK = 0xCAFE, 7, 0b0110
+ACK, SCHEDULED = 0x01, 0x80
+NO_REF_TIME, OVERFLOW, ACTION_LATE, ERROR = 0x8013, 0x8015, 0x8016, 0x8FFF
+EXTENDED_STATUS = 0x40000
+
+
+@dataclass
+class ActionCamera:
+    device: Device
+    privilege: ControlPrivilege = field(default_factory=ControlPrivilege)
+    request_id: int = 0
+
+    def __post_init__(self) -> None:
+        self.actions = ActionChannel(self.device, self.privilege)
+        self.channel = ControlChannel(RegisterMap([]), self.privilege, lambda _: None, lambda: None, self.actions.act)
+        self.privilege.request(ROBOT, 2, 0.0)
+        for name, value in (
+            ("ActionDeviceKey", KEY),
+            ("ActionGroupKey", GROUP),
+            ("ActionGroupMask", MASK),
+            ("TriggerMode", "On"),
+            ("TriggerSource", "Action1"),
+        ):
+            self.device.features.set(name, value)
+        self.device.execute("AcquisitionStart")
+
+    def send(self, payload: bytes, flags: int = ACK) -> int | None:
+        """The status of the acknowledgement; None when there is none."""
+        self.request_id += 1
+        return self.repeat(payload, flags)
+
+    def repeat(self, payload: bytes, flags: int = ACK) -> int | None:
+        answer = self.channel.answer(command(ACTION, payload, self.request_id, flags), OTHER, 0.0)
+        if answer is None:
+            return None
+        status, ack, request_id, rest = parse_ack(answer)
+        assert (ack, request_id, rest) == (ACTION + 1, self.request_id, b"")
+        return status
+
+    def schedule(self, time_ns: int) -> int | None:
+        return self.send(struct.pack(">IIIQ", KEY, GROUP, MASK, time_ns), ACK | SCHEDULED)
+
+    @property
+    def taken(self) -> int:
+        """How many actions came to the trigger: those during exposure or readout are dropped."""
+        return self.device.counters.exposures + self.device.counters.dropped
+
+
+@pytest.fixture
+def acting() -> Iterator[ActionCamera]:
+    with device(ptp_clock=0x0200_00FF_FE00_0001) as acting:
+        yield ActionCamera(acting)
+
+
+def keys(device_key: int = KEY, group_key: int = GROUP, group_mask: int = MASK) -> bytes:
+    return struct.pack(">III", device_key, group_key, group_mask)
+
+
+def test_an_action_with_the_right_keys_is_carried_out_whoever_sends_it(acting: ActionCamera) -> None:
+    assert acting.send(keys()) == 0
+    assert acting.taken == 1
+    assert acting.send(keys(group_mask=0b1100)) == 0  # one common bit is enough
+    assert acting.send(keys(), flags=0) is None  # nobody asks for an answer
+    assert acting.taken == 3
+    assert acting.repeat(keys(), flags=0) is None  # it acts once
+    assert acting.taken == 3
+
+
+@pytest.mark.parametrize("payload", [keys(device_key=1), keys(group_key=1), keys(group_mask=0b1001)])
+def test_an_action_for_others_is_ignored_without_an_answer(acting: ActionCamera, payload: bytes) -> None:
+    assert acting.send(payload) is None
+    assert acting.taken == 0
+
+
+def test_without_a_client_only_the_unconditional_mode_acts(acting: ActionCamera) -> None:
+    acting.privilege.drop()
+    assert acting.send(keys()) is None
+    acting.device.features.set("ActionUnconditionalMode", "On")
+    assert acting.send(keys()) == 0
+    assert acting.taken == 1
+
+
+def test_an_action_between_a_write_and_its_repetition_does_not_let_it_happen_twice(acting: ActionCamera) -> None:
+    written: list[int] = []
+    channel = ControlChannel(
+        RegisterMap([unsigned(0, lambda: 0, written.append)]),
+        acting.privilege,
+        lambda _: None,
+        lambda: None,
+        acting.actions.act,
+    )
+    write, action = command(WRITEREG, struct.pack(">II", 0, 5), 1), command(ACTION, keys(), 1)
+    for datagram, peer in ((write, ROBOT), (action, OTHER), (write, ROBOT), (action, OTHER)):
+        assert channel.answer(datagram, peer, 0.0) is not None
+    assert (written, acting.taken) == ([5], 1)
+
+
+def test_a_command_cut_short_is_refused(acting: ActionCamera) -> None:
+    assert acting.send(keys()[:-1]) == INVALID_HEADER
+    assert acting.send(keys(), ACK | SCHEDULED) == INVALID_HEADER
+    assert acting.taken == 0
+
+
+def test_a_scheduled_action_needs_a_time_that_a_master_has_set(acting: ActionCamera) -> None:
+    assert acting.schedule(2**63) == NO_REF_TIME
+    assert acting.device.ptp is not None
+    acting.device.ptp.set_by_master = True
+    assert acting.schedule(2**63) == 0
+    assert acting.taken == 0
+
+
+def test_a_late_action_is_carried_out_at_once_and_too_many_are_refused(acting: ActionCamera) -> None:
+    assert acting.device.ptp is not None
+    acting.device.ptp.set_by_master = True
+    assert acting.schedule(acting.device.now_ns()) == ACTION_LATE
+    assert acting.taken == 1
+    assert [acting.schedule(2**62 + number) for number in range(11)] == [0] * 10 + [OVERFLOW]
+    acting.actions.configuration &= ~EXTENDED_STATUS
+    assert acting.schedule(acting.device.now_ns()) == ERROR
+    assert acting.schedule(2**62) == ERROR
+    acting.actions.reset()
+    assert acting.schedule(2**62) == OVERFLOW
+
+
+def test_lost_actions_are_neither_answered_nor_carried_out(acting: ActionCamera) -> None:
+    acting.device.faults.add(FaultOrder(Fault.LOSE_ACTIONS, None, 1))
+    assert acting.send(keys()) is None
+    assert acting.taken == 0
+    assert acting.send(keys()) == 0
+    assert acting.taken == 1

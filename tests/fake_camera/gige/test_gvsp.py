@@ -1,8 +1,13 @@
+"""What a camera sends: its stream, its events, and what a switch lets through."""
+
 from __future__ import annotations
 
+import contextlib
 import socket
 import struct
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
@@ -11,9 +16,11 @@ from hypothesis import strategies as st
 from fake_camera.device.faults import Fault, FaultOrder, Faults
 from fake_camera.genicam.chunks import CHUNKS, chunk_bytes
 from fake_camera.genicam.status import CommandError
-from fake_camera.gige.gvcp import Resend
+from fake_camera.gige.gvcp import Resend, event
 from fake_camera.gige.gvsp import Block, block_id
+from fake_camera.gige.message_channel import MessageChannel
 from fake_camera.gige.stream_channel import StreamChannel
+from fake_camera.gige.switch import Switch
 from fake_camera.imaging import PIXEL_FORMATS, ExposedFrame, ImageSettings
 from tests.fake_camera.gige.gige_client import ramp
 
@@ -68,26 +75,6 @@ def test_leader_and_trailer_of_an_image() -> None:
     leader = struct.unpack(">HHQIIIIIHH", b"".join(block.packet(0))[8:])
     assert leader == (0, 1, 0x123456789, 0x01080001, 720, 540, 8, 4, 0, 0)
     assert b"".join(block.packet(block.last_packet_id))[8:] == struct.pack(">HHI", 0, 1, 540)
-
-
-@pytest.mark.parametrize("pixel_format", ["Mono8", "Mono12", "Mono12p", "Mono10Packed"])
-def test_chunks_are_found_from_the_end(pixel_format: str) -> None:
-    frame = exposed(40, 20, pixel_format)
-    image = bytes(PIXEL_FORMATS[pixel_format].on_the_wire(frame.pixels))
-    names = ["ExposureTime", "Gain", "FrameID", "Timestamp"]
-    payload = image + chunk_bytes(frame, names, "big")
-    found = {}
-    while payload:
-        chunk_id, length = struct.unpack(">II", payload[-8:])
-        assert length <= len(payload) - 8
-        found[chunk_id] = payload[-8 - length : -8]
-        payload = payload[: -8 - length]
-    assert found[CHUNKS["ExposureTime"].chunk_id] == struct.pack(">d", 1234.5)
-    assert found[CHUNKS["Gain"].chunk_id] == struct.pack(">d", 6.02)
-    assert found[CHUNKS["FrameID"].chunk_id] == struct.pack(">Q", 1)
-    assert found[CHUNKS["Timestamp"].chunk_id] == struct.pack(">Q", 0x123456789)
-    assert found[1] == image
-    assert len(found) == 5
 
 
 class Client:
@@ -211,3 +198,104 @@ def test_half_of_the_packets_go_through_and_of_those_sent_again_too(client: Clie
     assert 0.3 * sent < len(arrived) < 0.7 * sent
     client.channel.resend(Resend(0, 1, 0, sent))
     assert 0.3 * sent < len(client.received()) < 0.7 * sent
+
+
+EVENTDATA = 0x00C2
+ITEM = event(0x9001, 5, 123, b"12345678")
+
+
+@contextlib.contextmanager
+def connected(timeout_ms: int) -> Iterator[tuple[MessageChannel, socket.socket]]:
+    """A channel, and the client's end of it."""
+    channel = MessageChannel("127.0.0.1")
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as client:
+        client.bind(("127.0.0.1", 0))
+        client.settimeout(10)
+        channel.timeout_ms, channel.retries = timeout_ms, 2
+        channel.destination = 0x7F000001
+        channel.host_port = client.getsockname()[1]
+        try:
+            yield channel, client
+        finally:
+            channel.close()
+
+
+def message(request_id: int, *, ack_required: bool = True) -> bytes:
+    return struct.pack(">BBHHH", 0x42, ack_required, EVENTDATA, len(ITEM), request_id) + ITEM
+
+
+def test_an_event_is_repeated_until_it_is_acknowledged() -> None:
+    with connected(timeout_ms=50) as (channel, client):
+        channel.send(ITEM)
+        channel.send(ITEM)
+        assert client.recv(100) == message(1)
+        repeated, peer = client.recvfrom(100)
+        assert repeated == message(1)
+        assert peer[1] == channel.source_port
+        for acknowledged, request_id in ((EVENTDATA + 1, 9), (0x81, 1), (EVENTDATA + 1, 1)):  # only the last is one
+            client.sendto(struct.pack(">HHHH", 0, acknowledged, 0, request_id), peer)
+        assert client.recv(100) == message(2)
+
+
+def test_an_event_that_nobody_acknowledges_is_given_up() -> None:
+    with connected(timeout_ms=10) as (channel, client):
+        channel.send(ITEM)
+        channel.send(ITEM)
+        assert [client.recv(100) for _ in range(6)] == [message(1)] * 3 + [message(2)] * 3
+
+
+def test_without_a_timeout_no_acknowledgement_is_asked_for() -> None:
+    with connected(timeout_ms=0) as (channel, client):
+        for request_id in (1, 2):
+            channel.send(ITEM)
+            assert client.recv(100) == message(request_id, ack_required=False)
+
+
+def test_without_a_client_nothing_is_sent() -> None:
+    with connected(timeout_ms=0) as (channel, client):
+        port, channel.host_port = channel.host_port, 0
+        channel.send(ITEM)
+        channel.host_port = port
+        channel.send(ITEM)
+        assert client.recv(100) == message(1, ack_required=False)
+        client.settimeout(0.05)
+        with pytest.raises(TimeoutError):
+            client.recv(100)
+
+
+MBPS, BUFFER_BYTES = 1000.0, 64 * 1024
+PACKET = 8962  # 9000 with Ethernet's framing
+
+
+def test_a_burst_fills_the_buffer_and_the_link_empties_it(tmp_path: Path) -> None:
+    with Switch(tmp_path / "switch", MBPS, BUFFER_BYTES) as switch:
+        passed = [switch.passes(PACKET, 0) for _ in range(10)]
+        assert passed == [True] * 7 + [False] * 3 and switch.dropped == 3
+        assert not switch.passes(PACKET, 50_000)  # 9000 bytes take 72 us
+        assert switch.passes(PACKET, 72_000)
+        assert switch.passes(PACKET, 10_000_000)
+
+
+def test_cameras_share_it(tmp_path: Path) -> None:
+    path = tmp_path / "switch"
+    with Switch(path, MBPS, BUFFER_BYTES) as left, Switch(path, MBPS, BUFFER_BYTES) as right:
+        assert [camera.passes(PACKET, 0) for camera in (left, right) * 5] == [True] * 7 + [False] * 3
+    assert (left.dropped, right.dropped) == (1, 2)
+
+
+@given(st.lists(st.tuples(st.integers(0, 10_000_000), st.integers(100, 9000)), min_size=1))
+def test_no_more_gets_through_than_buffer_and_link_take(
+    tmp_path_factory: pytest.TempPathFactory, packets: list[tuple[int, int]]
+) -> None:
+    times_ns = sorted(time_ns for time_ns, _ in packets)
+    with Switch(tmp_path_factory.mktemp("switch") / "state", MBPS, BUFFER_BYTES) as switch:
+        sizes = [size for _, size in packets]
+        through = sum(size + 38 for time_ns, size in zip(times_ns, sizes, strict=True) if switch.passes(size, time_ns))
+    assert through <= BUFFER_BYTES + (times_ns[-1] - times_ns[0]) * MBPS / 8e3
+
+
+def test_threads_of_one_camera_take_turns(tmp_path: Path) -> None:
+    """Frames and resent packets: a lock on a file does not keep threads of one process apart."""
+    with Switch(tmp_path / "switch", MBPS, BUFFER_BYTES) as switch, ThreadPoolExecutor(8) as threads:
+        passed = list(threads.map(lambda _: switch.passes(PACKET, 0), range(2000)))
+    assert sum(passed) == 7 and switch.dropped == 1993

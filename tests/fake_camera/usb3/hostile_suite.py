@@ -1,6 +1,6 @@
 """Cameras that stop, and servers that lie, do not harm the program under test: its calls end, as with a kernel.
 
-Run by test_usb3_hostile.py, in a process under the shim. A camera that is stopped is one whose server answers nothing,
+Run by test_usb3_camera.py, in a process under the shim. A camera that is stopped is one whose server answers nothing,
 or goes silent in the middle of an answer.
 """
 

@@ -106,27 +106,6 @@ def test_both_cameras_are_found_and_an_absent_one_is_not(fake: Device) -> None:
     wait_until(lambda: list(found()) == [serial_of(fake)])
 
 
-def test_two_cameras_follow_the_trigger_wire_at_once(fake: Device, other: Device) -> None:
-    cameras = [opened(fake), opened(other)]
-    for camera in cameras:
-        camera.set_trigger("Line0")
-        camera.set_string("TriggerOverlap", "ReadOut")
-    streams = [stream_of(camera) for camera in cameras]
-    for camera in cameras:
-        camera.start_acquisition()
-    seen: list[list[tuple[int, int]]] = [[], []]
-    for _ in range(30):
-        for stream, frames in zip(streams, seen, strict=True):
-            buffer = next_buffer(stream)
-            frames.append((buffer.get_frame_id(), buffer.get_timestamp()))
-            stream.push_buffer(buffer)
-    for camera in cameras:
-        camera.stop_acquisition()
-    for frames in seen:  # of which a busy machine may lose some
-        ids, times_ns = np.diff(frames, axis=0).T
-        assert np.allclose(times_ns / ids * RATE_HZ / 1e9, 1.0, atol=1e-3)
-
-
 @pytest.mark.parametrize("ahead", [1, 16])
 def test_transfers_of_many_frames_at_once_come_in_order_and_whole(fake: Device, ahead: int) -> None:
     """As with asynchronous clients; late frames are counted by the camera, and nothing is lost on the way."""

@@ -100,21 +100,6 @@ def test_exec_ends_as_the_command_does() -> None:
     assert process.stderr.endswith("fake camera FAKE-LEFT on USB: no-such-command: No such file or directory\n")
 
 
-@pytest.mark.parametrize(
-    ("arguments", "sentence"),
-    [
-        (["--usb3"], "--usb3 needs a way to reach the camera: --socket PATH, --tcp or --exec COMMAND"),
-        (["--usb3", "--address", "127.0.9.9", "--tcp"], "--address is for GigE Vision cameras: leave out"),
-        (["--socket", "camera"], "--socket is for USB3 Vision cameras: add --usb3"),
-        (["--usb3", "--exec"], "--exec needs a command"),
-    ],
-)
-def test_a_mistake_is_one_sentence(arguments: list[str], sentence: str) -> None:
-    process = run_camera(*arguments)
-    assert process.returncode == 2
-    assert sentence in process.stderr.splitlines()[-1]
-
-
 def test_the_environment_keeps_what_was_preloaded_and_the_cameras_there_were() -> None:
     before = {"LD_PRELOAD": "libother.so", CAMERAS_VARIABLE: "/tmp/a"}
     after = client_environment([Path("/tmp/b")], before)

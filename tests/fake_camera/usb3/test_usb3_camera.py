@@ -1,4 +1,4 @@
-"""The camera over USB/IP, with a client of our own."""
+"""The camera over USB/IP, with a client of our own; and servers that lie, in a process under the shim."""
 
 from __future__ import annotations
 
@@ -48,6 +48,7 @@ from tests.fake_camera.usb3.usb3_client import (
     receive,
     usb3_camera,
 )
+from tests.fakes import run_under_shim
 from tests.meanwhile import wait_until
 
 pytestmark = pytest.mark.wire
@@ -342,3 +343,8 @@ def test_a_stall_takes_the_place_of_a_frame(camera: Device, host: UsbIpClient) -
     assert host.read(STREAM, 1024) == (EPIPE, b"")
     assert host.request(TO_ENDPOINT, CLEAR_FEATURE, 0, STREAM_IN, 0) == (0, b"")
     assert host.read(STREAM, 1024)[1][:4] == b"U3VL"
+
+
+def test_hostile_cameras_under_the_shim(tmp_path: Path) -> None:
+    """Cameras that stop and servers that lie; most of its time is spent waiting."""
+    run_under_shim(Path(__file__).with_name("hostile_suite.py"), tmp_path / "left", tmp_path / "right")

@@ -18,7 +18,7 @@ from imaging.errors import AutoexposeError, ConfigurationError
 from navigation.demo.picture import draw
 from navigation.demo.robot import LENGTH_M, RADIUS_M, SCALE, ControlLine, DemoRobot, Lap, Pose2D, RobotSample, Vehicle
 from navigation.demo.run import LIGHTS, TAUGHT_LUX, laps_in_words
-from tests.autoexpose_daemon.messages.registered_view import registered_view
+from tests.autoexpose_daemon.samples import registered_view
 
 
 def around(errs: bool) -> Vehicle:
