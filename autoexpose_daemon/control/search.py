@@ -79,7 +79,7 @@ class Reference:
         return None
 
 
-class Search(ExposurePolicy):
+class SearchPolicy(ExposurePolicy):
     """Asks for query images until it has found a maximum, and holds that until the picture there changes.
 
     Each query waits for the frame really taken with it.
@@ -103,7 +103,7 @@ class Search(ExposurePolicy):
         """What to ask for after the frame of `query`, or the first one of a search; `held`, if that is its end."""
 
     def forget(self) -> None:
-        """Search afresh."""
+        """SearchPolicy afresh."""
         self.query = self.held = None
 
     def decide(self, observation: Observation) -> Target:

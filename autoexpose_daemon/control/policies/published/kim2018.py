@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from autoexpose_daemon.control.balance import FixedGain
 from autoexpose_daemon.control.metrics.published import entropy_weighted_gradient
 from autoexpose_daemon.control.policy import Observation, Target
-from autoexpose_daemon.control.search import Held, Search
+from autoexpose_daemon.control.search import Held, SearchPolicy
 from autoexpose_daemon.control.setup import ControlSetup
 from imaging.exposure import DB_PER_STOP, ExposureLimits
 
@@ -55,7 +55,7 @@ NEAR_STOPS = 0.2
 """A maximum counts when a sample this near confirms it."""
 
 
-class Kim2018(Search):
+class Kim2018(SearchPolicy):
     """Maximises M_ewg of eq. (12) over exposure time at a fixed gain (Kim et al. 2018).
 
     Asks for the exposure time about which a Gaussian process through all samples knows least, until it knows enough;

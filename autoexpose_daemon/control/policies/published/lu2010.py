@@ -7,7 +7,7 @@ import math
 from autoexpose_daemon.control.balance import FixedRatio
 from autoexpose_daemon.control.metrics.published import entropy
 from autoexpose_daemon.control.policy import Observation, Target
-from autoexpose_daemon.control.search import Held, Search
+from autoexpose_daemon.control.search import Held, SearchPolicy
 from autoexpose_daemon.control.setup import ControlSetup
 
 FIRST_STEP_STOPS = 1.0
@@ -20,7 +20,7 @@ SMALLEST_GAIN = 0.005
 """Bits that a step must bring: less is noise."""
 
 
-class Lu2010(Search):
+class Lu2010(SearchPolicy):
     """Climbs M_e of eq. (2) (Lu et al. 2010; Table 1 of Begin & Hunter: entropy, preset relation, policy unspecified).
 
     Lu's relation makes time and gain one coordinate, the exposure level. How to climb remains open; this is

@@ -10,7 +10,7 @@ from typing import Literal
 from autoexpose_daemon.control.balance import ExposurePriority
 from autoexpose_daemon.control.metrics.published import CombinedQuality
 from autoexpose_daemon.control.policy import Observation, Target
-from autoexpose_daemon.control.search import Held, Search
+from autoexpose_daemon.control.search import Held, SearchPolicy
 from autoexpose_daemon.control.setup import ControlSetup
 from imaging.exposure import DB_PER_STOP
 from imaging.python310 import exp2
@@ -141,7 +141,7 @@ MOST_QUERIES = 40
 """The first simplex, and when the search ends. Chosen here."""
 
 
-class Shin2019(Search):
+class Shin2019(SearchPolicy):
     """Maximises M_q of eq. (14) over log2 of time and gain (Shin et al. 2019): it chooses both itself.
 
     The search of Nelder and Mead asks for query images and waits for the frame really taken with each. It ends when
