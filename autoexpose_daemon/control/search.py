@@ -103,7 +103,7 @@ class SearchPolicy(ExposurePolicy):
         """What to ask for after the frame of `query`, or the first one of a search; `held`, if that is its end."""
 
     def forget(self) -> None:
-        """SearchPolicy afresh."""
+        """Search afresh."""
         self.query = self.held = None
 
     def decide(self, observation: Observation) -> Target:

@@ -62,8 +62,7 @@ def _digest(module: str, policies: tuple[str, ...] = tuple(PLACES)) -> str:
     for name in sorted(reached):
         if name != _IDS:
             state.update(name.encode() + b"\0" + reached[name].read_bytes() + b"\0")
-        weights = reached[name].with_suffix(".npz")  # of a learned policy
-        if weights.exists():
+        for weights in sorted(reached[name].parent.glob("*.npz")):  # of learned policies
             state.update(weights.read_bytes())
     for path in c_files(list(reached.values())):
         state.update(path.read_bytes())

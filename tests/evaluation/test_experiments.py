@@ -94,7 +94,7 @@ def test_a_result_that_cannot_be_saved_ends_the_run_with_a_sentence(tmp_path: Pa
 
 JOBS = {
     policies: Job(measure_policies, {}, policies=policies)
-    for policies in (("begin2022",), ("mehta2020",), ("belief",), None)
+    for policies in (("begin2022",), ("mehta2020",), ("zhang2024",), ("belief",), None)
 }
 
 
@@ -109,7 +109,8 @@ def keys() -> dict[tuple[str, ...] | None, str]:
     ("file", "again"),
     [
         ("renderer.py", set(JOBS)),  # reached through imports
-        ("mehta2020.py", {("mehta2020",), None}),  # loaded by its name
+        ("gamma.py", {("mehta2020",), None}),  # loaded by its name
+        ("zhang2024.npz", {("zhang2024",), None}),
         ("outlook.c", {("belief",), None}),
         ("ids.py", set()),  # another policy in the list changes no result of the others
         ("arena_report.py", set()),
