@@ -25,7 +25,8 @@ def slow_prediction(response: ResponseFunction, delta: float) -> list[float]:
     for grey in range(256):
         x = curve[min(max(grey - response.black_level, 0), len(curve) - 1)] + delta
         right = min(max(bisect.bisect_right(curve, x), 1), len(curve) - 1)
-        share = (x - curve[right - 1]) / (curve[right] - curve[right - 1])
+        step = curve[right] - curve[right - 1]
+        share = (x - curve[right - 1]) / step if step else 1.0  # a plateau at the end, and beyond it
         predicted.append(greys[right - 1] + min(max(share, 0.0), 1.0))
     return predicted
 
