@@ -28,7 +28,7 @@ _KINDS = {
 def open_regular(path: Path) -> BinaryIO:
     """Open a file for reading.
 
-    Raises OSError: also if it is not a regular file; `strerror` completes "cannot be read: ..."; ValueError for a name
+    Raises OSError, also if it is not a regular file; `strerror` completes "cannot be read: ..."; ValueError for a name
     that no file can have.
     """
     _check(path.stat())  # before opening it, to which some devices react
@@ -72,7 +72,7 @@ def read_text(path: Path, most_bytes: int) -> str:
 def replace_file(path: Path, content: bytes) -> None:
     """Write a file in one step: if that fails, a former one stays as it was.
 
-    A former file's mode is kept, and where permitted its owner; a link goes on pointing to it. Raises OSError: also if
+    A former file's mode is kept, and where permitted its owner; a link goes on pointing to it. Raises OSError, also if
     what is there is not a regular file; `strerror` completes "cannot be written: ...".
     """
     target = Path(os.path.realpath(path))

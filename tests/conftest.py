@@ -94,7 +94,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     config.hook.pytest_deselected(items=[item for item in items if left_out(item)])
     items[:] = sorted(
         (item for item in items if not left_out(item)),
-        key=lambda item: (order.get(item.path, len(order)), item.path),
+        key=lambda item: order.get(item.path, len(order)),
         reverse="MUTANT_UNDER_TEST" in os.environ,
     )
 

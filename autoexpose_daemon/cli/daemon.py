@@ -179,7 +179,7 @@ def run_daemon(
 
 @contextmanager
 def _needing(extras: str) -> Iterator[None]:
-    """Say which extras of the package have what cannot be imported."""
+    """Say which extras to install if a module is missing."""
     try:
         yield
     except ImportError as error:

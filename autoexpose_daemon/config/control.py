@@ -71,7 +71,7 @@ class RoiConfig(Section):
     def regions(self) -> dict[Side, Region]:
         """The configured regions; their masks are read once.
 
-        Raises ConfigurationError: the message names the key and the file of a mask that cannot be used.
+        Raises ConfigurationError, which names the key and the file, for a mask that cannot be used.
         """
         return {side: _region(side, region) for side, region in self.configured().items()}
 

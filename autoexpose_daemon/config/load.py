@@ -99,7 +99,7 @@ _OPTIONAL = ("publish", "cameras.right", "control.bracket", "motion.imu")
 def load_config(path: Path) -> Config:
     """Read and check a configuration file, with the calibration and mask files it names.
 
-    Raises ConfigurationError: one sentence for each thing that is wrong, with file and key.
+    Raises ConfigurationError with one sentence for each thing that is wrong, with file and key.
     """
     content = load_mapping(path, "begin with `cameras:`; see docs/configuration.md")
     _refuse_empty(path, content)

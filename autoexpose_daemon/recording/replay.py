@@ -117,7 +117,7 @@ Watch = Callable[[Replay, Replayed], None]
 def report_replay(path: Path, policy_id: str | None, say: Say, watch: Watch | None = None) -> bool:
     """Replay a recording and print the outcome; False when the recorded policy decided differently this time.
 
-    Raises RecordingError, ConfigurationError when the recording cannot be read, or the policy cannot run on it.
+    Raises RecordingError or ConfigurationError when the recording cannot be read, or the policy cannot run on it.
     """
     recording, player = Recording(path), Replay(policy_id)
     second, total = _Figures(), _Figures()

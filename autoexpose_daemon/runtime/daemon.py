@@ -96,8 +96,8 @@ class Daemon:
     def run(self, stop: threading.Event) -> None:
         """Run until `stop` is set, then stop and release the cameras.
 
-        Raises ConfigurationError, UnsupportedCameraError, NodeError when a camera cannot be driven as configured: at
-        the start, or if no other one is left.
+        Raises ConfigurationError, UnsupportedCameraError or NodeError when a camera cannot be driven as configured, at
+        the start or if no other one is left.
         """
         share_one_heap()
         sys.setswitchinterval(_TURN_S)

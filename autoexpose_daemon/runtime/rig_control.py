@@ -111,8 +111,8 @@ class RigControl:
     def take(self, events: Sequence[RigEvent]) -> None:
         """Act on all events since the last call; also called without events, ten times a second.
 
-        Raises ConfigurationError, UnsupportedCameraError, NodeError when a camera cannot be driven as configured: at
-        the start, or if no other one is left.
+        Raises ConfigurationError, UnsupportedCameraError or NodeError when a camera cannot be driven as configured, at
+        the start or if no other one is left.
         """
         pairs = [pair for event in events for pair in self._enter(event)]
         if pairs:

@@ -162,8 +162,8 @@ class FaultOrder:
     def from_json(cls, line: str) -> FaultOrder:
         """The order in a line ``{"fault": NAME, "after_trigger": n or null, "count": n or null}``.
 
-        Without a count it is 1, for ``vanish`` no end. Raises FaultError: the line is no JSON object, or a key, a name
-        or a number in it is wrong.
+        Without a count it is 1, for ``vanish`` no end. Raises FaultError if the line is no JSON object, or a key, a
+        name or a number in it is wrong.
         """
         try:
             order = json.loads(line)
@@ -239,7 +239,7 @@ class Faults:
     def add(self, order: FaultOrder) -> int:
         """Take an order; returns the number of the last trigger before it (-1 before the first).
 
-        Raises FaultError: this camera cannot have the fault, or too many orders wait.
+        Raises FaultError if this camera cannot have the fault, or too many orders wait.
         """
         if order.fault not in self._allowed:
             names = ", ".join(sorted(self._allowed))

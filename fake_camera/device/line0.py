@@ -47,7 +47,7 @@ class Line0:
     ) -> Line0:
         """Join the wire `name`, or start it if this is its first process.
 
-        Raises WireError: the name has other characters, the wire runs at another rate, or its file is not a wire's.
+        Raises WireError if the name has other characters, the wire runs at another rate, or its file is not a wire's.
         """
         if not _NAME.fullmatch(name):
             raise WireError(f"the wire's name {name!r} must be 1 to 64 characters out of letters, digits and _ . -")

@@ -32,7 +32,7 @@ def shim_path() -> Path:
 def client_environment(sockets: Sequence[Path], environment: Mapping[str, str] = os.environ) -> dict[str, str]:
     """The environment in which a program's libusb also sees the cameras at these sockets.
 
-    Raises ShimError: the shim is not built, or a path contains a colon or a blank.
+    Raises ShimError if the shim is not built, or a path contains a colon or a blank.
     """
     shim = str(shim_path())
     for path, forbidden in [*((str(socket), ":") for socket in sockets), (shim, ": ")]:
@@ -50,7 +50,7 @@ def client_environment(sockets: Sequence[Path], environment: Mapping[str, str] =
 def run(command: Sequence[str], sockets: Sequence[Path], stop: threading.Event) -> int:
     """Run a command that sees the cameras at these sockets, until it ends or `stop` is set; returns its exit status.
 
-    Raises ShimError: see `client_environment`; OSError: the command cannot be started.
+    Raises ShimError as `client_environment` does, and OSError if the command cannot be started.
     """
     process = subprocess.Popen(command, env=client_environment(sockets))
 

@@ -175,7 +175,7 @@ def build_image_source(
 ) -> ImageSource:
     """Build the world of one camera. The first image of each pixel format is slow unless kernels are compiled.
 
-    Raises ValueError: one sentence: what is wrong with the file, or that the response function is unknown.
+    Raises ValueError, which says what is wrong with the file, or that the response function is unknown.
 
     Parameters
     ----------

@@ -45,7 +45,7 @@ _NOW = "removed IS NULL"
 class MapFile:
     """A map on disk. Each call that writes is one transaction: after SIGKILL or a power cut it is there, or not at all.
 
-    With `info` a new one is made. Only one process at a time can have a map `writable`. Raises MapError: here and in
+    With `info` a new one is made. Only one process at a time can have a map `writable`. Raises MapError here and in
     all methods, in one sentence that names the file.
     """
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
@@ -141,7 +142,7 @@ HELD_NS = MS
 """And otherwise: by the host's readings of the clocks, once a second."""
 
 
-class HostRun:
+class HostRun(ABC):
     """Two cameras that the host triggers, `rate_hz` times a second, from when the rig opens them."""
 
     def __init__(self, mode: str, rate_hz: float, new_device: Callable[[Side, Clock, int], Device] = Device) -> None:
@@ -154,8 +155,9 @@ class HostRun:
     def let_pass(self, seconds: float) -> None:
         self.rig.run(self.actors, self.rig.clock.now_ns + round(seconds * SECOND))
 
+    @abstractmethod
     def _see_pair(self, step: ControlStep) -> None:
-        raise NotImplementedError
+        """What a run looks at."""
 
     def _see_health(self, _now_ns: int, health: Health) -> None:
         self.said.append(str(health))

@@ -235,7 +235,6 @@ def test_a_curve_spans_its_range() -> None:
     assert sparkline([3.0, 3.0]) == "\u2581\u2581"
 
 
-SILENT_S = 1.0
 FLEETS = REPOSITORY / "docs" / "fleets.md"
 
 

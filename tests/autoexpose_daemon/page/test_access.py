@@ -32,6 +32,8 @@ from tests.autoexpose_daemon.publish.steps import endpoint, wait_until
 from tests.autoexpose_daemon.scripted import scripted_daemon
 from tests.autoexpose_daemon.service.service_process import AUTOEXPOSE
 
+pytestmark = pytest.mark.wire
+
 TOKEN = "0123456789abcdef-token"
 HTML = {"Accept": "text/html"}
 
@@ -198,8 +200,6 @@ def test_a_port_that_is_taken_is_one_sentence(open_page: PageProcess) -> None:
     sentence = f"the page cannot listen on 127.0.0.1 port {open_page.port}: Address already in use"
     assert (taken.returncode, taken.stderr) == (1, f"autoexpose: {sentence}\n")
 
-
-pytestmark = pytest.mark.wire
 
 WHOLE = b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n"
 LARGE = b"x" * (32 << 20)
