@@ -29,9 +29,9 @@ MOST_PIXELS = 60_000
 MOST_PAIRS = 40
 LEAST_PIXELS = 60
 LEAST_POINTS = 20
-"""Variances needed for a verdict, ..."""
+"""Variances needed for a verdict."""
 LEAST_RANGE_STOPS = 1.5
-"""... and the range of light over which they must lie."""
+"""The range of light over which those must lie."""
 LEAST_SIGMA_STEPS = 0.6
 """Noise that makes rounding to grey levels as good as random; its variance is then 1/12 of a step squared."""
 CLEAR_SIGMAS = 5.0

@@ -37,9 +37,9 @@ LATE_PERIODS = 0.2
 instant's."""
 
 LEAD_NS = 50_000_000
-"""A scheduled trigger is sent this long before its time, which survives most pauses of a busy host, or"""
+"""A scheduled trigger is sent this long before its time, which survives most pauses of a busy host."""
 LEAD_PERIODS = 0.9
-"""as much sooner than one period as keeps the camera's queue from running over."""
+"""At high rates it waits until so much of a period is left before one more would overfill the camera's queue."""
 LAST_MOMENT_NS = 2_000_000
 """One that is not sent this long before its time might not arrive in time."""
 

@@ -12,9 +12,9 @@ from drivers.rig.supervision import Slots
 from imaging.frames import SIDES, Frame, Side, StereoPair
 
 SYNCHRONISED_NS = 100_000
-"""A clock this close to its master's is synchronised,"""
+"""A clock this close to its master's is synchronised."""
 LOST_NS = 1_000_000
-"""and stays so up to here."""
+"""One that was synchronised stays so up to here."""
 GOOD_READINGS = 2
 """A second apart. The first may have been taken while the clock was being set."""
 STEP_NS = 5_000_000

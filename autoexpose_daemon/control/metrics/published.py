@@ -88,7 +88,7 @@ class SoftPercentile:
     ) -> None:
         self._percentile = percentile
         self._order = order
-        self._slopes = response_slopes(response)
+        self._slopes = slopes_between_limits(response)
         span = response.saturation - response.black_level
         self._overexposed = math.floor(response.black_level + SATURATED_FROM * span)
         self._even_ranks = np.empty(0)
@@ -146,7 +146,7 @@ class SoftPercentile:
         return np.asarray(np.maximum(np.sin(angles), 0.0) ** self._order)
 
 
-def response_slopes(response: ResponseFunction) -> NDArray[np.float32]:
+def slopes_between_limits(response: ResponseFunction) -> NDArray[np.float32]:
     """``dI/dE = f'(f^-1(I))`` in grey levels per stop, float32, shape (256,); 0 at and beyond black and saturation."""
     low, high = response.black_level, response.saturation
     slopes = np.zeros(GREY_LEVELS, np.float32)

@@ -21,7 +21,7 @@ from autoexpose_daemon.control.metrics.published import (
     gradient_uniformity,
     median_gradient,
     noise_level,
-    response_slopes,
+    slopes_between_limits,
 )
 from imaging.response import ResponseFunction
 
@@ -206,11 +206,11 @@ def test_the_derivative_is_the_change_per_stop() -> None:
 
 
 def test_slopes_are_those_of_the_response() -> None:
-    slopes = response_slopes(LINEAR)
+    slopes = slopes_between_limits(LINEAR)
     assert slopes[100] == pytest.approx(100 * math.log(2), rel=1e-3)
     assert slopes[0] == slopes[255] == 0
     kinked = ResponseFunction(np.arange(256) / 32, black_level=10, saturation=240)
-    assert response_slopes(kinked)[[10, 11, 100, 239, 240]].tolist() == [0, 32, 32, 32, 0]
+    assert slopes_between_limits(kinked)[[10, 11, 100, 239, 240]].tolist() == [0, 32, 32, 32, 0]
 
 
 @pytest.mark.parametrize("grey", [0, 100, 255])
