@@ -24,7 +24,7 @@ from autoexpose_daemon.demo.options import SIZES
 from autoexpose_daemon.demo.reference_step import ReferenceStep, synthetic_frames
 from drivers.host import share_one_heap
 from imaging.exposure import ExposureLimits, ExposureSetting
-from imaging.frames import Frame, StereoPair
+from imaging.frames import Frame, FrameSet
 from imaging.pixels import PIXEL_FORMATS, SAMPLES, PixelFormat, Pixels
 from imaging.response import ResponseFunction
 
@@ -58,7 +58,7 @@ class Case:
 
     def _decide(self, turn: int) -> None:
         left, right = self._frames(turn)
-        self._loop.step(StereoPair(turn, {"left": left, "right": right}))
+        self._loop.step(FrameSet(turn, {"left": left, "right": right}))
 
     def _planes_of(self, turn: int) -> None:
         for frame in self._frames(turn):

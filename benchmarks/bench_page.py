@@ -24,7 +24,7 @@ from autoexpose_daemon.publish.publisher import Publisher
 from autoexpose_daemon.status.describe import describe
 from autoexpose_daemon.status.telemetry import Telemetry
 from imaging.exposure import ExposureSetting
-from imaging.frames import Frame, StereoPair
+from imaging.frames import Frame, FrameSet
 
 RATE_HZ = 60.0
 MEASURED_S = 15.0
@@ -60,12 +60,12 @@ def publishing() -> Iterator[None]:
             trigger += 1
             now_ns = time.monotonic_ns()
             frame = Frame(pixels, 8, trigger, now_ns, now_ns, now_ns, SETTING)
-            publisher(ControlStep(StepInputs(StereoPair(trigger, {"left": frame, "right": frame})), DECISION))
+            publisher(ControlStep(StepInputs(FrameSet(trigger, {"left": frame, "right": frame})), DECISION))
 
     telemetry = Telemetry()
     config = PublishConfig(listen=(ENDPOINT,))
     with Publisher(
-        config, 2, lambda _last: {rig_key("rig", "status"): describe(telemetry, CONFIG).to_json()}
+        config, ("left", "right"), lambda _last: {rig_key("rig", "status"): describe(telemetry, CONFIG).to_json()}
     ) as publisher:
         thread = threading.Thread(target=run)
         thread.start()

@@ -10,7 +10,7 @@ import numpy as np
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.messages.frames import MessageWriter, read_exposure_info, read_image, realtime_offset_ns
 from imaging.exposure import ExposureSetting
-from imaging.frames import Frame, StereoPair
+from imaging.frames import Frame, FrameSet
 
 TURNS = 300
 SETTING = ExposureSetting(1000.0, 0.0)
@@ -29,7 +29,7 @@ def median_us(work: Callable[[], object]) -> float:
 def main() -> None:
     pixels = np.random.default_rng(0).integers(0, 256, (540, 720)).astype(np.uint8)
     frame = Frame(pixels, 8, 1, 1, 1, 1, SETTING)
-    pair = StereoPair(1, {"left": frame, "right": frame})
+    pair = FrameSet(1, {"left": frame, "right": frame})
     writer = MessageWriter("rig", 2)
 
     def write() -> dict[str, bytes]:

@@ -20,7 +20,7 @@ from fake_camera.imaging import ImageSettings
 from fake_camera.world.lighting import LightScript
 from fake_camera.world.simulation import build_image_source
 from imaging.exposure import ExposureLimits, ExposureSetting
-from imaging.frames import Frame, StereoPair
+from imaging.frames import Frame, FrameSet
 from imaging.response import ResponseFunction
 
 LIGHTS = {"bright, 250 us, 0 dB": ExposureSetting(250.0, 0.0), "dim, 60 us, 24 dB": ExposureSetting(60.0, 24.0)}
@@ -44,8 +44,8 @@ def main() -> None:
             print(f"{name:20}  {compression.name:11}  {cost}")
 
 
-def views(setting: ExposureSetting) -> list[StereoPair]:
-    sources = [build_image_source("room", side, LightScript.default(), 0) for side in ("left", "right")]
+def views(setting: ExposureSetting) -> list[FrameSet]:
+    sources = [build_image_source("room", camera, LightScript.default(), 0) for camera in ("left", "right")]
     taken = ImageSettings(setting.exposure_time_us, setting.gain_db, 0.0, 1.0, "Mono8", 0, 0, 720, 540, 1, 1)
     pairs = []
     for index in range(PAIRS):
@@ -53,11 +53,11 @@ def views(setting: ExposureSetting) -> list[StereoPair]:
             Frame(source.take(index / 10, taken, noise_seed=index), 8, index, index, index, index, setting)
             for source in sources
         )
-        pairs.append(StereoPair(index, {"left": left, "right": right}))
+        pairs.append(FrameSet(index, {"left": left, "right": right}))
     return pairs
 
 
-def record(path: Path, pairs: list[StereoPair], loop: ControlLoop) -> float:
+def record(path: Path, pairs: list[FrameSet], loop: ControlLoop) -> float:
     """Median time per pair over rounds of all pairs, ms."""
     decision = loop.step(pairs[0])
     recording = file.RecordingFile(path, "rig")

@@ -95,7 +95,7 @@ def attempt(who: Who, cell: Cell, rate_hz: float, seconds: float) -> Trial:
     command += [f"{rate_hz:.6g}", f"{seconds:g}"]
     with tempfile.TemporaryDirectory() as folder:
         if cell.transport == "usb3":
-            sockets = [f"{folder}/{side}" for side in ("left", "right")]
+            sockets = [f"{folder}/{camera}" for camera in ("left", "right")]
             command = [sys.executable, "-m", "fake_camera.usb3", *sockets, "--", *command]
         run = subprocess.run(command, capture_output=True, text=True, timeout=TRIAL_TIMEOUT_S, check=False)
     try:

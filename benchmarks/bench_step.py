@@ -29,7 +29,7 @@ from autoexpose_daemon.control.policies.published.begin2022 import DEGREE, DELTA
 from autoexpose_daemon.control.search import PolynomialFit
 from autoexpose_daemon.demo.reference_step import ReferenceStep, synthetic_frames
 from imaging.exposure import ExposureLimits, ExposureSetting
-from imaging.frames import Frame, StereoPair
+from imaging.frames import Frame, FrameSet
 from imaging.response import ResponseFunction, prediction_tables
 
 SETTING = ExposureSetting(1000.0, 10.0)
@@ -49,7 +49,7 @@ def step_of(frames: tuple[np.ndarray, ...], motion: MotionId) -> Callable[[int],
 
     def step(turn: int) -> None:
         frame = Frame(frames[turn % 2], 8, turn, turn * FRAME_NS, 0, 0, SETTING)
-        loop.step(StereoPair(turn, {"left": frame}))
+        loop.step(FrameSet(turn, {"left": frame}))
 
     return step
 
@@ -60,9 +60,9 @@ def decision_on_pair(policy_id: str, frames: tuple[np.ndarray, ...]) -> Callable
 
     def step(turn: int) -> None:
         left, right = (
-            Frame(frames[side], 8, turn, turn * FRAME_NS, 0, 0, SETTING) for side in (turn % 2, 1 - turn % 2)
+            Frame(frames[camera], 8, turn, turn * FRAME_NS, 0, 0, SETTING) for camera in (turn % 2, 1 - turn % 2)
         )
-        loop.step(StereoPair(turn, {"left": left, "right": right}))
+        loop.step(FrameSet(turn, {"left": left, "right": right}))
 
     return step
 
@@ -73,8 +73,8 @@ def floor_of(frames: tuple[np.ndarray, ...]) -> Callable[[int], object]:
 
     def step(turn: int) -> None:
         images = [
-            preparation.prepare(frames[(turn + side) % 2], filtered=False)
-            for side, preparation in enumerate(preparations)
+            preparation.prepare(frames[(turn + camera) % 2], filtered=False)
+            for camera, preparation in enumerate(preparations)
         ]
         for image in images:
             contrast(image, bins)

@@ -138,8 +138,8 @@ def measure(receiver: Alone | WithControl, cameras: FakeCameras, seconds: float)
         "pairs_per_s": pairs / took_s,
         "lost": all_lost - lost,
         "receiver_ms": 1e3 * spent_s / max(pairs, 1),
-        "cameras_late": sum(camera.overruns for camera in cameras.both),
-        "cameras_ms": 1e3 * sum(camera.cpu_s for camera in cameras.both) / max(all_sent, 1),
+        "cameras_late": sum(camera.overruns for camera in cameras.all),
+        "cameras_ms": 1e3 * sum(camera.cpu_s for camera in cameras.all) / max(all_sent, 1),
     }
     if isinstance(receiver, WithControl):
         telemetry, tally = receiver.daemon.telemetry, receiver.daemon.tally

@@ -19,7 +19,8 @@ from drivers.genicam.metadata import FRAMES_AFTER
 from drivers.setup import CameraSetup, TriggerSetup
 from imaging.errors import CameraError
 from imaging.exposure import ExposureLimits, ExposureSetting
-from imaging.frames import SIDES, Frame, Side
+from imaging.frames import Frame
+from imaging.geometry import SIDES, Side
 from imaging.pixels import Layout, PixelFormat, Pixels, light_samples
 
 PATIENCE_S = 3.0

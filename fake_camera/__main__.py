@@ -69,6 +69,8 @@ def _run(
             corner_light=options.corner_light,
             steered=steered,
             size=options.size,
+            yaw_deg=options.yaw_deg,
+            sunlit_stops=options.sunlit_stops,
         )
         warm_up(source, options.pixel_format)
         if options.line0_rate_hz is None:

@@ -41,6 +41,8 @@ def parse_arguments(arguments: list[str]) -> argparse.Namespace:
     add("--switch", type=_switch, metavar="FILE,MBPS,KIB", help="send through a switch, shared by all that name FILE")
     add("--serial", default="FAKE-LEFT", help="its serial number (%(default)s)")
     add("--side", choices=["left", "right"], default="left", help="its side of the stereo rig (%(default)s)")
+    add("--yaw-deg", type=_yaw, default=0.0, metavar="DEG", help="how far its pair is turned right (%(default)s)")
+    add("--sunlit-stops", type=_sun, default=0.0, metavar="N", help="more light on what it sees (%(default)s)")
     add("--line0", metavar="NAME", help="trigger wire, shared by all cameras that name it (none)")
     add(
         "--line0-rate-hz",
@@ -89,6 +91,8 @@ def _refuse_contradictions(parser: argparse.ArgumentParser, options: argparse.Na
         parser.error("--steered needs --control SOCKET and --line0 NAME, and the scene `room`")
     if options.steered and (options.still or options.light is not None):
         parser.error("--steered: orders say how the camera moves and how bright it is, leave out --still and --light")
+    if (options.yaw_deg or options.sunlit_stops) and options.scene != "room":
+        parser.error("--yaw-deg and --sunlit-stops are for the scene `room`: leave them out")
     for name in ("switch", "ptp", "second_address"):
         if options.usb3 and getattr(options, name) is not None:
             parser.error(f"--{name.replace('_', '-')} is for GigE Vision cameras: leave it out")
@@ -152,6 +156,14 @@ def _switch(text: str) -> tuple[Path, float, int]:
 
 def _f_number(text: str) -> float:
     return _number(text, float, 0.5, 32)
+
+
+def _yaw(text: str) -> float:
+    return _number(text, float, -360, 360)
+
+
+def _sun(text: str) -> float:
+    return _number(text, float, 0, 10)
 
 
 def _corner_light(text: str) -> float:

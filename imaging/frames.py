@@ -1,10 +1,10 @@
-"""Frames and stereo pairs, each with the exposure it was actually taken with."""
+"""Frames, and the set of them that one trigger makes, each with the exposure it was actually taken with."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
-from typing import Final, Literal, get_args
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from imaging.exposure import ExposureSetting
 from imaging.pixels import Layout, Pixels, grey_plane, sparse
 
-Side = Literal["left", "right"]
-SIDES: Final[tuple[Side, ...]] = get_args(Side)
+CameraName = str
+"""What a configuration calls a camera, such as `left` or `front_left`."""
+
 SettingSource = Literal["chunk", "ledger"]
 ClockTroubleKind = Literal["counter", "stamps", "wrap", "reading", "jump"]
 
@@ -62,27 +63,32 @@ class Frame:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class StereoPair:
-    """The frames of one trigger, by camera, left first; at least one.
+class FrameSet:
+    """The frames of one trigger, by camera, in the order of the configuration; at least one.
 
     A camera is absent if the rig does not have it, or its frame did not arrive.
     """
 
     trigger: int
-    frames: Mapping[Side, Frame]
+    frames: Mapping[CameraName, Frame]
 
     @property
-    def reference_side(self) -> Side:
-        """The camera that decisions refer to: the left one if present, else the right one."""
+    def reference_camera(self) -> CameraName:
+        """The camera that decisions refer to: the first one present."""
         return next(iter(self.frames))
 
     @property
     def reference(self) -> Frame:
-        """The frame of `reference_side`."""
-        return self.frames[self.reference_side]
+        """The frame of `reference_camera`."""
+        return self.frames[self.reference_camera]
 
     @property
     def mismatched(self) -> bool:
         """Whether the frames were taken with different settings."""
         setting = self.reference.setting
         return not all(frame.setting.agrees_with(setting) for frame in self.frames.values())
+
+    def of(self, cameras: Collection[CameraName]) -> FrameSet | None:
+        """The part of it that some cameras made; None: no frame of theirs."""
+        frames = {camera: frame for camera, frame in self.frames.items() if camera in cameras}
+        return FrameSet(self.trigger, frames) if frames else None

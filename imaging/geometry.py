@@ -6,6 +6,9 @@ from dataclasses import dataclass
 from typing import Final, Literal, get_args
 
 DistortionModel = Literal["plumb_bob", "rational_polynomial", "equidistant"]
+Side = Literal["left", "right"]
+"""Of a stereo pair."""
+SIDES: Final[tuple[Side, ...]] = get_args(Side)
 COEFFICIENTS: Final[dict[DistortionModel, int]] = {"plumb_bob": 5, "rational_polynomial": 8, "equidistant": 4}
 """How many numbers describe each model, named as in ROS; OpenCV calls the last one fisheye, Kalibr the first radtan."""
 

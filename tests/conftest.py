@@ -130,4 +130,4 @@ def brisk(monkeypatch: pytest.MonkeyPatch) -> None:
     """In this process, what publishing does once a second, or tries again after seconds, comes at once."""
     monkeypatch.setattr("autoexpose_daemon.publish.publisher._TELL_S", 0.05)
     monkeypatch.setattr("autoexpose_daemon.publish.session._RETRY_S", 0.1)
-    monkeypatch.setattr("autoexpose_daemon.client.stereo_client._REPORT_S", 0.1)
+    monkeypatch.setattr("autoexpose_daemon.client.rig_client._REPORT_S", 0.1)

@@ -37,7 +37,7 @@ from fake_camera.usb3.run import CAMERAS_VARIABLE
 from fake_camera.usb3.usbip.server import Usb3Server
 from imaging.errors import AutoexposeError, stays
 from imaging.exposure import linear_gain
-from imaging.frames import Frame, StereoPair
+from imaging.frames import Frame, FrameSet
 from tests.data import data
 from tests.fakes import loopback_address, unique
 from tests.meanwhile import meanwhile
@@ -110,7 +110,7 @@ class Watched:
         self.camera = camera
         return camera
 
-    def see(self, pair: StereoPair, decision: Decision | None) -> None:
+    def see(self, pair: FrameSet, decision: Decision | None) -> None:
         self.frames += pair.frames.values()
 
     def settled_after(self, least_gain_db: float = 0.0) -> int | None:

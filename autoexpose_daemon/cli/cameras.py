@@ -84,12 +84,12 @@ def check_config(
     if camera:
         from autoexpose_daemon.runtime.setup import refusals  # noqa: PLC0415
 
-        refused = [f"{file}: cameras.{side}: {error}" for side, error in refusals(config) if error is not None]
+        refused = [f"{file}: cameras.{name}: {error}" for name, error in refusals(config) if error is not None]
         if refused:
             raise ConfigurationError("\n".join(refused))
     for note in config.notes:
         typer.echo(f"{file}: note: {note}")
-    cameras = ", ".join(f"{side} {camera.serial}" for side, camera in config.sides.items())
+    cameras = ", ".join(f"{name} {camera.serial}" for name, camera in config.cameras.items())
     typer.echo(f"{file}: valid: {cameras}; policy {config.control.policy}")
 
 
@@ -104,13 +104,16 @@ def demo(
     policy: Annotated[str, typer.Option(help=f"The policy: {', '.join(POLICY_IDS)}.")] = DEFAULT_POLICY,
     summary: Annotated[Path | None, typer.Option(help="Write the figures of the run to this JSON file.")] = None,
     plot: Annotated[Path | None, typer.Option(help="Plot the run to this PNG file.")] = None,
+    cameras: Annotated[
+        int, typer.Option(help="How many: one, a stereo pair, or pairs that look forward, back and left, 1 to 6.")
+    ] = 2,
     scene: Annotated[str, typer.Option(help="What the cameras see: `room`, or a Radiance .hdr file.")] = "room",
     light: Annotated[Path | None, typer.Option(help="A light script for the fake cameras (YAML).")] = None,
     seed: Annotated[int, typer.Option(help="Seed for room, textures and noise.")] = 0,
     transport: Annotated[Literal["gige", "usb3"], typer.Option(help="GigE Vision or USB3 Vision.")] = "gige",
     rate_hz: Annotated[
         float | None,
-        typer.Option(help="Stereo pairs per second, 2 to 200; by default 60, or down to 2 on a slow machine."),
+        typer.Option(help="Frames per second of each camera, 2 to 200; by default 60, or down to 2 on a slow machine."),
     ] = None,
     still: Annotated[bool, typer.Option("--still", help="The cameras stand still, as on tripods.")] = False,
     publish: Annotated[bool, typer.Option("--publish", help="Publish frames to other processes, as `rig`.")] = False,
@@ -128,7 +131,7 @@ def demo(
         str, typer.Option(help="Size of the sensors: 720x540, 1440x1080, 2048x1536, 2448x2048.")
     ] = "720x540",
 ) -> None:
-    """Expose two fake cameras through lights going on and off: no hardware needed."""
+    """Expose fake cameras through lights going on and off: no hardware needed."""
     from autoexpose_daemon.demo.options import DemoOptions  # noqa: PLC0415
     from autoexpose_daemon.demo.run import run_demo  # noqa: PLC0415
 
@@ -153,6 +156,7 @@ def demo(
         pixel_format,
         size,
         bracket is not None,
+        cameras,
     )
     stop = threading.Event()
     stop_on_signals(stop)

@@ -21,7 +21,7 @@ from autoexpose_daemon.status.counters import Answer, AnsweredShot
 from autoexpose_daemon.status.panel import plain
 from documents.text import readable
 from imaging.errors import AutoexposeError, ConfigurationError
-from imaging.frames import Side
+from imaging.frames import CameraName
 from imaging.python310 import Self
 
 _PATIENCE_S: Final = 10.0
@@ -99,10 +99,12 @@ class ControlClient:
         }  # fmt: skip
         return self.ask({"limits": given})
 
-    def region(self, side: Side, rectangles: Sequence[Rectangle] = (), background_weight: float = 0.0) -> Answer:
+    def region(
+        self, camera: CameraName, rectangles: Sequence[Rectangle] = (), background_weight: float = 0.0
+    ) -> Answer:
         """Count only rectangles of a camera's picture, and the rest with a weight; without any, all of it."""
         boxes = [{"box": box} for box in rectangles]
-        return self.ask({"region": {side: {"rectangles": boxes, "background_weight": background_weight}}})
+        return self.ask({"region": {camera: {"rectangles": boxes, "background_weight": background_weight}}})
 
     def shot(self, exposure_time_us: float, gain_db: float = 0.0) -> AnsweredShot:
         """Have one pair taken with another setting; returns which one that was.
@@ -229,7 +231,7 @@ def limits(
 @ctl_app.command()
 def region(
     context: typer.Context,
-    side: Annotated[Literal["left", "right"], typer.Argument(help="Which camera.")],
+    camera: Annotated[Literal["left", "right"], typer.Argument(help="Which camera.")],
     rectangle: Annotated[
         list[str] | None,
         typer.Option(help="X,Y,WIDTH,HEIGHT in pixels of the frames; give several. Without any, everything counts."),
@@ -238,7 +240,7 @@ def region(
 ) -> None:
     """Change what counts in a camera's picture."""
     boxes = [_box(text) for text in rectangle or []]
-    _show(context, lambda client: client.region(side, boxes, background))
+    _show(context, lambda client: client.region(camera, boxes, background))
 
 
 @ctl_app.command()
@@ -250,7 +252,7 @@ def shot(
     """Take one pair with another setting, and show which one it is."""
     with context.obj as client:
         taken: AnsweredShot = client.shot(time_us, gain_db)
-    frames = ", ".join(f"{side} frame {taken.frame_ids[side]}" for side in sorted(taken.frame_ids))
+    frames = ", ".join(f"{camera} frame {taken.frame_ids[camera]}" for camera in sorted(taken.frame_ids))
     typer.echo(f"trigger {taken.trigger}: {frames}, taken with {taken.setting}")
 
 

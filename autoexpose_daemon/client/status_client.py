@@ -17,13 +17,21 @@ from autoexpose_daemon.control.decision import Grounds
 from autoexpose_daemon.messages.client import LARGEST_RESPONSE_BYTES, response_from_json
 from autoexpose_daemon.messages.frames import DamagedMessageError
 from autoexpose_daemon.messages.inputs import LARGEST_REGISTRATION_BYTES, RegisteredView, read_registration
-from autoexpose_daemon.messages.keys import LOOPBACK, RIG_NAME, check_rig_name, last_but, response_key, rig_key, side_of
+from autoexpose_daemon.messages.keys import (
+    LOOPBACK,
+    RIG_NAME,
+    camera_of,
+    check_rig_name,
+    last_but,
+    response_key,
+    rig_key,
+)
 from autoexpose_daemon.publish.session import Endpoints, SessionHolder
 from autoexpose_daemon.status.document import LARGEST_STATUS_BYTES, Status, grounds_from_json
 from autoexpose_daemon.status.panel import losses, lost_in_words, newest_setting
 from autoexpose_daemon.status.states import State
 from imaging.exposure import ExposureSetting
-from imaging.frames import Side
+from imaging.frames import CameraName
 from imaging.python310 import Self, StrEnum
 from imaging.response import ResponseFunction
 
@@ -57,7 +65,7 @@ class StatusClient:
     def __init__(self, rig: str = "rig", connect: Sequence[str] = (LOOPBACK,), zenoh_file: Path | None = None) -> None:
         check_rig_name(rig)
         self.status: Status | None = None
-        self.responses: dict[Side, ResponseFunction] = {}
+        self.responses: dict[CameraName, ResponseFunction] = {}
         self.trouble = "not connected yet"
         self.rig = rig
         self._heard_s = time.monotonic()
@@ -114,9 +122,9 @@ class StatusClient:
         self._holder.closed.wait()
 
     def _take_response(self, key: str, data: bytes) -> None:
-        side, response = side_of(key), response_from_json(data)
-        if side is not None and response is not None:
-            self.responses[side] = response
+        camera, response = camera_of(key), response_from_json(data)
+        if camera is not None and response is not None:
+            self.responses[camera] = response
 
     def _take_registration(self, _key: str, data: bytes) -> None:
         with contextlib.suppress(DamagedMessageError):  # a damaged one is not shown

@@ -43,7 +43,7 @@ from documents.files import is_whole_png, read_regular
 from documents.text import quoted
 from imaging.errors import ConfigurationError
 from imaging.exposure import ExposureLimits
-from imaging.frames import Side
+from imaging.frames import CameraName
 from imaging.python310 import Self
 
 MOST_MASK_BYTES = 1 << 26
@@ -55,34 +55,9 @@ class RegionConfig(AreaConfig):
 
     mask: FileName | None = None
 
-
-class RoiConfig(Section):
-    """The regions of both cameras; without one, all of the picture counts."""
-
-    left: RegionConfig | None = None
-    right: RegionConfig | None = None
-
-    def configured(self) -> dict[Side, RegionConfig]:
-        """The configured regions, left first."""
-        both: dict[Side, RegionConfig | None] = {"left": self.left, "right": self.right}
-        return {side: region for side, region in both.items() if region is not None}
-
-    @cached_property
-    def regions(self) -> dict[Side, Region]:
-        """The configured regions; their masks are read once.
-
-        Raises ConfigurationError, which names the key and the file, for a mask that cannot be used.
-        """
-        return {side: _region(side, region) for side, region in self.configured().items()}
-
-    def relative_to(self, folder: Path) -> RoiConfig:
-        """The same with mask files below `folder`, unless they are absolute."""
-        return self.model_copy(
-            update={
-                side: region.model_copy(update={"mask": region.mask and folder / region.mask})
-                for side, region in self.configured().items()
-            }
-        )
+    def relative_to(self, folder: Path) -> Self:
+        """The same with its mask file below `folder`, unless that is absolute."""
+        return self.model_copy(update={"mask": self.mask and folder / self.mask})
 
 
 def region_of(key: str, area: AreaConfig) -> Region:
@@ -93,8 +68,8 @@ def region_of(key: str, area: AreaConfig) -> Region:
     return region
 
 
-def _region(side: Side, config: RegionConfig) -> Region:
-    key = f"control.roi.{side}"
+def _region(camera: CameraName, config: RegionConfig) -> Region:
+    key = f"control.roi.{camera}"
     if config.mask is None:
         return region_of(key, config)
     rectangles = tuple(Rectangle(*rectangle.box, rectangle.weight) for rectangle in config.rectangles)
@@ -176,7 +151,7 @@ class ControlConfig(Section):
 
     policy: str = DEFAULT_POLICY
     start: StartConfig | None = None
-    roi: RoiConfig = RoiConfig()
+    roi: dict[CameraName, RegionConfig | None] = {}  # by camera; without one, all of its picture counts
     balance: BalanceId = _TUNING.balance
     flicker_hz: Annotated[Float | Literal["auto"], WrapValidator(_hertz_or_auto)] = _TUNING.flicker_hz or "auto"
     motion: MotionId = _TUNING.motion
@@ -189,6 +164,19 @@ class ControlConfig(Section):
     balance_offset: Annotated[Float, _WITHIN["balance_offset"]] = _TUNING.balance_offset
     mean_target: Annotated[Float, _WITHIN["mean_target"]] = _TUNING.mean_target
     bracket: BracketConfig | None = None
+
+    @cached_property
+    def regions(self) -> dict[CameraName, Region]:
+        """The configured regions; their masks are read once.
+
+        Raises ConfigurationError, which names the key and the file, for a mask that cannot be used.
+        """
+        return {camera: _region(camera, region) for camera, region in self.roi.items() if region is not None}
+
+    def relative_to(self, folder: Path) -> Self:
+        """The same with mask files below `folder`, unless they are absolute."""
+        roi = {camera: region and region.relative_to(folder) for camera, region in self.roi.items()}
+        return self.model_copy(update={"roi": roi})
 
     def parameters(self) -> ControlParameters:
         """What the control loop is tuned with."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
+from itertools import combinations
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -23,19 +24,27 @@ from autoexpose_daemon.config.section import (
     said_of,
 )
 from autoexpose_daemon.messages.frames import Stamp
-from autoexpose_daemon.messages.keys import LAST_ROS2_DOMAIN, LOOPBACK, ROUTER, check_key_expression, check_rig_name
+from autoexpose_daemon.messages.keys import (
+    CAMERA_NAME,
+    LAST_ROS2_DOMAIN,
+    LOOPBACK,
+    ROUTER,
+    check_key_expression,
+    check_rig_name,
+)
 from calibration.gain import GainFile
 from calibration.geometry.file import check_camera, check_pair, load_geometry
 from calibration.geometry.numbers import baseline_note
 from calibration.response.file import ResponseFile
 from calibration.vignetting.file import VignettingFile
+from documents.text import quoted
 from drivers.camera import CameraDescription
 from drivers.genicam.trigger import ACTION, SOFTWARE
 from drivers.setup import FeatureSetting, as_list, parse_features
 from imaging.exposure import ExposureSetting
-from imaging.frames import Side
+from imaging.frames import CameraName
 from imaging.gain_scale import GainScale
-from imaging.geometry import CameraGeometry
+from imaging.geometry import CameraGeometry, Side
 from imaging.pixels import PixelFormat
 from imaging.python310 import Self
 from imaging.response import ResponseFunction
@@ -70,22 +79,30 @@ class CameraConfig(Section):
         return self.model_copy(update={key: path and folder / path for key, path in files.items()})
 
 
-class CamerasConfig(Section):
-    """The cameras of the rig; a rig with one camera has only `left`."""
+MOST_CAMERAS = 8
 
-    left: CameraConfig
-    right: CameraConfig | None = None
 
-    @model_validator(mode="after")
-    def _two_cameras_are_two(self) -> Self:
-        if self.right is None or self.right.serial.casefold() != self.left.serial.casefold():
-            return self
-        if self.right.serial == self.left.serial:
-            raise ValueError(f"left and right are the same camera, {self.left.serial}")
-        raise ValueError(
-            f"left and right differ only in case, {self.left.serial} and {self.right.serial}: give each serial "
-            "as `autoexpose list` shows it"
-        )
+def _named(cameras: dict[CameraName, CameraConfig]) -> dict[CameraName, CameraConfig]:
+    """The cameras of a rig, if their names and serials are such; of a stereo pair, left comes first."""
+    if not 1 <= len(cameras) <= MOST_CAMERAS:
+        raise ValueError(f"names {len(cameras) or 'no'} cameras: give 1 to {MOST_CAMERAS}, each with its serial")
+    for name in cameras:
+        if not CAMERA_NAME.fullmatch(name):
+            raise ValueError(
+                f"{quoted(name)} is no name for a camera: begin with a small letter, then small letters, digits and _"
+            )
+    for (name, camera), (other_name, other) in combinations(cameras.items(), 2):
+        if camera.serial == other.serial:
+            raise ValueError(f"{name} and {other_name} are the same camera, {camera.serial}")
+        if camera.serial.casefold() == other.serial.casefold():
+            raise ValueError(
+                f"{name} and {other_name} differ only in case, {camera.serial} and {other.serial}: give each serial "
+                "as `autoexpose list` shows it"
+            )
+    return dict(sorted(cameras.items(), key=lambda entry: entry[0] == "right"))
+
+
+Cameras = Annotated[dict[CameraName, CameraConfig], AfterValidator(_named)]
 
 
 class ImuConfig(ConnectionConfig):
@@ -180,7 +197,7 @@ class ImageConfig(Section):
 class Config(Section):
     """The whole configuration."""
 
-    cameras: CamerasConfig
+    cameras: Cameras
     trigger: TriggerConfig = TriggerConfig()
     exposure: ExposureConfig = ExposureConfig()
     control: ControlConfig = ControlConfig()
@@ -189,24 +206,30 @@ class Config(Section):
     image: ImageConfig = ImageConfig()
     motion: MotionConfig = MotionConfig()
     publish: PublishConfig | None = None
+    pairs: dict[Name, tuple[CameraName, CameraName]] = {}
 
     @model_validator(mode="after")
     def _sections_fit_each_other(self) -> Self:
-        if self.trigger.mode == "free_run" and self.cameras.right is not None:
+        if self.trigger.mode == "free_run" and len(self.cameras) > 1:
             raise ValueError("trigger.mode free_run is for one camera: two that run freely never see the same instant")
-        if self.trigger.mode == "primary" and self.cameras.right is None:
+        if self.trigger.mode == "primary" and len(self.cameras) == 1:
             raise ValueError("trigger.mode primary needs two cameras: for a single one choose free_run")
-        if self.control.roi.right is not None and self.cameras.right is None:
-            raise ValueError("control.roi.right is given, but cameras.right is not: remove it")
-        if self.response.refine and all(camera.response is None for camera in self.sides.values()):
+        for name in self.control.roi.keys() - self.cameras.keys():
+            raise ValueError(f"control.roi.{name} is given, but cameras.{name} is not: remove it")
+        if self.response.refine and all(camera.response is None for camera in self.cameras.values()):
             raise ValueError(
-                "response.refine needs a response file to refine: give cameras.left.response, or remove it"
+                f"response.refine needs a response file to refine: give cameras.{self.primary}.response, or remove it"
             )
         imu, focal_length_px = self.motion.imu, self.control.focal_length_px
         if imu is not None and focal_length_px is None:
-            raise ValueError("motion.imu needs control.focal_length_px: give the left camera's focal length in pixels")
+            raise ValueError(f"motion.imu needs control.focal_length_px: give that of cameras.{self.primary} in pixels")
         if focal_length_px is not None and imu is None:
             raise ValueError("control.focal_length_px has no effect without motion.imu: give motion.imu, or remove it")
+        for pair, (left, right) in self.pairs.items():
+            if left == right:
+                raise ValueError(f"pairs.{pair} has {left} twice: give its left and its right camera")
+            for name in {left, right} - self.cameras.keys():
+                raise ValueError(f"pairs.{pair} names {quoted(name)}, which is not among cameras")
         period_us = 1e6 / self.trigger.rate_hz
         if self.exposure.max_time_us >= period_us:
             raise ValueError(
@@ -218,25 +241,32 @@ class Config(Section):
         return self
 
     @property
-    def sides(self) -> dict[Side, CameraConfig]:
-        """The configured cameras, left first."""
-        cameras: dict[Side, CameraConfig] = {"left": self.cameras.left}
-        if self.cameras.right is not None:
-            cameras["right"] = self.cameras.right
-        return cameras
+    def primary(self) -> CameraName:
+        """The first camera, which decisions refer to; in `trigger.mode` primary it triggers the others."""
+        return next(iter(self.cameras))
 
     @property
-    def trigger_sources(self) -> dict[Side, str]:
+    def stereo_pairs(self) -> dict[str, tuple[CameraName, CameraName]]:
+        """The left and the right camera of each stereo pair; those named `left` and `right` are one without `pairs`."""
+        given = {"stereo": ("left", "right")} if {"left", "right"} <= self.cameras.keys() else {}
+        return given | self.pairs
+
+    def side_of(self, camera: CameraName) -> Side:
+        """Which camera of its stereo pair it is; a camera of none is a left one."""
+        return "right" if camera in {right for _, right in self.stereo_pairs.values()} else "left"
+
+    @property
+    def trigger_sources(self) -> dict[CameraName, str]:
         """The TriggerSource of each camera that waits for triggers."""
         match self.trigger.mode:
             case "external":
-                return dict.fromkeys(self.sides, self.trigger.line)
+                return dict.fromkeys(self.cameras, self.trigger.line)
             case "primary":
-                return {"right": self.trigger.line}
+                return {name: self.trigger.line for name in self.cameras if name != self.primary}
             case "software":
-                return dict.fromkeys(self.sides, SOFTWARE)
+                return dict.fromkeys(self.cameras, SOFTWARE)
             case "ptp":
-                return dict.fromkeys(self.sides, ACTION)
+                return dict.fromkeys(self.cameras, ACTION)
             case "free_run":
                 return {}
 
@@ -249,84 +279,85 @@ class Config(Section):
         return self.exposure.limits().realise(DEFAULT_START.level, DEFAULT_START.exposure_time_us)
 
     @cached_property
-    def responses(self) -> dict[Side, ResponseFile]:
+    def responses(self) -> dict[CameraName, ResponseFile]:
         """The response file of each camera, read once: linear if none is configured.
 
         Raises ConfigurationError naming key and file if a file cannot be used, or is for another camera or image
         format.
         """
-        files: dict[Side, ResponseFile] = {}
-        for side, camera in self.sides.items():
-            with said_of(f"cameras.{side}.response"):
+        files: dict[CameraName, ResponseFile] = {}
+        for name, camera in self.cameras.items():
+            with said_of(f"cameras.{name}.response"):
                 path = camera.response
                 file = ResponseFile(ResponseFunction.linear()) if path is None else ResponseFile.load(path)
                 file.check_belongs(camera.serial, self.image.pixel_format, self.image.binning)
-            files[side] = file
+            files[name] = file
         return files
 
     @cached_property
-    def gain_scales(self) -> dict[Side, GainScale | None]:
+    def gain_scales(self) -> dict[CameraName, GainScale | None]:
         """The scale of each camera's gain, read once; None if none is configured.
 
         Raises ConfigurationError naming key and file if a file cannot be used, or is for another camera.
         """
-        scales: dict[Side, GainScale | None] = dict.fromkeys(self.sides)
-        for side, camera in self.sides.items():
+        scales: dict[CameraName, GainScale | None] = dict.fromkeys(self.cameras)
+        for name, camera in self.cameras.items():
             if camera.gain_calibration is None:
                 continue
-            with said_of(f"cameras.{side}.gain_calibration"):
+            with said_of(f"cameras.{name}.gain_calibration"):
                 file = GainFile.load(camera.gain_calibration)
                 file.check_belongs(camera.serial)
-            scales[side] = file.scale
+            scales[name] = file.scale
         return scales
 
     @cached_property
-    def calibrations(self) -> dict[Side, CameraGeometry]:
+    def calibrations(self) -> dict[CameraName, CameraGeometry]:
         """The geometry of each camera that has a calibration file, read once.
 
         Raises ConfigurationError naming key and file if a file cannot be used, is for another camera, or does not fit
         the other camera's.
         """
-        geometries: dict[Side, CameraGeometry] = {}
-        for side, camera in self.sides.items():
+        geometries: dict[CameraName, CameraGeometry] = {}
+        for name, camera in self.cameras.items():
             if camera.calibration is not None:
-                with said_of(f"cameras.{side}.calibration"):
-                    geometries[side] = load_geometry(camera.calibration, side)
-                with said_of(f"cameras.{side}.calibration: {camera.calibration}"):
-                    check_camera(geometries[side], camera.serial)
-        check_pair(geometries)
+                with said_of(f"cameras.{name}.calibration"):
+                    geometries[name] = load_geometry(camera.calibration, self.side_of(name))
+                with said_of(f"cameras.{name}.calibration: {camera.calibration}"):
+                    check_camera(geometries[name], camera.serial)
+        for left, right in self.stereo_pairs.values():
+            check_pair(geometries.get(left), geometries.get(right), left, right)
         return geometries
 
     @property
     def notes(self) -> tuple[str, ...]:
         """What the files it names say that few rigs have, one line each."""
-        note = baseline_note(self.calibrations.get("right"))
-        return () if note is None else (f"cameras.right.calibration: {note}",)
+        notes = {right: baseline_note(self.calibrations.get(right)) for _, right in self.stereo_pairs.values()}
+        return tuple(f"cameras.{name}.calibration: {note}" for name, note in notes.items() if note is not None)
 
     @cached_property
-    def vignettings(self) -> dict[Side, VignettingFile]:
+    def vignettings(self) -> dict[CameraName, VignettingFile]:
         """The vignetting file of each camera that has one, read once.
 
         Raises ConfigurationError naming key and file if a file cannot be used, or is for another camera.
         """
-        files: dict[Side, VignettingFile] = {}
-        for side, camera in self.sides.items():
+        files: dict[CameraName, VignettingFile] = {}
+        for name, camera in self.cameras.items():
             if camera.vignetting is not None:
-                with said_of(f"cameras.{side}.vignetting"):
-                    files[side] = VignettingFile.load(camera.vignetting)
-                    files[side].check_belongs(camera.serial)
+                with said_of(f"cameras.{name}.vignetting"):
+                    files[name] = VignettingFile.load(camera.vignetting)
+                    files[name].check_belongs(camera.serial)
         return files
 
-    def check_frames(self, side: Side, description: CameraDescription) -> None:
+    def check_frames(self, name: CameraName, description: CameraDescription) -> None:
         """Refuse files that were made for a different pixel format or size than a camera sends.
 
         Raises ConfigurationError naming key and file.
         """
-        camera = self.sides[side]
-        self.responses[side].check_belongs(camera.serial, description.pixel_format)
-        if side in self.calibrations:
-            with said_of(f"cameras.{side}.calibration: {camera.calibration}"):
-                check_camera(self.calibrations[side], camera.serial, description.size)
-        if side in self.vignettings:
-            with said_of(f"cameras.{side}.vignetting"):
-                self.vignettings[side].check_belongs(camera.serial, description.size)
+        camera = self.cameras[name]
+        self.responses[name].check_belongs(camera.serial, description.pixel_format)
+        if name in self.calibrations:
+            with said_of(f"cameras.{name}.calibration: {camera.calibration}"):
+                check_camera(self.calibrations[name], camera.serial, description.size)
+        if name in self.vignettings:
+            with said_of(f"cameras.{name}.vignetting"):
+                self.vignettings[name].check_belongs(camera.serial, description.size)

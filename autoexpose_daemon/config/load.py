@@ -17,42 +17,42 @@ from documents.text import readable
 from drivers.genicam.features import refuse_driven
 from drivers.setup import CameraSetup, LinkShare, TriggerMode, TriggerSetup
 from imaging.errors import ConfigurationError
-from imaging.frames import Side
+from imaging.frames import CameraName
 
 
-def camera_setup(config: Config, side: Side) -> CameraSetup:
+def camera_setup(config: Config, camera: CameraName) -> CameraSetup:
     """How to open the camera of a side."""
     return CameraSetup(
-        trigger=_trigger(config, side),
+        trigger=_trigger(config, camera),
         pixel_format=config.image.pixel_format,
         binning=config.image.binning,
         packet_size_bytes=config.transport.packet_size_bytes,
-        link_share=LinkShare(len(config.sides), config.transport.link_mbps) if config.transport.plan else None,
-        features=config.sides[side].features,
-        gain_scale=config.gain_scales[side],
-        exposure_count_us=config.sides[side].exposure_count_us,
+        link_share=LinkShare(len(config.cameras), config.transport.link_mbps) if config.transport.plan else None,
+        features=config.cameras[camera].features,
+        gain_scale=config.gain_scales[camera],
+        exposure_count_us=config.cameras[camera].exposure_count_us,
     )
 
 
 def refuse_driven_features(path: Path, config: Config) -> None:
     """Raise ConfigurationError with a sentence for each feature in the file that the daemon drives itself."""
     refused = [
-        f"{path}: cameras.{side}.features: {error}"
-        for side in config.sides
-        for error in refuse_driven(camera_setup(config, side))
+        f"{path}: cameras.{camera}.features: {error}"
+        for camera in config.cameras
+        for error in refuse_driven(camera_setup(config, camera))
     ]
     if refused:
         raise ConfigurationError("\n".join(refused))
 
 
-def _trigger(config: Config, side: Side) -> TriggerSetup:
-    """In mode primary the left camera runs by its own clock, and its exposures trigger the right one."""
+def _trigger(config: Config, camera: CameraName) -> TriggerSetup:
+    """In mode primary the first camera runs by its own clock, and its exposures trigger the others."""
     trigger = config.trigger
     mode: TriggerMode
     output_line = None
     if trigger.mode != "primary":
         mode = trigger.mode
-    elif side == "right":
+    elif camera != config.primary:
         mode = "external"
     else:
         mode, output_line = "free_run", trigger.output_line
@@ -92,7 +92,7 @@ def _stops(range_: str) -> float:
     return math.log2(float(match[1]))
 
 
-_OPTIONAL = ("publish", "cameras.right", "control.bracket", "motion.imu")
+_OPTIONAL = ("publish", "control.bracket", "motion.imu")
 """Sections without which nothing is published, and so on."""
 
 
@@ -111,7 +111,7 @@ def load_config(path: Path) -> Config:
     try:
         config = _with_absolute_paths(config, path.resolve().parent)
         # Read now, so that errors in them are reported now.
-        _ = config.responses, config.gain_scales, config.calibrations, config.vignettings, config.control.roi.regions
+        _ = config.responses, config.gain_scales, config.calibrations, config.vignettings, config.control.regions
     except ConfigurationError as error:
         raise ConfigurationError(f"{path}: {error}") from error
     refuse_driven_features(path, config)
@@ -132,14 +132,13 @@ def _refuse_empty(path: Path, content: Mapping[str, object]) -> None:
 
 def _with_absolute_paths(config: Config, folder: Path) -> Config:
     """Files are relative to the configuration file, wherever the daemon is started."""
-    cameras: dict[str, CameraConfig] = {side: camera.relative_to(folder) for side, camera in config.sides.items()}
-    control = config.control.model_copy(update={"roi": config.control.roi.relative_to(folder)})
+    cameras: dict[str, CameraConfig] = {name: camera.relative_to(folder) for name, camera in config.cameras.items()}
     publish = config.publish and config.publish.relative_to(folder, "publish")
     imu = config.motion.imu and config.motion.imu.relative_to(folder, "motion.imu")
     return config.model_copy(
         update={
-            "cameras": config.cameras.model_copy(update=cameras),
-            "control": control,
+            "cameras": cameras,
+            "control": config.control.relative_to(folder),
             "motion": config.motion.model_copy(update={"imu": imu}),
             "publish": publish,
         }

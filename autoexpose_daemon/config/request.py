@@ -20,6 +20,7 @@ from autoexpose_daemon.config.section import (
 from autoexpose_daemon.control.policies.ids import check_policy_id
 from documents.text import readable
 from imaging.errors import ConfigurationError
+from imaging.frames import CameraName
 from imaging.python310 import Self
 
 LARGEST_REQUEST_BYTES: Final = 1 << 15
@@ -45,19 +46,6 @@ class LimitsRequest(Section):
         return self
 
 
-class RegionRequest(Section):
-    """What counts in the pictures; None: unchanged."""
-
-    left: AreaConfig | None = None
-    right: AreaConfig | None = None
-
-    @model_validator(mode="after")
-    def _names_one(self) -> Self:
-        if self.left is None and self.right is None:
-            raise ValueError("no camera is named: give left, right, or both")
-        return self
-
-
 class ShotRequest(Section):
     """The setting of one pair."""
 
@@ -80,8 +68,20 @@ class Request(Section):
     # used in place of those in the configuration
     policy: str | None = None
     limits: LimitsRequest | None = None
-    region: RegionRequest | None = None
+    region: dict[CameraName, AreaConfig | None] | None = None
     shot: ShotRequest | None = None  # the setting of one pair
+
+    @field_validator("region")
+    @classmethod
+    def _names_a_camera(cls, region: dict[CameraName, AreaConfig | None] | None) -> object:
+        if region is not None and not any(region.values()):
+            raise ValueError("no camera is named: give a region by the name of each camera concerned")
+        return region
+
+    @property
+    def regions(self) -> dict[CameraName, AreaConfig]:
+        """Those that are asked for, by camera."""
+        return {camera: area for camera, area in (self.region or {}).items() if area is not None}
 
     @field_validator("policy", mode="before")
     @classmethod
@@ -111,9 +111,9 @@ class Request(Section):
             yield f"policy {self.policy}"
         if self.limits is not None:
             yield "limits " + " ".join(f"{name} {value:g}" for name, value in self.limits if value is not None)
-        if self.region is not None:
-            areas = {side: len(area.rectangles) for side, area in self.region if area is not None}
-            yield "region " + " and ".join(f"{side} (rectangles: {count})" for side, count in areas.items())
+        if self.regions:
+            areas = {camera: len(area.rectangles) for camera, area in self.regions.items()}
+            yield "region " + " and ".join(f"{camera} (rectangles: {count})" for camera, count in areas.items())
         if self.shot is not None:
             yield self.shot.words
 

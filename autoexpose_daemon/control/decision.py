@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from imaging.exposure import ExposureSetting
-from imaging.frames import Side
+from imaging.frames import CameraName
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +30,7 @@ class SceneHistogram:
 class Grounds:
     """What the latest decision of a policy that plans by a belief rests on."""
 
-    scenes: dict[Side, SceneHistogram]  # what each camera faces
+    scenes: dict[CameraName, SceneHistogram]  # what each camera faces
     level: float  # exposure level of the newest frame, stops
     levels: list[float]  # those that could be decided on, ascending
     worth: list[float]  # what a frame of each level would be worth by itself, as a share of the best

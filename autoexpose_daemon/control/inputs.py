@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autoexpose_daemon.control.parameters import REMEMBERED_STEPS
-from imaging.frames import SIDES, Side
+from imaging.frames import CameraName
 
 WINDOW_FRAMES: Final = 60
 """The light of this many frames, a second at 60 Hz, shows where in a series the rig is, and whether it is right."""
@@ -98,15 +98,13 @@ class TrackedCells:
 
     consumer: str  # who reports
     stamp_ns: int  # stamp of the frame, CLOCK_REALTIME, as in `ReceivedPair.stamp_ns`
-    side: Side  # which camera's frame
+    camera: CameraName  # which camera's frame
     # how many features were looked for in each cell of the frame, and how many of them fit the motion that was found:
     # uint16, (6, 8), the top left cell first
     features: NDArray[np.uint16]
     inliers: NDArray[np.uint16]
 
     def __post_init__(self) -> None:
-        if self.side not in SIDES:
-            raise ValueError(f"a camera named {self.side!r}: give left or right")
         if not isinstance(self.stamp_ns, int | np.integer):
             raise ValueError(f"a stamp of {self.stamp_ns!r}: give the pair's stamp_ns, a whole number")
         features, inliers = np.asarray(self.features), np.asarray(self.inliers)

@@ -21,7 +21,7 @@ from autoexpose_daemon.control.step import StepInputs
 from autoexpose_daemon.control.view import Compensation, View
 from imaging.errors import ConfigurationError
 from imaging.exposure import ExposureSetting
-from imaging.frames import Frame, Side, StereoPair
+from imaging.frames import CameraName, Frame, FrameSet
 from imaging.response import ResponseFunction
 
 REFERENCE_RATE_HZ = 60.0
@@ -49,8 +49,8 @@ class ControlLoop(Stateful):
     _compensation: Built[Compensation | None] = None  # follows from the override
     _seen: Built[list[Look]]
     _past: deque[PastStep]
-    _motions: dict[Side, Motion]
-    _motion_side: Side | None = None
+    _motions: dict[CameraName, Motion]
+    _motion_side: CameraName | None = None
     _motion_px: float = 0.0
     _policy: ExposurePolicy
     _flicker: FlickerWatch | None
@@ -63,11 +63,11 @@ class ControlLoop(Stateful):
         self._policy = build_policy(setup)
         self._flicker = FlickerWatch(setup.responses) if parameters.flicker_hz is None else None
         self._views = {
-            side: View(response, setup.regions.get(side), setup.vignettings.get(side))
-            for side, response in setup.responses.items()
+            camera: View(response, setup.regions.get(camera), setup.vignettings.get(camera))
+            for camera, response in setup.responses.items()
         }
         flow = self._policy.FLOW if parameters.motion == "policy" else parameters.motion
-        self._motions = {side: _MOTIONS[flow](response) for side, response in setup.responses.items()}
+        self._motions = {camera: _MOTIONS[flow](response) for camera, response in setup.responses.items()}
         self._seen = []
         self._past = deque(maxlen=REMEMBERED_STEPS)
 
@@ -82,7 +82,7 @@ class ControlLoop(Stateful):
         return self._policy.OBJECTIVE
 
     @property
-    def uncounted(self) -> Mapping[Side, str]:
+    def uncounted(self) -> Mapping[CameraName, str]:
         """The cameras whose frames the policy does not count at present, and why, in words to follow "left camera"."""
         return self._policy.uncounted
 
@@ -104,9 +104,9 @@ class ControlLoop(Stateful):
         return self._policy.STEERED and not (self.inputs.override.shot or self.inputs.override.held)
 
     @property
-    def cell_exposures(self) -> dict[Side, CellExposure]:
+    def cell_exposures(self) -> dict[CameraName, CellExposure]:
         """How the frames of the latest step are exposed: for reports on them."""
-        return {look.side: CellExposure.of(look.image, look.response) for look in self._seen}
+        return {look.camera: CellExposure.of(look.image, look.response) for look in self._seen}
 
     @property
     def flicker_hz(self) -> float | None:
@@ -129,7 +129,7 @@ class ControlLoop(Stateful):
                 "saturates: give 0 or less, or choose another policy"
             )
 
-    def step(self, inputs: StepInputs | StereoPair) -> Decision:
+    def step(self, inputs: StepInputs | FrameSet) -> Decision:
         """Look at a pair, alone or with whatever else is known, and decide on the next setting of both cameras.
 
         Frames must have at least 90x68 pixels, colour mosaics 180x136. They may have been taken with different
@@ -162,15 +162,15 @@ class ControlLoop(Stateful):
         elif self._compensation is None or self._compensation.stops != ev_stops:
             self._compensation = Compensation(ev_stops, self.setup.responses, self._limits)
 
-    def _looks(self, pair: StereoPair) -> list[Look]:
+    def _looks(self, pair: FrameSet) -> list[Look]:
         """What is seen of each frame, the reference first."""
         uncounted = self.uncounted
-        sides = sorted(pair.frames, key=lambda each: each in uncounted)  # a stable sort
-        return [self._views[each].look(each, pair.frames[each], filtered=self._policy.FILTERED) for each in sides]
+        cameras = sorted(pair.frames, key=lambda each: each in uncounted)  # a stable sort
+        return [self._views[each].look(each, pair.frames[each], filtered=self._policy.FILTERED) for each in cameras]
 
     def _observe(self, inputs: StepInputs, looks: list[Look]) -> Observation:
         """What the policy is shown, the first look being at the reference frame."""
-        frame = inputs.pair.frames[looks[0].side]
+        frame = inputs.pair.frames[looks[0].camera]
         limits, setting = self._limits, frame.setting
         if self._compensation is not None:
             limits, setting = self._compensation.limits, self._compensation.setting(setting)
@@ -178,7 +178,7 @@ class ControlLoop(Stateful):
         look = looks[0]
         if self._flicker is not None:
             self._flicker.see(look, setting, frame.device_time_ns)
-        saturated_share, black_share = self._views[look.side].shares.measure(look.image, look.weights)
+        saturated_share, black_share = self._views[look.camera].shares.measure(look.image, look.weights)
         return Observation(
             looks=looks,
             setting=setting,
@@ -225,7 +225,7 @@ class ControlLoop(Stateful):
         """Metric, saturated and black share of the reference frame as it is."""
         if self._compensation is None:
             return observation.metric, observation.saturated_share, observation.black_share
-        shares = self._views[look.side].shares.measure(look.image, look.weights)
+        shares = self._views[look.camera].shares.measure(look.image, look.weights)
         return self._metric_of(look), *shares
 
     def _speed_px(self, look: Look, frame: Frame, setting: ExposureSetting, angular_rate_rad_s: float | None) -> float:
@@ -251,11 +251,11 @@ class ControlLoop(Stateful):
         Flow then has no recent frame. It is not measured across frames with an angular rate either: it saturates if
         they are far apart.
         """
-        motion = self._motions[look.side]
+        motion = self._motions[look.camera]
         speed_px = motion.measure(look.image, frame.pixels.shape[1], setting.level, frame.device_time_ns)
         if speed_px is None:
-            speed_px = 0.0 if self._motion_side == look.side else self._motion_px
-        self._motion_side, self._motion_px = look.side, speed_px
+            speed_px = 0.0 if self._motion_side == look.camera else self._motion_px
+        self._motion_side, self._motion_px = look.camera, speed_px
         return speed_px
 
 

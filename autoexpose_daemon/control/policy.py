@@ -16,7 +16,7 @@ from autoexpose_daemon.control.metrics.gradient import mean_signal
 from autoexpose_daemon.control.snapshot import Built, Stateful
 from autoexpose_daemon.control.step import StepInputs
 from imaging.exposure import ExposureLimits, ExposureSetting
-from imaging.frames import Side
+from imaging.frames import CameraName
 from imaging.response import ResponseFunction
 
 MISSED_FRAMES = 12
@@ -41,7 +41,7 @@ class PastStep:
 class Look:
     """What control sees of one camera's frame."""
 
-    side: Side  # which camera it is
+    camera: CameraName  # which camera it is
     # the shrunk frame (`ImagePreparation`), uint8, (height, width). Valid during this step only
     image: NDArray[np.uint8]
     response: ResponseFunction  # the camera's response function
@@ -85,9 +85,9 @@ class Observation:
     ev_stops: float = 0.0  # the EV compensation by which frames will differ from targets
 
     @property
-    def side(self) -> Side:
+    def camera(self) -> CameraName:
         """The camera of the reference frame."""
-        return self.looks[0].side
+        return self.looks[0].camera
 
     @property
     def image(self) -> NDArray[np.uint8]:
@@ -164,7 +164,7 @@ class ExposurePolicy(Stateful, ABC):
         return None
 
     @property
-    def uncounted(self) -> Mapping[Side, str]:
+    def uncounted(self) -> Mapping[CameraName, str]:
         """The cameras whose frames do not count at present, and why, in words to follow "left camera"."""
         return {}
 

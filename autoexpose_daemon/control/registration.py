@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from autoexpose_daemon.control.metrics import extension as _native
 from autoexpose_daemon.control.policy import Look
 from autoexpose_daemon.control.snapshot import Stateful
-from imaging.frames import Side
+from imaging.frames import CameraName
 from imaging.response import ResponseFunction
 
 STRIDE = 5
@@ -46,15 +46,16 @@ class LightRegistration(Stateful):
     of extreme noise that remain unclipped.
     """
 
-    side: Side | None = None  # camera of the frame before; None before the first
+    camera: CameraName | None = None  # camera of the frame before; None before the first
     # grey levels of the frame before, every fifth across and down, uint8; None before the first
     previous: NDArray[np.uint8] | None = None
     previous_level: float = 0.0  # its exposure level, stops
 
-    def __init__(self, responses: Mapping[Side, ResponseFunction]) -> None:
-        self._tables = {side: _tables(response) for side, response in responses.items()}
+    def __init__(self, responses: Mapping[CameraName, ResponseFunction]) -> None:
+        self._tables = {camera: _tables(response) for camera, response in responses.items()}
         self._saturated = {
-            side: np.where(clipped > BETWEEN, np.uint8(255), np.uint8(0)) for side, (_, clipped) in self._tables.items()
+            camera: np.where(clipped > BETWEEN, np.uint8(255), np.uint8(0))
+            for camera, (_, clipped) in self._tables.items()
         }
 
     def change(self, look: Look, level: float) -> LightChange | None:
@@ -63,17 +64,17 @@ class LightRegistration(Stateful):
         None after a frame of another camera, and when no pixel shows any change. `level` is the exposure level of this
         frame, stops; pixels that weigh nothing do not count.
         """
-        side, before, level_change = self.side, self.previous, level - self.previous_level
+        camera, before, level_change = self.camera, self.previous, level - self.previous_level
         now = self.remember(look, level)
-        if before is None or side != look.side or before.shape != now.shape:
+        if before is None or camera != look.camera or before.shape != now.shape:
             return None
         counts = None if look.weights is None else np.ascontiguousarray(look.weights[::STRIDE, ::STRIDE])
-        counted, known, median = _native.light_change(before, now, counts, *self._tables[look.side])
+        counted, known, median = _native.light_change(before, now, counts, *self._tables[look.camera])
         return None if math.isnan(median) else LightChange(median - level_change, known >= LEAST_SHARE * counted)
 
     def remember(self, look: Look, level: float) -> NDArray[np.uint8]:
         """Keep a frame for the next to be compared with; returns what is kept of it, as `previous`."""
-        self.side, self.previous, self.previous_level = look.side, self._sampled(look), level
+        self.camera, self.previous, self.previous_level = look.camera, self._sampled(look), level
         return self.previous
 
     def _sampled(self, look: Look) -> NDArray[np.uint8]:
@@ -82,7 +83,7 @@ class LightRegistration(Stateful):
         The edge of a white window against a black room stays grey at any exposure.
         """
         sampled = np.empty([-(-size // STRIDE) for size in look.image.shape], np.uint8)
-        _native.sample_greys(look.image, STRIDE, self._saturated[look.side], sampled)
+        _native.sample_greys(look.image, STRIDE, self._saturated[look.camera], sampled)
         return sampled
 
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from autoexpose_daemon.control.balance import Balance
 from autoexpose_daemon.control.metrics.gradient import GradientMetric, PackedTables
 from autoexpose_daemon.control.policy import MISSED_FRAMES, ExposurePolicy, Observation, Target
-from imaging.frames import Side
+from imaging.frames import CameraName
 
 BLIND_SHARE = 0.95
 """A frame with a larger share of black or of saturated pixels shows a search only the direction."""
@@ -63,7 +63,7 @@ class Held:
 class Reference:
     """The camera whose frames a search compares: another one's picture would look like a changed scene."""
 
-    side: Side | None = None  # which it is; None before the first frame
+    camera: CameraName | None = None  # which it is; None before the first frame
     missed: int = 0  # frames of it that were lost in a row
 
     def while_lost(self, observation: Observation, awaited: Target | None) -> Target | None:
@@ -71,11 +71,11 @@ class Reference:
 
         That is what the search awaits. Without it, it is the last step, which may have been a shot instead.
         """
-        lost = self.side is not None and all(look.side != self.side for look in observation.looks)
+        lost = self.camera is not None and all(look.camera != self.camera for look in observation.looks)
         if lost and self.missed < MISSED_FRAMES:
             self.missed += 1
             return replace(awaited or observation.past[-1].target, reason="held: a camera's frame is lost")
-        self.side, self.missed = observation.side, 0
+        self.camera, self.missed = observation.camera, 0
         return None
 
 

@@ -9,7 +9,8 @@ from autoexpose_daemon.control.metrics.gradient import GradientMetric
 from autoexpose_daemon.control.parameters import ControlParameters
 from autoexpose_daemon.control.picture.image import Region
 from imaging.exposure import ExposureLimits, ExposureSetting
-from imaging.frames import SIDES, Side
+from imaging.frames import CameraName
+from imaging.geometry import SIDES
 from imaging.response import ResponseFunction
 from imaging.vignetting import Vignetting
 
@@ -23,14 +24,14 @@ class ControlSetup:
 
     policy_id: str  # one of `POLICY_IDS`
     # response function of each camera; a single one, given here, applies to all
-    responses: dict[Side, ResponseFunction]
+    responses: dict[CameraName, ResponseFunction]
     limits: ExposureLimits  # bounds and increments that both cameras can take
     start: ExposureSetting  # the setting the cameras start with; the policy `fixed` stays there
     parameters: ControlParameters = field(default_factory=ControlParameters)  # tuning and choices
     # what counts in a camera's picture; without one, everything
-    regions: dict[Side, Region] = field(default_factory=dict)
+    regions: dict[CameraName, Region] = field(default_factory=dict)
     # what a camera's lens lets through; without one, contrast counts as frames show it
-    vignettings: dict[Side, Vignetting] = field(default_factory=dict)
+    vignettings: dict[CameraName, Vignetting] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if isinstance(self.responses, ResponseFunction):

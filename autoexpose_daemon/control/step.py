@@ -8,7 +8,7 @@ from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.inputs import LightAhead
 from autoexpose_daemon.control.picture.steering import Steering
 from imaging.exposure import ExposureSetting
-from imaging.frames import StereoPair
+from imaging.frames import FrameSet
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +39,7 @@ class StepInputs:
     something that uses it.
     """
 
-    pair: StereoPair  # the frames
+    pair: FrameSet  # the frames
     # how fast the camera turns, from an inertial sensor; the speed of image points is then this rate times the focal
     # length, and no flow is computed. None: flow
     angular_rate_rad_s: float | None = None
@@ -52,9 +52,9 @@ class StepInputs:
     steering: Steering | None = None
 
     @classmethod
-    def of(cls, given: StepInputs | StereoPair) -> StepInputs:
+    def of(cls, given: StepInputs | FrameSet) -> StepInputs:
         """What is given, of which a pair alone is shorthand."""
-        return cls(given) if isinstance(given, StereoPair) else given
+        return cls(given) if isinstance(given, FrameSet) else given
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,6 +66,6 @@ class ControlStep:
     requests: tuple[str, ...] = ()  # the requests that took effect with this step, and who asked
 
     @property
-    def pair(self) -> StereoPair:
+    def pair(self) -> FrameSet:
         """The frames."""
         return self.inputs.pair

@@ -13,7 +13,7 @@ from autoexpose_daemon.control.metrics.gradient import ExtremeShares
 from autoexpose_daemon.control.picture.image import ImagePreparation, Region
 from autoexpose_daemon.control.policy import Look
 from imaging.exposure import DB_PER_STOP, ExposureLimits, ExposureSetting
-from imaging.frames import Frame, Side
+from imaging.frames import CameraName, Frame
 from imaging.pixels import MOSAIC_SHARE, is_mosaic
 from imaging.response import ResponseFunction, prediction_table
 from imaging.vignetting import Vignetting
@@ -36,7 +36,7 @@ class View:
         self._weights: NDArray[np.uint8] | None = None
         self._shape: tuple[int, ...] = ()
 
-    def look(self, side: Side, frame: Frame, *, filtered: bool = True) -> Look:
+    def look(self, camera: CameraName, frame: Frame, *, filtered: bool = True) -> Look:
         """What a policy sees of a frame, valid until the next call; `filtered`: with the median."""
         grey = frame.grey8(self._response.saturation)
         image = self._preparation.prepare(grey, filtered=filtered)
@@ -45,14 +45,14 @@ class View:
             if self._region is not None:
                 self._weights = self._region.weights((height, width), grey.shape)
             if self._vignetting is not None:
-                self._vignetting.check_size((width, height), f"the {side} camera")
+                self._vignetting.check_size((width, height), f"the {camera} camera")
             self._shape = frame.pixels.shape
         scale = frame.pixels.shape[1] / image.shape[1]
         counted = MOSAIC_SHARE if is_mosaic(frame.layout) else 1.0
         averaged = counted * scale**2
         unfiltered, light = self._preparation.unfiltered, self._relative_light
         return Look(
-            side, image, self._response, self._weights, unfiltered, scale, averaged, light, frame.setting,
+            camera, image, self._response, self._weights, unfiltered, scale, averaged, light, frame.setting,
             frame.device_time_ns,
         )  # fmt: skip
 
@@ -72,15 +72,15 @@ class Compensation:
     it is taken to be, from just saturated with the compensation to saturated without it.
     """
 
-    def __init__(self, stops: float, responses: Mapping[Side, ResponseFunction], limits: ExposureLimits) -> None:
+    def __init__(self, stops: float, responses: Mapping[CameraName, ResponseFunction], limits: ExposureLimits) -> None:
         self.stops = stops
         gain_db = stops * DB_PER_STOP
         # For the policy. Levels only: no policy that sees these frames splits one into time and gain by increments.
         self.limits = ExposureLimits(
             limits.min_time_us, limits.max_time_us, limits.min_gain_db - gain_db, limits.max_gain_db - gain_db
         )
-        self._tables = {side: prediction_table(response, -stops) for side, response in responses.items()}
-        self._shares = {side: ExtremeShares(response) for side, response in responses.items()}
+        self._tables = {camera: prediction_table(response, -stops) for camera, response in responses.items()}
+        self._shares = {camera: ExtremeShares(response) for camera, response in responses.items()}
 
     def setting(self, setting: ExposureSetting) -> ExposureSetting:
         """A setting of the cameras, for the policy."""
@@ -88,7 +88,7 @@ class Compensation:
 
     def look(self, look: Look) -> Look:
         """What the policy sees of a frame."""
-        table, shares = self._tables[look.side], self._shares[look.side]
+        table, shares = self._tables[look.camera], self._shares[look.camera]
         saturated, _ = shares.measure(look.image, look.weights)
         if self.stops > 0 and saturated > 0:
             left = self.stops * max(1.0 - saturated / MOSTLY, 0.0)

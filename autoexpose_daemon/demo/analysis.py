@@ -21,7 +21,7 @@ from autoexpose_daemon.demo.options import DemoOptions
 from autoexpose_daemon.runtime.daemon import Daemon
 from autoexpose_daemon.status.counters import DURATIONS, Counts, unusual_counts
 from autoexpose_daemon.status.panel import lost_in_words
-from drivers.triggers.outcomes import Tally
+from drivers.triggers.outcomes import MISSING, LossReason, Tally
 from imaging.exposure import ExposureSetting
 
 _PICTURE_WIDTH = 180
@@ -29,7 +29,7 @@ _PICTURE_WIDTH = 180
 
 @dataclass(frozen=True, slots=True)
 class StepRecord:
-    """One control step: when and how the left frame was taken, what of it is lost, and the decision."""
+    """One control step: when and how the first camera took its frame, what of it is lost, and the decision."""
 
     trigger: int
     host_time_ns: int
@@ -41,21 +41,22 @@ class StepRecord:
 
 
 class StepLog:
-    """Observes the daemon's steps: one record for each decision, and small pictures of the left camera by their times.
+    """Observes the daemon's steps: one record for each decision, and small pictures of the first camera by their times.
 
-    `pairs_ns` says when the left frames of all complete pairs were taken, decided on or not (CLOCK_MONOTONIC).
+    `pairs_ns` says when the first frames of all complete sets were taken, decided on or not (CLOCK_MONOTONIC).
     """
 
-    def __init__(self, picture_period_s: float) -> None:
+    def __init__(self, picture_period_s: float, cameras: int = 2) -> None:
         self.steps: list[StepRecord] = []
         self.pairs_ns: list[int] = []
         self.pictures: list[tuple[int, NDArray[np.uint8]]] = []
+        self._cameras = cameras
         self._picture_period_ns = picture_period_s * 1e9
 
     def __call__(self, step: ControlStep) -> None:
         """Keep a step; a pair without a decision only counts as a pair."""
         pair, decision, frame = step.pair, step.decision, step.pair.reference
-        if len(pair.frames) > 1:
+        if len(pair.frames) == self._cameras:
             self.pairs_ns.append(frame.host_time_ns)
         if decision is None:
             return
@@ -273,6 +274,7 @@ def figures(run: DemoRun, steps: Sequence[LightStep]) -> dict[str, Any]:
         "triggers": len(run.pulses),
         "pairs": tally.pairs,
         "lost": {str(reason): count for reason, count in tally.lost.items() if count},
+        "cameras": dict.fromkeys(run.daemon.tuning.config.cameras),
         "fakes": {
             "overruns": sum(camera.overruns for camera in run.cameras),
             "cpu_percent": [round(100 * camera.cpu_s / run.cameras_took_s, 1) for camera in run.cameras],
@@ -306,9 +308,11 @@ def _rows(figures: Mapping[str, Any], steps: Sequence[LightStep]) -> Iterator[tu
     for setting in figures["settings"]:
         chosen = f"{setting['exposure_time_us'] / 1e3:.2f} ms of exposure, {setting['gain_db']:.1f} dB of gain"
         yield f"under {setting['lux']:g} lux", f"{chosen} (medians)"
-    pairs = f"{figures['pairs']} stereo pairs in {figures['seconds']:.1f} s, {figures['fps']:.1f} per second"
+    sets = "stereo pairs" if len(figures["cameras"]) == 2 else "sets of frames"
+    pairs = f"{figures['pairs']} {sets} in {figures['seconds']:.1f} s, {figures['fps']:.1f} per second"
     kind = f"{figures['pixel_format']} {figures['width']}x{figures['height']}"
-    yield "seen", f"{pairs}, from two fake {_TRANSPORTS[figures['transport']]} cameras, {kind}"
+    cameras = f"{len(figures['cameras'])} fake {_TRANSPORTS[figures['transport']]} cameras"
+    yield "seen", f"{pairs}, from {cameras}, {kind}"
     yield "lost", f"{_lost(figures)}; of {figures['triggers']} triggers on the cameras' wire"
     unusual = [f"{counter.label}: {count}" for counter, count in unusual_counts(Counts(**figures["counts"]))]
     if unusual:
@@ -319,15 +323,19 @@ def _rows(figures: Mapping[str, Any], steps: Sequence[LightStep]) -> Iterator[tu
         p50, p99 = figures[duration.field]["p50"], figures[duration.field]["p99"]
         if p50 is not None:
             yield duration.label, f"{p50:.1f} ms, 99 of 100 within {p99:.1f} ms: {duration.meaning}"
-    left, right = figures["fakes"]["cpu_percent"]
-    yield "processor", f"daemon {figures['daemon_cpu_percent']:.0f} % of a core, fakes {left:.0f} % and {right:.0f} %"
+    fakes = " and ".join(f"{percent:.0f} %" for percent in figures["fakes"]["cpu_percent"])
+    yield "processor", f"daemon {figures['daemon_cpu_percent']:.0f} % of a core, fakes {fakes}"
     yield "this machine", f"{figures['reference_step_ms']:.1f} ms for a step of the published algorithm"
+
+
+_SEVERAL = {LossReason.BOTH_MISSING: 2, LossReason.SEVERAL_MISSING: 2}  # frames, at least
 
 
 def _lost(figures: Mapping[str, Any]) -> str:
     """The losses, and how many of the missing frames the simulation failed to send in time."""
     lost = figures["lost"]
-    frames = sum(lost.get(reason, 0) for reason in ("left_missing", "right_missing", "trigger_ignored"))
-    frames += 2 * lost.get("both_missing", 0)
+    one = [reason for reason in lost if reason.endswith(MISSING) and reason not in _SEVERAL]
+    frames = sum(lost.get(reason, 0) for reason in (*one, LossReason.TRIGGER_IGNORED))
+    frames += sum(count * lost.get(reason, 0) for reason, count in _SEVERAL.items())
     late = min(figures["fakes"]["overruns"], frames)
     return lost_in_words(lost, f" ({late} of these frames because a fake camera was late)" if late else "")

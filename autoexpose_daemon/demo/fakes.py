@@ -1,4 +1,4 @@
-"""Two fake cameras as processes; apart from the wire, only what they print and write to files is used."""
+"""Fake cameras as processes; apart from the wire, only what they print and write to files is used."""
 
 from __future__ import annotations
 
@@ -14,17 +14,16 @@ import tempfile
 import threading
 import time
 from collections import deque
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
-from autoexpose_daemon.messages.keys import SIDES
 from imaging.errors import AutoexposeError, ConfigurationError
 
 if TYPE_CHECKING:
-    from imaging.frames import Side
+    from imaging.frames import CameraName
 
 SOCKETS_VARIABLE = "FAKE_CAMERA_USB3"
 """The environment variable that names the fake cameras' sockets for the shim."""
@@ -36,14 +35,14 @@ FOLDER_VARIABLE = "AUTOEXPOSE_DEMO_FOLDER"
 _STOPPING = {signal.SIGINT, signal.SIGTERM}
 
 
-def cameras_on_bus() -> dict[Side, Path]:
+def cameras_on_bus() -> list[Path]:
     """The sockets of the fake cameras on this process' USB bus; empty on the machine's own bus."""
     sockets = os.environ.get(SOCKETS_VARIABLE)
-    return dict(zip(SIDES, map(Path, sockets.split(":")), strict=True)) if sockets else {}
+    return [*map(Path, sockets.split(":"))] if sockets else []
 
 
-def begin_again_on_fake_bus() -> None:
-    """Become the same command with sockets for two cameras, in a new folder, on its USB bus; does not return.
+def begin_again_on_fake_bus(cameras: int) -> None:
+    """Become the same command with sockets for so many cameras, in a new folder, on its USB bus; does not return.
 
     libusb decides at its start what it looks at, so a running process cannot change it. Signals wait for
     `take_signals`: until then nothing would handle them and remove the folder.
@@ -51,7 +50,7 @@ def begin_again_on_fake_bus() -> None:
     signal.pthread_sigmask(signal.SIG_BLOCK, _STOPPING)
     folder = Path(tempfile.mkdtemp(prefix="autoexpose-demo-"))
     os.environ[FOLDER_VARIABLE] = str(folder)
-    sockets = [str(folder / side) for side in SIDES]
+    sockets = [str(folder / f"{number}") for number in range(cameras)]
     command = [sys.executable, "-c", "from autoexpose_daemon.cli import main; main()", *sys.argv[1:]]
     os.execv(sys.executable, [sys.executable, "-m", "fake_camera.usb3", *sockets, "--", *command])
 
@@ -73,8 +72,42 @@ def without_fake_bus() -> dict[str, str]:
     return {name: value for name, value in os.environ.items() if name not in of_bus}
 
 
-SERIALS: dict[Side, str] = {"left": "FAKE-LEFT", "right": "FAKE-RIGHT"}
-_ADDRESSES: dict[Side, str] = {"left": "127.0.0.2", "right": "127.0.0.3"}
+MOST_CAMERAS = 6
+_SUN_STOPS = 3.0
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Where a fake camera is on the rig, and how it is reached there."""
+
+    name: CameraName
+    side: Literal["left", "right"]
+    yaw_deg: int = 0
+    sunlit_stops: float = 0.0
+    number: int = 0
+
+    @property
+    def serial(self) -> str:
+        """Its serial number, of at most 15 characters."""
+        view, _, side = self.name.upper().rpartition("_")
+        return f"FAKE-{view}-{side[0]}" if view else f"FAKE-{side}"
+
+    @property
+    def address(self) -> str:
+        """That of a GigE Vision camera."""
+        return f"127.0.0.{2 + self.number}"
+
+
+def places(cameras: int) -> list[Place]:
+    """One camera, a stereo pair, or pairs that look forward, back at what the sun lights, and to the left."""
+    if cameras <= 2:
+        return [Place("left", "left"), Place("right", "right", number=1)][:cameras]
+    views = (("front", 0, 0.0), ("rear", 180, _SUN_STOPS), ("port", -90, 0.0))
+    sides: tuple[Literal["left", "right"], ...] = ("left", "right")
+    ring = [Place(f"{view}_{side}", side, yaw, stops) for view, yaw, stops in views for side in sides]
+    return [replace(place, number=number) for number, place in enumerate(ring[:cameras])]
+
+
 _NICENESS = "10"  # real cameras do not take the daemon's CPU time
 _READY_S = 180.0  # the first start compiles the renderer
 _LONGEST_PULSE_BYTES = 200
@@ -103,16 +136,18 @@ class FakeCamera:
     ready.
     """
 
-    def __init__(self, side: Side, folder: Path, arguments: Sequence[str]) -> None:
-        self.truth = folder / f"{side}.truth.jsonl"
-        self.control = folder / f"{side}.control"
+    def __init__(self, place: Place, folder: Path, arguments: Sequence[str]) -> None:
+        self.truth = folder / f"{place.name}.truth.jsonl"
+        self.control = folder / f"{place.name}.control"
         self.overruns = 0
         self.cpu_s = 0.0
-        self._side = side
-        self._error_log = folder / f"{side}.stderr"
+        self._name = place.name
+        self._error_log = folder / f"{place.name}.stderr"
         # setpriv: if this process is killed, its cameras must not survive and hold their addresses
         command = ["setpriv", "--pdeathsig", "TERM", sys.executable, "-m", "fake_camera"]
-        command += ["--serial", SERIALS[side], "--side", side, "--nice", _NICENESS, "--truth", str(self.truth)]
+        command += ["--serial", place.serial, "--side", place.side, "--nice", _NICENESS, "--truth", str(self.truth)]
+        if place.yaw_deg or place.sunlit_stops:
+            command += ["--yaw-deg", str(place.yaw_deg), "--sunlit-stops", str(place.sunlit_stops)]
         command += ["--control", str(self.control), *arguments]
         with self._error_log.open("w") as error_log:
             self._process = subprocess.Popen(
@@ -126,7 +161,7 @@ class FakeCamera:
             )
         self._lines: deque[str] = deque()
         self._news = threading.Condition()
-        self._reader = threading.Thread(target=self._read, name=f"fake-{side}", daemon=True)
+        self._reader = threading.Thread(target=self._read, name=f"fake-{place.name}", daemon=True)
         self._reader.start()
 
     def has_spoken(self, timeout_s: float) -> bool:
@@ -139,11 +174,11 @@ class FakeCamera:
         deadline_s = time.monotonic() + _READY_S
         while not self.has_spoken(0.1):
             if stop.is_set() or time.monotonic() > deadline_s:
-                raise AutoexposeError(f"stopped before the {self._side} fake camera was ready")
+                raise AutoexposeError(f"stopped before the {self._name} fake camera was ready")
         line = self._lines.popleft()
         if not line:
             said = self._error_log.read_text(errors="replace").strip().splitlines() or ["it printed nothing"]
-            raise AutoexposeError(f"the {self._side} fake camera did not start: {said[-1]}")
+            raise AutoexposeError(f"the {self._name} fake camera did not start: {said[-1]}")
         return line
 
     def say(self, line: str) -> None:
@@ -181,60 +216,60 @@ class FakeCamera:
 
 @dataclass(frozen=True, slots=True)
 class FakeCameras:
-    """Both cameras, left first."""
+    """The cameras of a rig, in its order."""
 
-    both: tuple[FakeCamera, ...]
+    all: tuple[FakeCamera, ...]
     stop: threading.Event
 
     @property
     def truths(self) -> list[Path]:
         """The files in which they log the light."""
-        return [camera.truth for camera in self.both]
+        return [camera.truth for camera in self.all]
 
     def wait_until_found(self) -> None:
         """Wait until a search finds them; they do not send frames yet."""
-        for camera in self.both:
+        for camera in self.all:
             camera.line(self.stop)
 
     def are_timed(self, timeout_s: float) -> bool:
-        """Wait some time until both know how long a frame takes, or have ended."""
+        """Wait some time until all know how long a frame takes, or have ended."""
         deadline_s = time.monotonic() + timeout_s
-        return all(camera.has_spoken(deadline_s - time.monotonic()) for camera in self.both)
+        return all(camera.has_spoken(deadline_s - time.monotonic()) for camera in self.all)
 
     def frame_s(self) -> float:
-        """Processor time that the slower one takes for a frame."""
-        return max(float(_document(camera.line(self.stop))["frame_s"]) for camera in self.both)
+        """Processor time that the slowest one takes for a frame."""
+        return max(float(_document(camera.line(self.stop))["frame_s"]) for camera in self.all)
 
     def run_at(self, rate_hz: float) -> None:
-        """Have both follow a trigger wire of this rate; returns when they are ready."""
-        for camera in self.both:
+        """Have all follow a trigger wire of this rate; returns when they are ready."""
+        for camera in self.all:
             camera.say(f"{rate_hz}")
-        for camera in self.both:
+        for camera in self.all:
             camera.line(self.stop)
 
     def end(self) -> None:
-        """End both; their counts are known then."""
-        for camera in self.both:
+        """End all; their counts are known then."""
+        for camera in self.all:
             camera.end()
 
 
 @contextmanager
 def fake_cameras(
-    folder: Path, arguments: Sequence[str], sockets: Mapping[Side, Path], stop: threading.Event
+    folder: Path, arguments: Sequence[str], sockets: Sequence[Path], stop: threading.Event, cameras: int = 2
 ) -> Iterator[FakeCameras]:
-    """Run a left and a right fake camera, which wait for the rate of the trigger wire that `arguments` name.
+    """Run so many fake cameras, which wait for the rate of the trigger wire that `arguments` name.
 
     They are USB3 Vision cameras at `sockets`, or without sockets, GigE Vision cameras. Raises `AutoexposeError` if
-    one does not start, or if `stop` is set before both have.
+    one does not start, or if `stop` is set before all have.
     """
     with ExitStack() as stack:
-        cameras = []
-        for side in SERIALS:
-            place = ["--usb3", "--socket", str(sockets[side])] if sockets else ["--address", _ADDRESSES[side]]
-            camera = FakeCamera(side, folder, [*place, *arguments])
+        started = []
+        for place in places(cameras):
+            reached = ["--usb3", "--socket", str(sockets[place.number])] if sockets else ["--address", place.address]
+            camera = FakeCamera(place, folder, [*reached, *arguments])
             stack.callback(camera.end)
-            cameras.append(camera)
-        yield FakeCameras(tuple(cameras), stop)
+            started.append(camera)
+        yield FakeCameras(tuple(started), stop)
 
 
 def _document(line: str) -> dict[str, Any]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+from autoexpose_daemon.demo.fakes import MOST_CAMERAS
 from documents.files import check_writable
 from imaging.errors import ConfigurationError
 from imaging.pixels import PIXEL_FORMATS
@@ -45,6 +46,7 @@ class DemoOptions:
     pixel_format: str = "Mono8"
     size: str = SIZES[0]
     bracket: bool = False
+    cameras: int = 2
 
     def __post_init__(self) -> None:
         _check_within("--seconds", self.seconds, NAVIGATE_SECONDS if self.navigate else SECONDS, "s")
@@ -57,6 +59,7 @@ class DemoOptions:
             raise ConfigurationError(
                 f"--navigate drives with grey views of {SIZES[0]}: leave out --size, --pixel-format"
             )
+        self._check_pair()
         if self.pixel_format not in PIXEL_FORMATS:
             raise ConfigurationError(
                 f"--pixel-format {self.pixel_format} is not supported: docs/configuration.md lists what is"
@@ -76,6 +79,14 @@ class DemoOptions:
         for file in (self.summary, self.plot):
             if file is not None:
                 check_writable(file)
+
+    def _check_pair(self) -> None:
+        if not 1 <= self.cameras <= MOST_CAMERAS:
+            raise ConfigurationError(f"--cameras {self.cameras} is not within 1 to {MOST_CAMERAS}")
+        if self.cameras != 2 and (self.navigate or self.bracket or self.scene != "room"):
+            raise ConfigurationError(
+                "--navigate, --bracket and --scene are for a stereo pair: leave them out, or --cameras"
+            )
 
     @property
     def width_height(self) -> tuple[int, int]:

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 
 def run_demo(options: DemoOptions, stop: threading.Event, console: Console) -> None:
-    """Run the daemon on two fake cameras and report.
+    """Run the daemon on fake cameras and report.
 
     Raises AutoexposeError when the fakes do not start, or when the daemon's account of triggers disagrees with the
     wire's.
@@ -49,7 +49,7 @@ def run_demo(options: DemoOptions, stop: threading.Event, console: Console) -> N
             "`python -m fake_camera.usb3`"
         )
     if options.transport == "usb3" and not sockets:
-        begin_again_on_fake_bus()
+        begin_again_on_fake_bus(options.cameras)
     arguments = ["--line0", f"demo-{os.getpid()}", "--scene", options.scene, "--seed", str(options.seed)]
     arguments += ["--pixel-format", options.pixel_format, "--size", options.size]
     arguments += ["--still"] if options.still else []
@@ -62,8 +62,8 @@ def run_demo(options: DemoOptions, stop: threading.Event, console: Console) -> N
         if folder_of_sockets is not None:
             resources.callback(shutil.rmtree, folder_of_sockets)
             take_signals()
-        console.print("starting two fake cameras ...")
-        cameras = resources.enter_context(fake_cameras(folder, arguments, sockets, stop))
+        console.print(f"starting {options.cameras} fake camera{'s' if options.cameras > 1 else ''} ...")
+        cameras = resources.enter_context(fake_cameras(folder, arguments, sockets, stop, options.cameras))
         if navigation is not None:
             navigation.load()(options, cameras, folder, stop, console)
             return

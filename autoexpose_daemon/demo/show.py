@@ -1,4 +1,4 @@
-"""The daemon on two fake cameras, and its results: the part of the demo that loads while they start."""
+"""The daemon on fake cameras, and its results: the part of the demo that loads while they start."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from rich.console import Console
 
 from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.demo.analysis import DemoRun, StepLog, figures, in_words, light_steps, pulses_in_window
-from autoexpose_daemon.demo.fakes import SERIALS, FakeCameras, newest_lux, read_pulses
+from autoexpose_daemon.demo.fakes import FakeCameras, newest_lux, places, read_pulses
 from autoexpose_daemon.demo.options import DemoOptions
 from autoexpose_daemon.demo.reference_step import reference_step_ms
 from autoexpose_daemon.runtime.daemon import Daemon
@@ -30,8 +30,8 @@ from autoexpose_daemon.status.panel import display
 from calibration.geometry.opencv import ros_yaml
 from drivers.aravis import find_cameras
 from imaging.errors import AutoexposeError
-from imaging.frames import SIDES, Side
-from imaging.geometry import CameraGeometry
+from imaging.frames import CameraName
+from imaging.geometry import SIDES, CameraGeometry
 from imaging.pixels import PIXEL_FORMATS
 
 if TYPE_CHECKING:
@@ -44,20 +44,20 @@ _FOCAL_WIDTHS = 860 / 720
 _BASELINE_M = 0.08
 
 
-def geometry_files(width_height: tuple[int, int], folder: Path) -> dict[Side, dict[str, str]]:
-    """Write the geometry of both cameras; returns the keys for the configuration."""
+def geometry_files(width_height: tuple[int, int], folder: Path) -> dict[CameraName, dict[str, str]]:
+    """Write the geometry of a stereo pair; returns the keys for the configuration."""
     width, height = width_height
     focal_px, x, y = _FOCAL_WIDTHS * width, (width - 1) / 2, (height - 1) / 2
     k = (focal_px, 0.0, x, 0.0, focal_px, y, 0.0, 0.0, 1.0)
     unturned = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
-    keys: dict[Side, dict[str, str]] = {}
-    for side in SIDES:
-        shift = -focal_px * _BASELINE_M if side == "right" else 0.0
+    keys: dict[CameraName, dict[str, str]] = {}
+    for camera in SIDES:
+        shift = -focal_px * _BASELINE_M if camera == "right" else 0.0
         p = (focal_px, 0.0, x, shift, 0.0, focal_px, y, 0.0, 0.0, 0.0, 1.0, 0.0)
         geometry = CameraGeometry(width, height, "plumb_bob", (0.0,) * 5, k, unturned, p)
-        file = folder / f"{side}.yaml"
-        file.write_text(ros_yaml(geometry, side), encoding="ascii")
-        keys[side] = {"calibration": str(file)}
+        file = folder / f"{camera}.yaml"
+        file.write_text(ros_yaml(geometry, camera), encoding="ascii")
+        keys[camera] = {"calibration": str(file)}
     return keys
 
 
@@ -70,7 +70,7 @@ two waits (docs/usb3.md).
 
 _USABLE_SHARE = 0.85  # of the cores; the rest is for the terminal and the system
 _SENDING_S = 0.001  # a fake camera's time per frame apart from rendering: packets, clock, commands
-_DAEMON_S = 0.0085  # the daemon's time for a pair: half a core at 60 Hz, as measured on a slow machine
+_DAEMON_S = 0.00425  # the daemon's time for a frame: half a core for 60 pairs a second, as measured on a slow machine
 _MEASURED_AT_BYTES = 720 * 540
 _QUOTA = Path("/sys/fs/cgroup/cpu.max")
 
@@ -85,14 +85,14 @@ def cores(quota: Path = _QUOTA) -> float:
         return allowed
 
 
-def pairs_per_s(frame_s: float, cores: float, image_bytes: int = _MEASURED_AT_BYTES) -> float:
-    """Pairs per second that two fake cameras, which need `frame_s` per frame, can make beside the daemon.
+def sets_per_s(frame_s: float, cores: float, image_bytes: int = _MEASURED_AT_BYTES, cameras: int = 2) -> float:
+    """Sets per second that so many fake cameras, which need `frame_s` per frame, can make beside the daemon.
 
     The time that sending and the daemon take is assumed to grow with a frame's `image_bytes`.
     """
     size = image_bytes / _MEASURED_AT_BYTES
     camera_s = frame_s + size * _SENDING_S
-    return _USABLE_SHARE * min(cores / (2 * camera_s + size * _DAEMON_S), 1 / camera_s)
+    return _USABLE_SHARE * min(cores / cameras / (camera_s + size * _DAEMON_S), 1 / camera_s)
 
 
 def held_rate_hz(possible_hz: float) -> float:
@@ -117,9 +117,9 @@ _SEARCH_HOLDS_S = 1.2  # less than the daemon's two seconds: the cameras still h
 def show(options: DemoOptions, cameras: FakeCameras, stop: threading.Event, console: Console) -> DemoRun:
     """Run the daemon on cameras that are starting, then end them."""
     rate_hz = start(cameras, options, console)
-    step_log = StepLog(options.seconds / _PICTURES)
+    step_log = StepLog(options.seconds / _PICTURES, options.cameras)
     with ExitStack() as resources:
-        calibrations: Mapping[Side, Mapping[str, str]] = {}
+        calibrations: Mapping[CameraName, Mapping[str, str]] = {}
         if options.bracket:
             folder = resources.enter_context(tempfile.TemporaryDirectory(prefix="autoexpose-rig-"))
             calibrations = geometry_files(options.width_height, Path(folder))
@@ -137,9 +137,7 @@ def show(options: DemoOptions, cameras: FakeCameras, stop: threading.Event, cons
         console.print(recorder.summary)
     pulses = pulses_in_window(read_pulses(cameras.truths), service.daemon.tally)
     reference_ms = reference_step_ms(REFERENCE_REPEATS)
-    return DemoRun(
-        options, rate_hz, service.daemon, cameras.both, pulses, step_log, took_s, took_s, cpu_s, reference_ms
-    )
+    return DemoRun(options, rate_hz, service.daemon, cameras.all, pulses, step_log, took_s, took_s, cpu_s, reference_ms)
 
 
 def report(run: DemoRun, console: Console) -> None:
@@ -188,7 +186,7 @@ def start(cameras: FakeCameras, options: DemoOptions, console: Console, highest_
     while not (cameras.are_timed(_SEARCH_HOLDS_S) or cameras.stop.is_set()):
         _search()
     image_bytes = PIXEL_FORMATS[options.pixel_format].image_bytes(*options.width_height)
-    possible_hz = pairs_per_s(cameras.frame_s(), cores(), image_bytes)
+    possible_hz = sets_per_s(cameras.frame_s(), cores(), image_bytes, options.cameras)
     rate_hz = options.rate_hz or min(held_rate_hz(possible_hz), highest_hz)
     words = rate_notice(possible_hz, rate_hz, asked=rate_hz == (options.rate_hz or highest_hz))
     if words is not None:
@@ -206,13 +204,16 @@ def _search() -> None:
 
 
 def configuration(
-    options: DemoOptions, rate_hz: float, calibrations: Mapping[Side, Mapping[str, str]] = MappingProxyType({})
+    options: DemoOptions, rate_hz: float, calibrations: Mapping[CameraName, Mapping[str, str]] = MappingProxyType({})
 ) -> Config:
     """The configuration of the daemon on the demo's cameras, each with the keys of its calibration."""
     control = {"policy": options.policy, **({"bracket": {}, **SENSOR} if options.bracket else {})}
     return Config.model_validate(
         {
-            "cameras": {side: {"serial": serial, **calibrations.get(side, {})} for side, serial in SERIALS.items()},
+            "cameras": {
+                place.name: {"serial": place.serial, **calibrations.get(place.name, {})}
+                for place in places(options.cameras)
+            },
             "trigger": {"mode": "external", "line": "Line0", "rate_hz": rate_hz},
             "exposure": {"max_time_us": min(_LONGEST_US, 0.8e6 / rate_hz)},
             "control": control,

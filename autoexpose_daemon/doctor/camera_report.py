@@ -29,7 +29,7 @@ from drivers.genicam.nodes import NodeMap
 from drivers.setup import CameraSetup, FeatureSetting, TriggerSetup, as_list
 from imaging.errors import AutoexposeError, CameraLostError, ConfigurationError
 from imaging.exposure import ExposureSetting
-from imaging.frames import Frame, Side
+from imaging.frames import CameraName, Frame
 
 _STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _NO_CONFIGURATION = CameraSetup(TriggerSetup("external"))
@@ -74,8 +74,8 @@ def show_features(serial: str, changed: bool, save: Path | None) -> None:
 def show_difference(serial: str, file: Path) -> bool:
     """Print where a camera differs from the features of a configuration file; True if there is no difference."""
     config = load_config(file)
-    side = _side_of(serial, config, file)
-    last = {feature.key: feature for feature in config.sides[side].features}  # of equal keys the last counts
+    camera = _side_of(serial, config, file)
+    last = {feature.key: feature for feature in config.cameras[camera].features}  # of equal keys the last counts
     with open_nodes(serial) as nodes:
         settings = [feature for feature in last.values() if nodes.kind(feature.name) != "command"]
         found = differing(nodes, settings)
@@ -83,15 +83,15 @@ def show_difference(serial: str, file: Path) -> bool:
         has = "cannot be read" if present is None else f"is {_value(present)}"
         typer.echo(readable(f"{setting.key} {has}, in {file} {_value(setting.value)}"))
     if not found:
-        typer.echo(f"camera {serial} has all {len(settings)} features of cameras.{side} in {file}")
+        typer.echo(f"camera {serial} has all {len(settings)} features of cameras.{camera} in {file}")
     return not found
 
 
-def _side_of(serial: str, config: Config, file: Path) -> Side:
-    for side, camera in config.sides.items():
+def _side_of(serial: str, config: Config, file: Path) -> CameraName:
+    for name, camera in config.cameras.items():
         if camera.serial == serial:
-            return side
-    if len(config.sides) == 1:  # the features of another camera, such as its twin
+            return name
+    if len(config.cameras) == 1:  # the features of another camera, such as its twin
         return "left"
     raise ConfigurationError(f"{file}: neither camera is {serial}: name a file with that camera, or with a single one")
 

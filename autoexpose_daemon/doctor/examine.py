@@ -47,13 +47,13 @@ def judge_features(config: Config) -> Iterator[Diagnosis]:
     """Open each camera as the daemon would, and close it again."""
     from autoexpose_daemon.runtime.setup import refusals  # noqa: PLC0415  loads Aravis, and needs the C extension
 
-    for side, error in refusals(config):
-        camera = config.sides[side]
+    for name, error in refusals(config):
+        camera = config.cameras[name]
         if error is None:
-            sentence = f"{side} camera {camera.serial} takes all {len(camera.features)} features"
+            sentence = f"{name} camera {camera.serial} takes all {len(camera.features)} features"
             yield Diagnosis("features", "ok", sentence)
         else:
-            yield Diagnosis("features", "stops", f"{side} camera: {error}", f"autoexpose features {camera.serial}")
+            yield Diagnosis("features", "stops", f"{name} camera: {error}", f"autoexpose features {camera.serial}")
 
 
 def _without_ptp(facts: Facts, need: Need) -> Iterator[Diagnosis]:
@@ -65,10 +65,10 @@ def _without_ptp(facts: Facts, need: Need) -> Iterator[Diagnosis]:
 
 def _missing(facts: Facts, need: Need) -> Iterator[Diagnosis]:
     there = ", ".join(facts.serials) or "none"
-    for side, serial in need.serials.items():
+    for camera, serial in need.serials.items():
         if serial not in facts.serials:
             sentence = f"{need.name(serial)} not found; cameras found: {there}"
-            fix = f"autoexpose doctor   # after checking power, cable and cameras.{side}.serial"
+            fix = f"autoexpose doctor   # after checking power, cable and cameras.{camera}.serial"
             yield Diagnosis("camera-missing", "stops", sentence, fix)
     if not need.serials and not (facts.usb.cameras or facts.gige.cameras):
         sentence = "no camera found, neither USB3 Vision nor GigE Vision"
@@ -122,7 +122,7 @@ def examine(config: Path | None, as_document: bool, report: Path | None = None) 
     if loaded is not None:
         findings += judge_policy(loaded)
         findings += [Diagnosis("calibration", "warning", note) for note in loaded.notes]
-        if not stops(findings) and any(camera.features for camera in loaded.sides.values()):
+        if not stops(findings) and any(camera.features for camera in loaded.cameras.values()):
             findings += judge_features(loaded)
     if as_document:
         typer.echo(as_json(findings))

@@ -24,7 +24,7 @@ from drivers.host.network import (
 )
 from drivers.host.usb import UsbFacts, find_usb
 from drivers.setup import FeatureSetting
-from imaging.frames import Side
+from imaging.frames import CameraName
 from imaging.pixels import PixelFormat
 from imaging.python310 import Self
 
@@ -132,7 +132,7 @@ class Need:
     `sizes` are by serial number; a camera without one has the assumed size.
     """
 
-    serials: Mapping[Side, str] = field(default_factory=dict)
+    serials: Mapping[CameraName, str] = field(default_factory=dict)
     rate_hz: float = TriggerConfig().rate_hz
     sizes: Mapping[str, Size] = field(default_factory=dict)
     pixel_format: PixelFormat = PixelFormat.MONO8
@@ -148,9 +148,9 @@ class Need:
             return cls()
         binning = config.image.binning or 1
         return cls(
-            serials={side: camera.serial for side, camera in config.sides.items()},
+            serials={name: camera.serial for name, camera in config.cameras.items()},
             rate_hz=config.trigger.rate_hz,
-            sizes={camera.serial: Size.of(camera.features, binning) for camera in config.sides.values()},
+            sizes={camera.serial: Size.of(camera.features, binning) for camera in config.cameras.values()},
             pixel_format=config.image.pixel_format or PixelFormat.MONO8,
             packet_size_bytes=config.transport.packet_size_bytes,
             plan=config.transport.plan,
@@ -186,8 +186,8 @@ class Need:
 
     def name(self, serial: str | None) -> str:
         """A camera by its side, if it has one, and its serial number."""
-        side = next((f"{side} " for side, known in self.serials.items() if known == serial), "")
-        return f"{side}camera {serial or 'of unknown serial'}"
+        camera = next((f"{camera} " for camera, known in self.serials.items() if known == serial), "")
+        return f"{camera}camera {serial or 'of unknown serial'}"
 
 
 def _number(value: object) -> int | None:

@@ -7,7 +7,7 @@ import time
 from collections.abc import Container, Iterator, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any, Final, Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -24,7 +24,7 @@ from autoexpose_daemon.messages.types import (
     to_full_scale,
 )
 from imaging.exposure import ExposureSetting
-from imaging.frames import SIDES, Frame, Side, StereoPair
+from imaging.frames import CameraName, Frame, FrameSet
 from imaging.geometry import COEFFICIENTS, CameraGeometry
 from imaging.pixels import SAMPLES, Layout, PixelFormat, Pixels
 
@@ -41,8 +41,6 @@ def moment_ns(frame: Frame, stamp: Stamp) -> int:
 TOPICS = {"image": IMAGE, "camera_info": CAMERA_INFO, "exposure": EXPOSURE_INFO}
 """The messages for each frame: the last part of the key, and the message type."""
 
-ALL_TOPICS: Final = frozenset((side, topic) for side in SIDES for topic in TOPICS)
-
 LAST_STAMP_NS = (1 << 31) * 1_000_000_000 - 1
 """The end of ROS 2's time, in 2038: a camera with a wild clock must not stop the sending of its frames."""
 
@@ -58,7 +56,7 @@ _no_region = _types["sensor_msgs/msg/RegionOfInterest"](0, 0, 0, 0, False)
 class Message:
     """One message: its camera, which of `TOPICS` it is, and its CDR bytes."""
 
-    side: Side
+    camera: CameraName
     topic: str
     data: bytearray
 
@@ -82,8 +80,8 @@ def realtime_offset_ns() -> int:
 class MessageWriter:
     """Makes the messages of a rig of so many cameras, in the order in which to send them.
 
-    Coordinate frames are named after the rig, as in ``rig_left_optical_frame``; `stamp` is the moment of the left
-    frame's exposure that messages carry.
+    Coordinate frames are named after the rig, as in ``rig_left_optical_frame``; `stamp` is the moment of the first
+    camera's exposure that messages carry.
     """
 
     def __init__(self, rig: str, cameras: int, stamp: Stamp = "middle") -> None:
@@ -93,15 +91,15 @@ class MessageWriter:
 
     def messages(
         self,
-        pair: StereoPair,
+        pair: FrameSet,
         decision: Decision | None,
         sequence: int,
         offset_ns: int,
-        wanted: Container[tuple[Side, str]] = ALL_TOPICS,
+        wanted: Container[tuple[CameraName, str]] | None = None,
         *,
-        calibrations: Mapping[Side, CameraGeometry] = MappingProxyType({}),
+        calibrations: Mapping[CameraName, CameraGeometry] = MappingProxyType({}),
     ) -> Iterator[Message]:
-        """The messages of one pair that are `wanted`; decision None: nothing was decided on it.
+        """The messages of one set that are `wanted`, None: all; decision None: nothing was decided on it.
 
         `sequence` is its number among those sent, or recorded, `offset_ns` what `realtime_offset_ns` measures;
         `calibrations` are of the cameras that are calibrated.
@@ -115,16 +113,16 @@ class MessageWriter:
             "alone": len(pair.frames) < self._cameras,
             **_of_decision(decision),
         }
-        for side, frame in pair.frames.items():
-            header = _Header(stamp, f"{self._rig}_{side}_optical_frame")
+        for camera, frame in pair.frames.items():
+            header = _Header(stamp, f"{self._rig}_{camera}_optical_frame")
             info = _ExposureInfo(header=header, **of_pair, **_of_frame(frame))
-            if (side, "exposure") in wanted:
-                yield Message(side, "exposure", _serialise(info, EXPOSURE_INFO))
-            if (side, "camera_info") in wanted:
-                geometry = calibrations.get(side)
-                yield Message(side, "camera_info", _serialise(_camera_info(header, frame, geometry), CAMERA_INFO))
-            if (side, "image") in wanted:
-                yield Message(side, "image", _serialise(_image(header, frame), IMAGE))
+            if wanted is None or (camera, "exposure") in wanted:
+                yield Message(camera, "exposure", _serialise(info, EXPOSURE_INFO))
+            if wanted is None or (camera, "camera_info") in wanted:
+                geometry = calibrations.get(camera)
+                yield Message(camera, "camera_info", _serialise(_camera_info(header, frame, geometry), CAMERA_INFO))
+            if wanted is None or (camera, "image") in wanted:
+                yield Message(camera, "image", _serialise(_image(header, frame), IMAGE))
 
 
 def _serialise(message: object, message_type: str) -> bytearray:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from autoexpose_daemon.control.inputs import COLUMNS, MOST_LEVELS, MOST_STOPS, ROWS, LightSeries, TrackedCells
 from autoexpose_daemon.control.parameters import FASTEST_M_S, FASTEST_TURN_RAD_S
 from autoexpose_daemon.messages.frames import DamagedMessageError, deserialise, stamp_ns
-from autoexpose_daemon.messages.keys import CONSUMER_NAME
+from autoexpose_daemon.messages.keys import CAMERA_NAME, CONSUMER_NAME
 from autoexpose_daemon.messages.types import (
     LIGHT_AHEAD,
     ODOMETRY,
@@ -24,7 +24,6 @@ from autoexpose_daemon.messages.types import (
     header,
     serialise,
 )
-from imaging.frames import SIDES
 
 LARGEST_LIGHT_BYTES: Final = 16 * MOST_LEVELS + 1024
 
@@ -208,8 +207,8 @@ def tracked_cells(report: TrackedCells) -> bytes:
     """A TrackedCells."""
     message_type = TYPESTORE.types[TRACKED_CELLS]
     counts = (np.ascontiguousarray(each, np.uint16).ravel() for each in (report.features, report.inliers))
-    of_frame = header(report.stamp_ns, report.side)
-    return serialise(message_type(of_frame, report.consumer, report.side, ROWS, COLUMNS, *counts), TRACKED_CELLS)
+    of_frame = header(report.stamp_ns, report.camera)
+    return serialise(message_type(of_frame, report.consumer, report.camera, ROWS, COLUMNS, *counts), TRACKED_CELLS)
 
 
 def read_tracked_cells(data: bytes) -> TrackedCells:
@@ -217,8 +216,8 @@ def read_tracked_cells(data: bytes) -> TrackedCells:
     message = deserialise(data, TRACKED_CELLS)
     if not CONSUMER_NAME.fullmatch(message.consumer):
         raise DamagedMessageError("a TrackedCells whose consumer is not 1 to 64 letters, digits, and any of _ . -")
-    if message.side not in SIDES:
-        raise DamagedMessageError(f"a TrackedCells of a camera named {message.side[:20]!a}: known are left and right")
+    if not CAMERA_NAME.fullmatch(message.side):
+        raise DamagedMessageError(f"a TrackedCells of a camera named {message.side[:20]!a}: that is no camera's name")
     if (message.rows, message.columns) != (ROWS, COLUMNS):
         raise DamagedMessageError(f"a TrackedCells of {message.rows} rows and {message.columns} columns: not 6 and 8")
     features, inliers = (np.asarray(counts, np.uint16) for counts in (message.features, message.inliers))

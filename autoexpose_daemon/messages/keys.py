@@ -16,10 +16,10 @@ from drivers.log_throttle import LogThrottle
 from imaging.errors import ConfigurationError
 
 if TYPE_CHECKING:
-    from imaging.frames import Side
+    from imaging.frames import CameraName
 
-SIDES: tuple[Side, ...] = ("left", "right")
-"""As `imaging.frames.SIDES`, without loading numpy."""
+CAMERA_NAME = re.compile(r"(?!consumers$)[a-z][a-z0-9_]*")
+"""What the cameras of a configuration may be called; `consumers` stands in the same place of other keys."""
 
 LOOPBACK = "tcp/127.0.0.1:7448"
 """Where a daemon listens unless configured otherwise; next to 7447, the port of zenoh routers."""
@@ -66,9 +66,9 @@ def check_key_expression(key: str) -> str:
     return key
 
 
-def frame_key(rig: str, side: Side, topic: str) -> str:
+def frame_key(rig: str, camera: CameraName, topic: str) -> str:
     """Where the messages of a camera go; `topic` is one of `image`, `camera_info`, `exposure`."""
-    return f"autoexpose/{rig}/{side}/{topic}"
+    return f"autoexpose/{rig}/{camera}/{topic}"
 
 
 def all_of_rig(rig: str) -> str:
@@ -92,19 +92,18 @@ def rig_key(rig: str, topic: RigTopic) -> str:
     return f"autoexpose/{rig}/{topic}"
 
 
-def response_key(rig: str, side: Side | Literal["*"]) -> str:
+def response_key(rig: str, camera: CameraName | Literal["*"]) -> str:
     """Where the response function of a camera goes; `*` for all of them."""
-    return f"autoexpose/{rig}/{side}/response"
+    return f"autoexpose/{rig}/{camera}/response"
 
 
-def side_of(key: str) -> Side | None:
-    """The camera of a `frame_key` or `response_key`; None, and a line in the log, for an unknown one."""
+def camera_of(key: str) -> CameraName | None:
+    """The camera of a `frame_key` or `response_key`; None, and a line in the log, for what is no camera's name."""
     name = last_but(key, 1)
-    for side in SIDES:
-        if name == side:
-            return side
+    if CAMERA_NAME.fullmatch(name):
+        return name
     if _SELDOM.due("camera", time.monotonic_ns()):
-        log.warning("messages of a camera named %a are ignored: known are %s", name, " and ".join(SIDES))
+        log.warning("messages of a camera named %a are ignored: that is no camera's name", name)
     return None
 
 

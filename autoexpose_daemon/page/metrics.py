@@ -13,7 +13,7 @@ from autoexpose_daemon.status.counters import DURATIONS, RequestTally, TrackingR
 from autoexpose_daemon.status.document import CameraStatus, DurationStatus, PublishStatus, RecorderStatus, Status
 from autoexpose_daemon.status.states import State
 from autoexpose_daemon.status.telemetry import DropReason
-from drivers.triggers.outcomes import LossReason
+from drivers.triggers.outcomes import LossReason, missing
 from imaging.exposure import ExposureSetting
 
 CONTENT_TYPE = CONTENT_TYPE_PLAIN_0_0_4
@@ -92,13 +92,13 @@ class _Collector(Collector):
             ),
         ]
         for name, help_text, value_of in tables:
-            values = [((side,), value_of(camera)) for side, camera in status.cameras.items()]
-            yield self._gauge(name, help_text, values, "side")
+            values = [((of,), value_of(camera)) for of, camera in status.cameras.items()]
+            yield self._gauge(name, help_text, values, "camera")
 
     def _counts(self, status: Status) -> Iterator[Metric]:
         for counter, count in counters(status.counts):
             yield self._counter(counter.name, counter.meaning, count)
-        lost = _of_all(LossReason, status.lost)
+        lost = _of_all((*LossReason, *map(missing, status.cameras)), status.lost)
         yield self._counter("lost_triggers", "Triggers that made no stereo pair.", lost, "reason")
 
     def _durations(self, status: Status) -> Iterator[Metric]:

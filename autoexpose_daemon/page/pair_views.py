@@ -28,7 +28,7 @@ from autoexpose_daemon.control.picture.image import ImagePreparation, Shrinking,
 from autoexpose_daemon.messages.inputs import RegisteredView
 from imaging.errors import ConfigurationError
 from imaging.exposure import ExposureSetting
-from imaging.frames import Frame, Side
+from imaging.frames import CameraName, Frame
 from imaging.python310 import Self
 from imaging.response import ResponseFunction, prediction_tables
 
@@ -187,13 +187,13 @@ class ExposureHistory:
 
 
 def pair_message(
-    pair: ReceivedPair, pictures: Mapping[Side, FramePicture], registered: RegisteredView | None = None
+    pair: ReceivedPair, pictures: Mapping[CameraName, FramePicture], registered: RegisteredView | None = None
 ) -> bytes:
     """Length of the text (4 bytes, little-endian), the text in JSON, then the JPEGs in its order."""
     frames = pair.stereo.frames
     text = {
         "trigger": pair.trigger,
-        "pictures": [_described(side, frames[side], picture) for side, picture in pictures.items()],
+        "pictures": [_described(camera, frames[camera], picture) for camera, picture in pictures.items()],
         "decision": None if pair.decision is None else _decided(pair.decision),
         "registered": None if registered is None else _registered(registered),
     }
@@ -201,8 +201,8 @@ def pair_message(
     return b"".join([struct.pack("<I", len(head)), head, *(picture.jpeg for picture in pictures.values())])
 
 
-def _described(side: Side, frame: Frame, picture: FramePicture) -> dict[str, Any]:
-    about = {"side": side, "jpeg_bytes": len(picture.jpeg), "frame_width": picture.width, **asdict(frame.setting)}
+def _described(camera: CameraName, frame: Frame, picture: FramePicture) -> dict[str, Any]:
+    about = {"side": camera, "jpeg_bytes": len(picture.jpeg), "frame_width": picture.width, **asdict(frame.setting)}
     return about | _fields(picture, "metric", "saturated_share", "black_share")
 
 
@@ -264,7 +264,7 @@ class PairViews:
         self._connect = connect
         self._status = status
         self._history = history
-        self._makers: dict[Side, PictureMaker] = {}
+        self._makers: dict[CameraName, PictureMaker] = {}
         self._loop = asyncio.get_running_loop()
         self._rung = asyncio.Event()
         self._newest = (0, b"")
@@ -344,11 +344,11 @@ class PairViews:
                     self._last_error = str(error)
                     log.warning("no pictures: %s", error)
 
-    def _maker(self, side: Side) -> PictureMaker:
-        response = self._status.responses.get(side, _LINEAR)
-        known = self._makers.get(side)
+    def _maker(self, camera: CameraName) -> PictureMaker:
+        response = self._status.responses.get(camera, _LINEAR)
+        known = self._makers.get(camera)
         if known is None or not _same(known.response, response):
-            known = self._makers[side] = PictureMaker(response)
+            known = self._makers[camera] = PictureMaker(response)
         return known
 
     def _curve(self, pair: ReceivedPair) -> Curve:
@@ -357,7 +357,7 @@ class PairViews:
         return Curve(tuple(DELTA_LEVELS), tuple(metrics), pair.left.setting.level, decided)
 
     def _show(self, pair: ReceivedPair) -> None:
-        pictures = {side: self._maker(side).picture(frame) for side, frame in pair.stereo.frames.items()}
+        pictures = {camera: self._maker(camera).picture(frame) for camera, frame in pair.stereo.frames.items()}
         self._newest = self._newest[0] + 1, pair_message(pair, pictures, self._status.registered)
         self._loop.call_soon_threadsafe(self._ring)
 

@@ -8,7 +8,7 @@ import logging
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from concurrent.futures import Future
 from functools import partial
 
@@ -34,7 +34,7 @@ from autoexpose_daemon.publish.session import Endpoints, SessionHolder, reading
 from autoexpose_daemon.runtime.inputs import ForetoldLight, Tracking
 from autoexpose_daemon.status.document import grounds_to_json
 from autoexpose_daemon.status.telemetry import DropReason, PublishTally
-from imaging.frames import Side
+from imaging.frames import CameraName
 from imaging.geometry import CameraGeometry
 from imaging.python310 import FutureTimeoutError, Self
 
@@ -78,8 +78,8 @@ MAILBOX_PAIRS = 12
 _TELL_S = 1.0
 _TRACKING_MESSAGES = 1024
 """At most 1 MB: what zenoh drops from here is not counted as `too_often`."""
-_PRIORITIES: dict[Side, zenoh.Priority] = {"left": zenoh.Priority.DATA, "right": zenoh.Priority.DATA_LOW}
-"""Each priority has its own queue, which makes room for twice as many images."""
+_PRIORITIES = (zenoh.Priority.DATA, zenoh.Priority.DATA_LOW, zenoh.Priority.BACKGROUND)
+"""Of the cameras, in turn. Each priority has its own queue, which makes room for as many more images."""
 
 
 Tell = Callable[[bool], Mapping[str, str]]
@@ -101,14 +101,14 @@ class Publisher:
     def __init__(
         self,
         config: PublishConfig,
-        cameras: int,
+        cameras: Collection[CameraName],
         tell: Tell,
         light: ForetoldLight | None = None,
         ask: Ask | None = None,
         *,
         explain: Explain | None = None,
         tracking: Tracking | None = None,
-        calibrations: Callable[[], Mapping[Side, CameraGeometry]] = dict,
+        calibrations: Callable[[], Mapping[CameraName, CameraGeometry]] = dict,
     ) -> None:
         self.tally = PublishTally()
         self._tell = tell
@@ -118,11 +118,11 @@ class Publisher:
         self._explain = explain
         self._tracking = tracking
         self._config = config
-        self._cameras = cameras
+        self._priorities = dict(zip(cameras, itertools.cycle(_PRIORITIES), strict=False))
         # rmw_zenoh's routers forward nothing from peer to peer: ROS 2 nodes and we learn of each other by gossip.
         gossip = config.ros2_domain is not None
         self._endpoints = Endpoints(config.listen, config.connect, config.zenoh, gossip)
-        self._writer = MessageWriter(config.rig, cameras, config.stamp)
+        self._writer = MessageWriter(config.rig, len(cameras), config.stamp)
         self._mailbox: deque[ControlStep] = deque()
         self._news = threading.Condition()
         self._open = False
@@ -163,8 +163,8 @@ class Publisher:
         log.info("publishing autoexpose/%s, %s", self._config.rig, self._endpoints)
         rig, holder = self._config.rig, self._holder
         outlets: _Outlets = {
-            (side, topic): [_Outlet(session, frame_key(rig, side, topic), side)]
-            for side in _PRIORITIES
+            (camera, topic): [_Outlet(session, frame_key(rig, camera, topic), priority)]
+            for camera, priority in self._priorities.items()
             for topic in TOPICS
         }
         if self._light is not None:
@@ -207,10 +207,11 @@ class Publisher:
                 declare_token = session.liveliness().declare_token
                 node = Ros2Node(self._config.ros2_domain, self._config.rig, "autoexpose", str(session.info.zid()))
                 tokens.enter_context(declare_token(node.token))
-                sides = list(_PRIORITIES)[: self._cameras]
-                for number, (side, name) in enumerate(itertools.product(sides, TOPICS), 1):
-                    topic = node.topic(number, f"{self._config.rig}/{side}/{name}", TOPICS[name])
-                    outlets[side, name].append(_Outlet(session, topic.key, side, Attachments(topic)))
+                for number, (camera, name) in enumerate(itertools.product(self._priorities, TOPICS), 1):
+                    topic = node.topic(number, f"{self._config.rig}/{camera}/{name}", TOPICS[name])
+                    outlets[camera, name].append(
+                        _Outlet(session, topic.key, self._priorities[camera], Attachments(topic))
+                    )
                     tokens.enter_context(declare_token(topic.token))
             yield
 
@@ -223,7 +224,7 @@ class Publisher:
         )
         try:
             for message in made:
-                for outlet in heard[message.side, message.topic]:
+                for outlet in heard[message.camera, message.topic]:
                     outlet.put(message.data)
             self.tally.sent += 1
         except zenoh.ZError as error:
@@ -257,10 +258,12 @@ def _take_report(tracking: Tracking, report: TrackedCells) -> None:
 class _Outlet:
     """Publishes the messages of a camera under one key, with ROS 2's attachment if it is for ROS 2."""
 
-    def __init__(self, session: zenoh.Session, key: str, side: Side, attachments: Attachments | None = None) -> None:
+    def __init__(
+        self, session: zenoh.Session, key: str, priority: zenoh.Priority, attachments: Attachments | None = None
+    ) -> None:
         # The default is to drop what does not fit; express: an image is not held back to be sent with the next one.
         self._publisher = session.declare_publisher(
-            key, congestion_control=zenoh.CongestionControl.DROP, express=True, priority=_PRIORITIES[side]
+            key, congestion_control=zenoh.CongestionControl.DROP, express=True, priority=priority
         )
         self._attachments = attachments
 
@@ -273,5 +276,5 @@ class _Outlet:
         self._publisher.put(data, attachment=attachment)
 
 
-_Outlets = Mapping[tuple[Side, str], list[_Outlet]]
-"""By side and topic: one for our own consumers, and one for ROS 2 if configured."""
+_Outlets = Mapping[tuple[CameraName, str], list[_Outlet]]
+"""By camera and topic: one for our own consumers, and one for ROS 2 if configured."""

@@ -194,12 +194,12 @@ class BeliefStrip:
         if grounds is None:
             policy_id = loop.setup.policy_id
             raise ConfigurationError(f"policy {policy_id} has no belief to show: replay with --policy belief")
-        scene = grounds.scenes.get(pair.reference_side)
+        scene = grounds.scenes.get(pair.reference_camera)
         if scene is None:  # nothing is known of this camera
             return
         seconds = (frame.host_time_ns - self._start_ns) * 1e-9
         words = f"{seconds:.2f} s, trigger {pair.trigger}: {frame.setting}\n{decision.reason}"
-        picture = frame.grey8(loop.setup.responses[pair.reference_side].saturation)
+        picture = frame.grey8(loop.setup.responses[pair.reference_camera].saturation)
         self._kept.append((pair.trigger, Moment(words, picture, scene, grounds, decision.level)))
 
     def draw(self) -> str:

@@ -27,7 +27,7 @@ from autoexpose_daemon.messages.frames import TOPICS, MessageWriter, Stamp, real
 from autoexpose_daemon.messages.keys import DEFAULT, LATCHED, SENSOR_DATA, OfferedQos
 from autoexpose_daemon.messages.types import IMAGE, TYPESTORE, definition
 from imaging.errors import AutoexposeError
-from imaging.frames import Side, StereoPair
+from imaging.frames import CameraName, FrameSet
 from imaging.geometry import CameraGeometry
 
 OFFERED_QOS: Final = "offered_qos_profiles"
@@ -120,11 +120,11 @@ class Step:
     decision: Decision  # what control decided
     requests: tuple[str, ...] = ()  # what was requested of control since the step before, and who asked
     # geometry of the calibrated cameras, in CameraInfo; a replay needs none
-    calibrations: Mapping[Side, CameraGeometry] = field(default_factory=dict)
+    calibrations: Mapping[CameraName, CameraGeometry] = field(default_factory=dict)
     stamp_ns: int = 0  # of a step that was read: the stamp of its messages, CLOCK_REALTIME
 
     @property
-    def pair(self) -> StereoPair:
+    def pair(self) -> FrameSet:
         """What control looked at."""
         return self.inputs.pair
 
@@ -224,7 +224,7 @@ class RecordingFile:
                 step.pair, step.decision, step.sequence, self._offset_ns, calibrations=step.calibrations
             )
             for message in made:
-                self._add(message.side, message.topic, TOPICS[message.topic], message.data, step.sequence)
+                self._add(message.camera, message.topic, TOPICS[message.topic], message.data, step.sequence)
             if state is not None:
                 self._say(STATE, {"state": state})
             self._chunk_steps += 1

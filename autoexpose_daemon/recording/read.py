@@ -45,8 +45,8 @@ from autoexpose_daemon.recording.file import (
 )
 from documents import bounds
 from documents.files import open_regular
-from imaging.frames import SIDES, Frame, Side, StereoPair
-from imaging.geometry import CameraGeometry
+from imaging.frames import CameraName, Frame, FrameSet
+from imaging.geometry import SIDES, CameraGeometry
 
 FORMER_FORMATS = tuple(f"autoexpose-control/{number}" for number in range(2, 13))
 """In the eleventh, motion was measured by DIS flow unless a paper has Farneback's. In the tenth, only the latest delay
@@ -102,7 +102,7 @@ def upgraded_state(state: Any, setup: ControlSetup) -> Any:
     motion = setup.parameters.motion
     by_paper = motion == "policy" and setup.policy_id in _FARNEBACK and setup.parameters.bracket is None
     if motion != "farneback" and not by_paper and isinstance(state.get("motions"), dict):
-        state = {**state, "motions": {side: _of_tiles(each) for side, each in state["motions"].items()}}
+        state = {**state, "motions": {camera: _of_tiles(each) for camera, each in state["motions"].items()}}
     return _with_delays(state)
 
 
@@ -177,12 +177,12 @@ class Recording:
         self._path = path
         self._channels: dict[int, Channel] = {}
         self._schemas: dict[int, Schema] = {}
-        self._frames: dict[Side, Frame] = {}  # of the step that is being read
-        self._infos: dict[Side, Any] = {}
+        self._frames: dict[CameraName, Frame] = {}  # of the step that is being read
+        self._infos: dict[CameraName, Any] = {}
         self._given: dict[str, Any] = {}
         self._requests: tuple[str, ...] = ()
         self._setup: ControlSetup | None = None
-        self._calibrations: dict[Side, CameraGeometry] = {}
+        self._calibrations: dict[CameraName, CameraGeometry] = {}
 
     def __iter__(self) -> Iterator[Item]:
         """Read from the start of the file."""
@@ -246,17 +246,17 @@ class Recording:
         match channel.topic.split("/")[-2:]:
             case ["control", what] if what in _FIELDS or what in (SETUP, REQUESTS, STATE):
                 return self._of_control(what, message.data)
-            case ["left" | "right" as side, "exposure"]:
+            case ["left" | "right" as camera, "exposure"]:
                 self._check_version(channel)
-                self._exposure(side, message.data)
-            case ["left" | "right" as side, "camera_info"]:
+                self._exposure(camera, message.data)
+            case ["left" | "right" as camera, "camera_info"]:
                 geometry = read_camera_info(message.data)
                 if geometry is not None:
-                    self._calibrations[side] = geometry
-            case ["left" | "right" as side, "image"]:
+                    self._calibrations[camera] = geometry
+            case ["left" | "right" as camera, "image"]:
                 notes = channel.metadata
                 full_scale = FULL_SCALE.items() <= notes.items() or bool(notes.get(OFFERED_QOS))
-                return self._image(side, message.data, full_scale=full_scale)
+                return self._image(camera, message.data, full_scale=full_scale)
         return None
 
     def _of_control(self, what: str, data: bytes) -> Setup | LoopState | None:
@@ -283,24 +283,23 @@ class Recording:
                 self._given[name] = _checked(parse(upgraded_light(given) if name == "light_ahead" else given, kind))
         return None
 
-    def _exposure(self, side: Side, data: bytes) -> None:
+    def _exposure(self, camera: CameraName, data: bytes) -> None:
         info = read_exposure_info(data)
         for other in self._infos.values():
             if other.sequence != info.sequence:
                 raise ValueError(f"step {other.sequence} is incomplete")
-        self._infos[side] = info
+        self._infos[camera] = info
 
-    def _image(self, side: Side, data: bytes, *, full_scale: bool) -> Step | None:
-        if side not in self._infos or side in self._frames:
-            raise ValueError(f"an image of the {side} camera without its exposure")
+    def _image(self, camera: CameraName, data: bytes, *, full_scale: bool) -> Step | None:
+        if camera not in self._infos or camera in self._frames:
+            raise ValueError(f"an image of the {camera} camera without its exposure")
         stamp_ns, image = read_image(data)
-        info = self._infos[side]
-        self._frames[side] = frame_of(info, image, full_scale=full_scale)
+        info = self._infos[camera]
+        self._frames[camera] = frame_of(info, image, full_scale=full_scale)
         if len(self._frames) < (1 if info.alone else info.cameras):
             return None
-        frames = {each: self._frames[each] for each in SIDES if each in self._frames}
+        pair = FrameSet(info.trigger, self._frames)
         self._infos, self._frames = {}, {}
-        pair = StereoPair(info.trigger, frames)
         decision = decision_of(info)
         if decision is None:
             raise ValueError(f"step {info.sequence} has no decision")

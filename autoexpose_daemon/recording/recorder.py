@@ -23,7 +23,7 @@ from autoexpose_daemon.control.step import ControlStep
 from autoexpose_daemon.messages.frames import Stamp
 from autoexpose_daemon.recording.file import RecordingError, RecordingFile, Step
 from drivers.log_throttle import LogThrottle
-from imaging.frames import Side
+from imaging.frames import CameraName
 from imaging.geometry import CameraGeometry
 from imaging.python310 import Self
 
@@ -89,7 +89,7 @@ class Recorder(ABC):
         self._thread.join()
 
     def take(
-        self, made: ControlStep, loop: ControlLoop, cameras: int, calibrations: Mapping[Side, CameraGeometry]
+        self, made: ControlStep, loop: ControlLoop, cameras: int, calibrations: Mapping[CameraName, CameraGeometry]
     ) -> None:
         """Take a step of a rig with this many cameras; on the control thread, right after `loop` has made it."""
         if self._ended:

@@ -15,7 +15,7 @@ from cyclonedds.util import duration
 
 from autoexpose_daemon.client.control_client import ControlClient, rows_of
 from autoexpose_daemon.client.status_client import SILENT_S
-from autoexpose_daemon.messages.keys import SIDES, all_of_rig, check_rig_name, last_but, rig_key
+from autoexpose_daemon.messages.keys import all_of_rig, check_rig_name, last_but, rig_key
 from autoexpose_daemon.messages.types import (
     BOOL,
     CAMERA_INFO,
@@ -51,7 +51,7 @@ def diagnostics(rig: str, status: Status | None, stamp_ns: int) -> bytes:
         reasons = "; ".join(status.reasons)
         words = f"{status.state}: {reasons}" if reasons else str(status.state)
         entries = [_entry(_LEVELS[status.state], f"{rig}: exposure", words, "", dict(_of_rig(status)))]
-        entries += [_of_camera(rig, side, camera) for side, camera in status.cameras.items()]
+        entries += [_of_camera(rig, name, camera) for name, camera in status.cameras.items()]
     message = TYPESTORE.types[DIAGNOSTICS](header(stamp_ns, ""), entries)
     return serialise(message, DIAGNOSTICS)
 
@@ -73,7 +73,7 @@ def _of_rig(status: Status) -> Iterator[tuple[str, str]]:
         yield "requested", requested
 
 
-def _of_camera(rig: str, side: str, camera: CameraStatus) -> Any:
+def _of_camera(rig: str, name: str, camera: CameraStatus) -> Any:
     values = {}
     if camera.applied is not None:
         values = {
@@ -86,7 +86,7 @@ def _of_camera(rig: str, side: str, camera: CameraStatus) -> Any:
         level, words = WARN, camera.misfit
     else:
         level, words = OK, "open"
-    return _entry(level, f"{rig}: {side} camera", words, camera.camera or "", values)
+    return _entry(level, f"{rig}: {name} camera", words, camera.camera or "", values)
 
 
 def _entry(level: int, name: str, message: str, hardware_id: str, values: Mapping[str, str]) -> Any:
@@ -171,6 +171,8 @@ _WAITING_MESSAGES = 64
 """Ten pairs of six messages."""
 _WAITING_STATUS = 4
 _JOIN_S = 2.0
+_CAMERAS = ("left", "right")
+"""Other rigs than stereo pairs are for the node that takes this one's place."""
 """A request in progress may wait longer for the daemon's answer."""
 _SELDOM_S = 60.0
 
@@ -197,8 +199,8 @@ class Bridge:
                 "CYCLONEDDS_URI and the network"
             ) from error
         self._topics: dict[tuple[str, str], Writer] = {
-            (side, part): self._node.publisher(f"{side}/{name}", kind, frames=True, reliable=reliable)
-            for side in SIDES
+            (camera, part): self._node.publisher(f"{camera}/{name}", kind, frames=True, reliable=reliable)
+            for camera in _CAMERAS
             for part, (name, kind) in TOPICS.items()
         }
         self._diagnostics = self._node.publisher("/diagnostics", DIAGNOSTICS)
@@ -209,7 +211,7 @@ class Bridge:
     @property
     def sent(self) -> dict[str, int]:
         """Messages by topic."""
-        return {f"{side}/{TOPICS[part][0]}": writer.sent for (side, part), writer in self._topics.items()}
+        return {f"{camera}/{TOPICS[part][0]}": writer.sent for (camera, part), writer in self._topics.items()}
 
     @property
     def refused(self) -> int:

@@ -31,7 +31,7 @@ from drivers.rig.events import RigEvent
 from drivers.triggers.outcomes import Tally
 from imaging.errors import ConfigurationError
 from imaging.exposure import ExposureSetting
-from imaging.frames import Frame, Side, StereoPair
+from imaging.frames import CameraName, Frame, FrameSet
 from imaging.response import ResponseFunction
 
 log = logging.getLogger(__name__)
@@ -56,7 +56,7 @@ class Daemon:
     def __init__(
         self,
         config: Config,
-        openers: Mapping[Side, Callable[[], Camera]],  # for each side, a function that opens its camera
+        openers: Mapping[CameraName, Callable[[], Camera]],  # for each side, a function that opens its camera
         start: ExposureSetting | None = None,  # the setting that the cameras start with; None: as configured
         outlets: Sequence[Outlet] = (),
     ) -> None:
@@ -177,8 +177,8 @@ class Daemon:
         loop = ControlLoop(
             self._config.control.policy, ResponseFunction.linear(), self._config.exposure.limits(), self._config.start
         )
-        loop.step(StereoPair(0, {"left": black, "right": black}))
-        loop.step(StereoPair(1, {"left": replace(black, device_time_ns=1)}))
+        loop.step(FrameSet(0, {"left": black, "right": black}))
+        loop.step(FrameSet(1, {"left": replace(black, device_time_ns=1)}))
 
     def _next_events(self) -> list[RigEvent]:
         """All waiting events; waits a moment for the first."""

@@ -17,7 +17,7 @@ from autoexpose_daemon.control.step import StepInputs
 from autoexpose_daemon.messages.frames import Stamp, moment_ns
 from autoexpose_daemon.status.counters import Counts, ImuTally, LightTally, TrackingRefusal, TrackingTally
 from drivers.log_throttle import LogThrottle
-from imaging.frames import Side, StereoPair
+from imaging.frames import CameraName, FrameSet
 
 log = logging.getLogger(__name__)
 
@@ -41,7 +41,7 @@ class InputSource:
     def decided(self, inputs: StepInputs, loop: ControlLoop) -> None:
         """The loop has decided, given these inputs."""
 
-    def passed_over(self, pair: StereoPair) -> None:
+    def passed_over(self, pair: FrameSet) -> None:
         """Control had no time for a pair."""
 
 
@@ -189,18 +189,18 @@ class Tracking(InputSource):
 
     def __init__(
         self,
-        sides: Collection[Side],
+        cameras: Collection[CameraName],
         rate_hz: float,
         stamp: Stamp = "middle",
         now_ns: Callable[[], int] = time.monotonic_ns,
     ) -> None:
         self.tally = TrackingTally()
-        self._sides = sides
+        self._sides = cameras
         self._stamp = stamp
         self._now_ns = now_ns
         self._memory = TrackingMemory()
         self._waiting: deque[tuple[TrackedCells, int]] = deque()
-        self._seen: deque[tuple[int, Mapping[Side, CellExposure]]] = deque(
+        self._seen: deque[tuple[int, Mapping[CameraName, CellExposure]]] = deque(
             maxlen=math.ceil(OLDEST_REPORT_S * rate_hz) + 1
         )
         self._throttle = LogThrottle(_SAID_S)
@@ -216,7 +216,7 @@ class Tracking(InputSource):
         """Something other than a report has arrived."""
         self._refuse(TrackingRefusal.DAMAGED)
 
-    def saw(self, stamped_ns: int, exposures: Mapping[Side, CellExposure]) -> None:
+    def saw(self, stamped_ns: int, exposures: Mapping[CameraName, CellExposure]) -> None:
         """Control has seen the frames with this stamp (CLOCK_MONOTONIC), or passed them over, with no `exposures`."""
         self._seen.append((stamped_ns, exposures))
 
@@ -232,7 +232,7 @@ class Tracking(InputSource):
         self.tally.by, self.tally.age_s = ((), None) if steering is None else (steering.by, steering.age_s)
         self.saw(moment_ns(inputs.pair.reference, self._stamp), loop.cell_exposures)
 
-    def passed_over(self, pair: StereoPair) -> None:
+    def passed_over(self, pair: FrameSet) -> None:
         """Nothing is known of how its frames were exposed."""
         self.saw(moment_ns(pair.reference, self._stamp), {})
 
@@ -245,7 +245,7 @@ class Tracking(InputSource):
             return
         self._refuse(found)
         if found in _WORDS and self._throttle.due(found, self._now_ns()):
-            reason = _WORDS[found].format(side=report.side)
+            reason = _WORDS[found].format(camera=report.camera)
             log.warning("a report of consumer %s on its tracking is ignored: %s", report.consumer, reason)
 
     def _frame(self, report: TrackedCells, taken_ns: int) -> CellExposure | TrackingRefusal:
@@ -253,14 +253,14 @@ class Tracking(InputSource):
         now_ns = self._now_ns()
         stamped_ns, exposures = min(self._seen, key=lambda seen: abs(seen[0] - taken_ns), default=(0, {}))
         refusals = {
-            TrackingRefusal.NO_CAMERA: report.side not in self._sides,
+            TrackingRefusal.NO_CAMERA: report.camera not in self._sides,
             TrackingRefusal.FUTURE: taken_ns > now_ns + APART_NS,
             TrackingRefusal.STALE: taken_ns < now_ns - OLDEST_REPORT_S * 1e9,
             TrackingRefusal.UNKNOWN_FRAME: abs(stamped_ns - taken_ns) > APART_NS,
-            TrackingRefusal.PASSED_OVER: report.side not in exposures,
+            TrackingRefusal.PASSED_OVER: report.camera not in exposures,
             TrackingRefusal.TOO_MANY: not self._memory.has_room(report.consumer, taken_ns * 1e-9),
         }
-        return next((refusal for refusal, holds in refusals.items() if holds), None) or exposures[report.side]
+        return next((refusal for refusal, holds in refusals.items() if holds), None) or exposures[report.camera]
 
     def _refuse(self, reason: TrackingRefusal) -> None:
         self.tally.refused[reason] += 1

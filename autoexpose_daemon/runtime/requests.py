@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, field, replace
 
@@ -15,7 +15,7 @@ from autoexpose_daemon.status.counters import Answer, AnsweredShot, Bounds, Requ
 from drivers.log_throttle import LogThrottle
 from imaging.errors import AutoexposeError, ConfigurationError
 from imaging.exposure import ExposureLimits, ExposureSetting
-from imaging.frames import SIDES, Frame, Side, StereoPair
+from imaging.frames import CameraName, Frame, FrameSet
 
 log = logging.getLogger(__name__)
 
@@ -34,39 +34,40 @@ class PendingShot:
     setting: ExposureSetting  # what to take the pair with
     deadline_ns: int  # when to give up
     answer: Future[Answer]
+    rig: Sequence[CameraName]  # all its cameras, in the order of the configuration
     is_decided: bool = False  # whether the step that asks the cameras for it has been made
     command: int = 0  # the number of the latest command before it is decided on, and then of its own
-    unwritten: set[Side] = field(default_factory=set)  # cameras that are still to be written
+    unwritten: set[CameraName] = field(default_factory=set)  # cameras that are still to be written
     written_ns: int = 0  # when the last of the other cameras was written (CLOCK_MONOTONIC)
-    _cameras: set[Side] = field(default_factory=set)
-    _seen: dict[Side, tuple[int, Frame]] = field(default_factory=dict)  # with the trigger
+    _cameras: set[CameraName] = field(default_factory=set)
+    _seen: dict[CameraName, tuple[int, Frame]] = field(default_factory=dict)  # with the trigger
 
-    def decided(self, written_to: Iterable[Side], present: Iterable[Side]) -> None:
+    def decided(self, written_to: Iterable[CameraName], present: Iterable[CameraName]) -> None:
         """The cameras that are present are asked for it; some of them will be written."""
         self.is_decided, self.unwritten, self._cameras = True, set(written_to), set(present)
 
-    def written(self, side: Side, command: int, finished_ns: int) -> None:
+    def written(self, camera: CameraName, command: int, finished_ns: int) -> None:
         """A camera was written for a command."""
         if command == self.command:
-            self.unwritten.discard(side)
+            self.unwritten.discard(camera)
             self.written_ns = finished_ns
 
-    def write_failed(self, side: Side) -> None:
+    def write_failed(self, camera: CameraName) -> None:
         """A camera refused what it was written."""
-        self.unwritten.discard(side)
+        self.unwritten.discard(camera)
 
-    def gone(self, side: Side) -> None:
+    def gone(self, camera: CameraName) -> None:
         """A camera is lost."""
-        self.unwritten.discard(side)
-        self._cameras.discard(side)
+        self.unwritten.discard(camera)
+        self._cameras.discard(camera)
 
-    def is_in(self, pair: StereoPair) -> bool:
+    def is_in(self, pair: FrameSet) -> bool:
         """Whether a frame of a pair was taken for it: only the first such frame of each camera was."""
         if not self.is_decided:
             return False
         showing = {
-            side: (pair.trigger, frame)
-            for side, frame in pair.frames.items()
+            camera: (pair.trigger, frame)
+            for camera, frame in pair.frames.items()
             if frame.setting.agrees_with(self.setting)
         }
         new = bool(showing.keys() - self._seen.keys())
@@ -79,12 +80,14 @@ class PendingShot:
     def found(self) -> AnsweredShot | None:
         """The frames taken for it, once every camera that is still there has shown it.
 
-        The trigger is the left frame's, if there is one: a camera that was written late shows it a frame later.
+        The trigger is that of the first camera that has shown it: one that was written late shows it a frame later.
         """
         if not self._seen or not self._seen.keys() >= self._cameras:
             return None
-        trigger, frame = self._seen[min(self._seen, key=SIDES.index)]
-        return AnsweredShot(frame.setting, trigger, {side: frame.frame_id for side, (_, frame) in self._seen.items()})
+        trigger, frame = next(self._seen[camera] for camera in self.rig if camera in self._seen)
+        return AnsweredShot(
+            frame.setting, trigger, {camera: frame.frame_id for camera, (_, frame) in self._seen.items()}
+        )
 
     @property
     def why_late(self) -> str:
@@ -133,7 +136,8 @@ class Requests:
         if shot is None:
             answer.set_result(self._answer())
         else:
-            self.shot = PendingShot(shot, now_ns + self._patience_ns, answer)
+            rig = tuple(self._configured.config.cameras)
+            self.shot = PendingShot(shot, now_ns + self._patience_ns, answer, rig)
 
     def drop(self) -> None:
         """Return to the configuration, which is now the tuning of the active loop."""
@@ -144,7 +148,7 @@ class Requests:
         self._note_bounds()
         self._give_up("the configuration was reloaded meanwhile")
 
-    def override(self, pair: StereoPair) -> Override:
+    def override(self, pair: FrameSet) -> Override:
         """What applies to the step on a pair."""
         held, shot, unseen = self._tally.locked, None, False
         if self.shot is not None:
@@ -160,7 +164,7 @@ class Requests:
         if self.shot is not None and not self.shot.is_decided:
             self.shot.command = command
 
-    def decided(self, decision: Decision, written_to: Iterable[Side], present: Iterable[Side]) -> None:
+    def decided(self, decision: Decision, written_to: Iterable[CameraName], present: Iterable[CameraName]) -> None:
         """The step was made; some of the cameras present will be written."""
         if self._override.shot is None:
             self._decided = decision.setting
@@ -179,7 +183,7 @@ class Requests:
         fresh, self._fresh = self._fresh, ()
         return fresh
 
-    def passed_over(self, pair: StereoPair) -> None:
+    def passed_over(self, pair: FrameSet) -> None:
         """Control had no time for a pair, which may contain a shot."""
         if self.shot is not None:
             self.shot.is_in(pair)
@@ -218,10 +222,9 @@ class Requests:
 
     def _knows_enough(self, request: Request) -> bool:
         """Whether the cameras that a request concerns have been open, so that it can be checked."""
-        areas = {} if request.region is None else {"left": request.region.left, "right": request.region.right}
-        concerned = {side for side, area in areas.items() if area is not None}
+        concerned = set(request.regions)
         if request.limits is not None:
-            concerned |= self._active.tuning.config.sides.keys()
+            concerned |= self._active.tuning.config.cameras.keys()
         return self._active.cameras.keys() >= concerned
 
     def _shot_within(self, limits: ExposureLimits, request: ShotRequest) -> ExposureSetting:

@@ -16,7 +16,7 @@ from calibration.response.drift import Change, ResponseWatch, misfit_grey, refin
 from calibration.response.file import ResponseFile
 from drivers.log_throttle import LogThrottle
 from imaging.errors import ConfigurationError
-from imaging.frames import Side, StereoPair
+from imaging.frames import CameraName, FrameSet
 from imaging.python310 import UTC
 
 log = logging.getLogger(__name__)
@@ -46,62 +46,62 @@ class ResponseDrift:
 
     def __init__(self, config: Config) -> None:
         # How far responses are off: grey levels rms, for each side with a verdict; in words, where it does not hold.
-        self.residual_grey: dict[Side, float] = {}
-        self.misfits: dict[Side, str] = {}
+        self.residual_grey: dict[CameraName, float] = {}
+        self.misfits: dict[CameraName, str] = {}
         self._refines = config.response.refine
         self._last_trigger = -1
-        self._copies = refined_paths({side: file.path for side, file in config.responses.items() if file.path})
+        self._copies = refined_paths({camera: file.path for camera, file in config.responses.items() if file.path})
         self._cameras = {
-            side: _Camera(config.sides[side].serial, file, ResponseWatch(file.response))
-            for side, file in config.responses.items()
+            camera: _Camera(config.cameras[camera].serial, file, ResponseWatch(file.response))
+            for camera, file in config.responses.items()
         }
 
-    def see(self, pair: StereoPair) -> None:
+    def see(self, pair: FrameSet) -> None:
         """The next pair; frames without their own exposure metadata are ignored."""
         follows, self._last_trigger = pair.trigger == self._last_trigger + 1, pair.trigger
-        for side, camera in self._cameras.items():
-            frame = pair.frames.get(side)
+        for name, camera in self._cameras.items():
+            frame = pair.frames.get(name)
             if frame is None or not follows or frame.setting_source != "chunk":
                 camera.watch.interrupt()
                 continue
             counted = camera.watch.counted
             camera.watch.see(frame.sparse_grey8(), frame.setting.level)
             if camera.watch.counted > counted:
-                self._judge(side, camera)
+                self._judge(name, camera)
 
-    def _judge(self, side: Side, camera: _Camera) -> None:
+    def _judge(self, camera_name: CameraName, camera: _Camera) -> None:
         residual = camera.watch.residual_grey
         if residual is None:
             return
-        self.residual_grey[side] = residual
-        if side not in self.misfits and residual > DOUBTFUL_GREY:
-            self.misfits[side] = (
+        self.residual_grey[camera_name] = residual
+        if camera_name not in self.misfits and residual > DOUBTFUL_GREY:
+            self.misfits[camera_name] = (
                 f"response off by {residual:.1f} grey levels rms when the exposure changes: "
                 f"autoexpose calibrate response --camera {camera.serial}"
             )
-            log.warning("%s camera: %s", side, self.misfits[side])
-        elif side in self.misfits and residual < TRUSTED_GREY:
-            del self.misfits[side]
-            log.info("%s camera: its response holds again", side)
-        if self._refines and side in self._copies and camera.watch.counted >= camera.next_attempt:
+            log.warning("%s camera: %s", camera_name, self.misfits[camera_name])
+        elif camera_name in self.misfits and residual < TRUSTED_GREY:
+            del self.misfits[camera_name]
+            log.info("%s camera: its response holds again", camera_name)
+        if self._refines and camera_name in self._copies and camera.watch.counted >= camera.next_attempt:
             camera.next_attempt = camera.watch.counted + REFINE_EVERY
-            arguments = side, camera.file, self._copies[side], list(camera.watch.changes)
-            threading.Thread(target=_refine, args=arguments, name=f"refine-{side}", daemon=True).start()
+            arguments = camera_name, camera.file, self._copies[camera_name], list(camera.watch.changes)
+            threading.Thread(target=_refine, args=arguments, name=f"refine-{camera_name}", daemon=True).start()
 
 
-def refined_paths(calibrated: Mapping[Side, Path]) -> dict[Side, Path]:
+def refined_paths(calibrated: Mapping[CameraName, Path]) -> dict[CameraName, Path]:
     """Where the refined copies of response files are kept: in the service's state directory, else beside them.
 
     Files of one name would share a copy there: the names of theirs begin with the side.
     """
     state = os.environ.get("STATE_DIRECTORY", "").split(":")[0]
-    paths = {side: Path(state or file.parent, f"{file.stem}.refined.yaml") for side, file in calibrated.items()}
+    paths = {camera: Path(state or file.parent, f"{file.stem}.refined.yaml") for camera, file in calibrated.items()}
     if len(set(paths.values())) == len(paths):
         return paths
-    return {side: path.with_name(f"{side}.{path.name}") for side, path in paths.items()}
+    return {camera: path.with_name(f"{camera}.{path.name}") for camera, path in paths.items()}
 
 
-def _refine(side: Side, file: ResponseFile, path: Path, changes: list[Change]) -> None:
+def _refine(camera: CameraName, file: ResponseFile, path: Path, changes: list[Change]) -> None:
     """Write a better response than the calibrated one, if the changes show one."""
     better = refine(file.response, changes)
     if better is None:
@@ -112,8 +112,8 @@ def _refine(side: Side, file: ResponseFile, path: Path, changes: list[Change]) -
         replace(file, response=better, origin=origin, model="free", parameters={}, residual_grey=after).save(path)
     except ConfigurationError as error:
         if _THROTTLE.due((path, "failed"), time.monotonic_ns()):
-            log.warning("%s camera: the refined response could not be written: %s", side, error)
+            log.warning("%s camera: the refined response could not be written: %s", camera, error)
         return
     if not _THROTTLE.due((path, "refined"), time.monotonic_ns()):
         return
-    log.info("%s camera: %s refined: off by %.1f grey levels rms, was %.1f", side, path, after, before)
+    log.info("%s camera: %s refined: off by %.1f grey levels rms, was %.1f", camera, path, after, before)

@@ -31,7 +31,7 @@ from drivers.rig.supervision import Slots
 from drivers.triggers import RigRecord
 from drivers.triggers.host import HostTriggers, PtpTriggers, ReadoutTimes, SoftwareTriggers
 from imaging.exposure import ExposureSetting
-from imaging.frames import Side, StereoPair
+from imaging.frames import CameraName, FrameSet
 
 Outlet = Callable[[ControlStep], None]
 """Called with every pair, on the control thread, so it must return at once. One that is a context manager is open while
@@ -44,10 +44,10 @@ class Cameras(Protocol):
     def write(self, setting: ExposureSetting, not_before_ns: int, command: int) -> None:
         """Write `setting` to every camera, no earlier than `not_before_ns`, as this command; replaces a pending one."""
 
-    def pace(self, side: Side, slots: Slots) -> None:
+    def pace(self, camera: CameraName, slots: Slots) -> None:
         """Trigger a camera in these slots until it is closed; replaces, or moves, the former ones."""
 
-    def reopen(self, side: Side, why: str) -> None:
+    def reopen(self, camera: CameraName, why: str) -> None:
         """Close and reopen a camera that answers but sends nothing; `why` follows its name in a sentence."""
 
 
@@ -76,7 +76,7 @@ class RigControl:
         self.outlets: list[Outlet] = []
         self.sources: dict[str, InputSource] = {}  # by field of `StepInputs`
         mode = config.trigger.mode if config.trigger.mode != "primary" else "external"
-        self.record = RigRecord(tuple(config.sides), config.trigger_sources, config.trigger.rate_hz, now_ns(), mode)
+        self.record = RigRecord(tuple(config.cameras), config.trigger_sources, config.trigger.rate_hz, now_ns(), mode)
         self.active = ActiveLoop(Tuning(config))  # also for outlets, which run on its thread
         period_ns = 1e9 / config.trigger.rate_hz
         self.requests = Requests(self.active, self.telemetry.requests, start or config.start, period_ns)
@@ -128,10 +128,10 @@ class RigControl:
         self.requests.look(self._now_ns())
         if events:
             self.telemetry.account(self.record)
-        for side, why in self._health.look(self._now_ns()).items():
-            self._cameras.reopen(side, why)
+        for camera, why in self._health.look(self._now_ns()).items():
+            self._cameras.reopen(camera, why)
 
-    def _pass_over(self, pair: StereoPair) -> None:
+    def _pass_over(self, pair: FrameSet) -> None:
         """A complete pair without a decision; consumers get it, unless they have had one of its frames alone.
 
         Nothing went wrong if the first frames of a camera complete pairs whose other frame has been decided on.
@@ -144,47 +144,47 @@ class RigControl:
                 source.passed_over(pair)
             self._deliver(ControlStep(StepInputs(pair)))
 
-    def _enter(self, event: RigEvent) -> list[StereoPair]:
+    def _enter(self, event: RigEvent) -> list[FrameSet]:
         """Dispatch an event: to the triggers and the record, then to whom it concerns; returns the pairs it completed.
 
         Nobody else looks at what kind of event it is.
         """
         now_ns, shot = self._now_ns(), self.requests.shot
         event = self._triggers.placed(self._readout_times.placed(event))
-        for side, slots in self._triggers.see(event, now_ns).items():
-            self._cameras.pace(side, slots)
-            self.record.paced(side, now_ns)
+        for camera, slots in self._triggers.see(event, now_ns).items():
+            self._cameras.pace(camera, slots)
+            self.record.paced(camera, now_ns)
         pairs = [] if isinstance(event, Written) else self.record.take(event, now_ns)
         match event:
-            case FrameArrived(side, frame, stale):
-                self._health.arrived(side, frame, stale, now_ns)
-            case Written(side):
+            case FrameArrived(camera, frame, stale):
+                self._health.arrived(camera, frame, stale, now_ns)
+            case Written(camera):
                 self.telemetry.written(event, self.record.written(event))
                 self._health.written(event)
                 if shot is not None:
-                    shot.written(side, event.command, event.finished_ns)
-            case WriteFailed(side):
+                    shot.written(camera, event.command, event.finished_ns)
+            case WriteFailed(camera):
                 self._health.write_failed(event)
                 if shot is not None:
-                    shot.write_failed(side)
+                    shot.write_failed(camera)
                 self._asked = None
             case CameraReady():
                 self._health.ready(event)
                 self.active.ready(event)
                 self._joins = True
-            case CameraGone(side):
+            case CameraGone(camera):
                 self._health.gone(event, now_ns)
                 if shot is not None:
-                    shot.gone(side)
-            case CameraSilent(side):
-                self._health.silent(side, now_ns)
-            case ClockRead(side, reading):
-                self._health.clock_read(side, reading)
-            case PacketsRefused(side, packets):
-                self._health.packets_refused(side, packets)
+                    shot.gone(camera)
+            case CameraSilent(camera):
+                self._health.silent(camera, now_ns)
+            case ClockRead(camera, reading):
+                self._health.clock_read(camera, reading)
+            case PacketsRefused(camera, packets):
+                self._health.packets_refused(camera, packets)
         return pairs
 
-    def _step(self, pair: StereoPair) -> None:
+    def _step(self, pair: FrameSet) -> None:
         started_ns = self._now_ns()
         taken_ns = min(frame.host_time_ns for frame in pair.frames.values())
         known = {name: source(taken_ns) for name, source in self.sources.items()}
@@ -198,7 +198,7 @@ class RigControl:
         self.telemetry.decision_ms.add_ns(decided_ns - started_ns)
         self.telemetry.decided(decision, self.active.loop.setup.limits, self.active.loop.flicker_hz)
         self._health.counted(pair, self.active.loop.uncounted)
-        written_to: list[Side] = []
+        written_to: list[CameraName] = []
         if decision.setting != self._asked and not self._awaits_shot(decided_ns):
             self._asked, written_to = decision.setting, self.telemetry.cameras.present
             command = self.record.command(decision.setting, arrival_ns, decided_ns)
@@ -224,5 +224,5 @@ class RigControl:
         for outlet in self.outlets:
             outlet(step)
 
-    def _complete(self, pair: StereoPair) -> bool:
-        return len(pair.frames) == len(self.active.tuning.config.sides)
+    def _complete(self, pair: FrameSet) -> bool:
+        return len(pair.frames) == len(self.active.tuning.config.cameras)

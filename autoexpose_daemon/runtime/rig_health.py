@@ -18,7 +18,7 @@ from drivers.triggers import RigRecord
 from drivers.triggers.host import HostTriggers
 from drivers.triggers.rate import HOST_RATE_TOLERANCE, RATE_TOLERANCE, RateWatch
 from drivers.triggers.writes import EffectWatch
-from imaging.frames import Frame, Side, StereoPair
+from imaging.frames import CameraName, Frame, FrameSet
 
 log = logging.getLogger(__name__)
 
@@ -29,44 +29,44 @@ Kind = str
 class Troubles:
     """Keeps the troubles of a rig; `present` is read by other threads."""
 
-    def __init__(self, present: dict[tuple[Side, Kind], str]) -> None:
+    def __init__(self, present: dict[tuple[CameraName, Kind], str]) -> None:
         self.present = present
-        self._logged: set[tuple[Side, Kind, str]] = set()
+        self._logged: set[tuple[CameraName, Kind, str]] = set()
 
-    def begin(self, side: Side, kind: Kind, sentence: str) -> None:
+    def begin(self, camera: CameraName, kind: Kind, sentence: str) -> None:
         """Something is wrong: logged when it begins, not at every repetition."""
-        if (side, kind) not in self.present:
-            self._log(side, kind, sentence)
+        if (camera, kind) not in self.present:
+            self._log(camera, kind, sentence)
 
-    def change(self, side: Side, kind: Kind, sentence: str) -> None:
+    def change(self, camera: CameraName, kind: Kind, sentence: str) -> None:
         """The same, but each new sentence is logged."""
-        if (side, kind, sentence) in self._logged:
-            self.present[side, kind] = sentence
+        if (camera, kind, sentence) in self._logged:
+            self.present[camera, kind] = sentence
         else:
-            self._logged.add((side, kind, sentence))
-            self._log(side, kind, sentence)
+            self._logged.add((camera, kind, sentence))
+            self._log(camera, kind, sentence)
 
-    def judge(self, side: Side, kind: Kind, sentence: str | None) -> None:
+    def judge(self, camera: CameraName, kind: Kind, sentence: str | None) -> None:
         """The current verdict; None: nothing is wrong. A new sentence is logged."""
         if sentence is None:
-            self.end(side, kind)
-        elif self.present.get((side, kind)) != sentence:
-            self._log(side, kind, sentence)
+            self.end(camera, kind)
+        elif self.present.get((camera, kind)) != sentence:
+            self._log(camera, kind, sentence)
 
-    def end(self, side: Side, kind: Kind) -> None:
+    def end(self, camera: CameraName, kind: Kind) -> None:
         """It is over, if it ever began."""
-        if self.present.pop((side, kind), None) is not None:
-            self._logged = {logged for logged in self._logged if logged[:2] != (side, kind)}
+        if self.present.pop((camera, kind), None) is not None:
+            self._logged = {logged for logged in self._logged if logged[:2] != (camera, kind)}
 
-    def end_all(self, side: Side) -> None:
+    def end_all(self, name: CameraName) -> None:
         """The camera is replaced or gone."""
         for camera, kind in list(self.present):
-            if camera == side:
-                self.end(side, kind)
+            if camera == name:
+                self.end(name, kind)
 
-    def _log(self, side: Side, kind: Kind, sentence: str) -> None:
-        self.present[side, kind] = sentence
-        log.warning("%s camera: %s", side, sentence)
+    def _log(self, camera: CameraName, kind: Kind, sentence: str) -> None:
+        self.present[camera, kind] = sentence
+        log.warning("%s camera: %s", camera, sentence)
 
 
 INCOMPLETE_FRAMES = 20
@@ -85,7 +85,7 @@ FLOWING_NS = 500_000_000
 PERIODS = 10.0
 """At low rates: another camera has sent a frame within this many periods, and this one has missed more."""
 
-BESIDE_ANOTHER = "sends no frames while the other one does"
+BESIDE_ANOTHER = "sends no frames while another one does"
 LIKE_ALL = "sends no frames"
 
 
@@ -97,31 +97,33 @@ class StuckStreams:
 
     def __init__(self, period_s: float, *, needs_pulses: bool) -> None:
         self._periods_ns, self._needs_pulses = PERIODS * period_s * 1e9, needs_pulses
-        self._arrived_ns: dict[Side, int] = {}
-        self._due_ns: dict[Side, float] = {}
-        self._pause_ns: dict[Side, float] = {}
+        self._arrived_ns: dict[CameraName, int] = {}
+        self._due_ns: dict[CameraName, float] = {}
+        self._pause_ns: dict[CameraName, float] = {}
 
-    def arrived(self, side: Side, now_ns: int) -> None:
+    def arrived(self, camera: CameraName, now_ns: int) -> None:
         """A frame has arrived, complete or not."""
-        self._arrived_ns[side] = now_ns
+        self._arrived_ns[camera] = now_ns
 
-    def reasons(self, cameras: Mapping[Side, str], now_ns: int, untriggered: Collection[Side] = ()) -> dict[Side, str]:
+    def reasons(
+        self, cameras: Mapping[CameraName, str], now_ns: int, untriggered: Collection[CameraName] = ()
+    ) -> dict[CameraName, str]:
         """Which cameras to reopen now, and why; those that are not triggered yet cannot be stuck."""
         flowing_ns = max(FLOWING_NS, self._periods_ns)
-        flowing = {side for side, last_ns in self._arrived_ns.items() if now_ns - last_ns < flowing_ns}
-        stuck: dict[Side, str] = {}
-        for side, camera in cameras.items():
-            if side in flowing:
-                self._pause_ns.pop(side, None)
+        flowing = {name for name, last_ns in self._arrived_ns.items() if now_ns - last_ns < flowing_ns}
+        stuck: dict[CameraName, str] = {}
+        for name, camera in cameras.items():
+            if name in flowing:
+                self._pause_ns.pop(name, None)
             stopped = self._needs_pulses and not flowing
-            if side in flowing or stopped or camera == GONE or side in untriggered:
-                self._due_ns.pop(side, None)
+            if name in flowing or stopped or camera == GONE or name in untriggered:
+                self._due_ns.pop(name, None)
                 continue
-            pause_ns = self._pause_ns.setdefault(side, max(FIRST_PAUSE_NS, 2 * self._periods_ns))
-            if now_ns >= self._due_ns.setdefault(side, now_ns + pause_ns):
-                stuck[side] = BESIDE_ANOTHER if flowing else LIKE_ALL
-                del self._due_ns[side]
-                self._pause_ns[side] = min(2 * pause_ns, LONGEST_PAUSE_NS)
+            pause_ns = self._pause_ns.setdefault(name, max(FIRST_PAUSE_NS, 2 * self._periods_ns))
+            if now_ns >= self._due_ns.setdefault(name, now_ns + pause_ns):
+                stuck[name] = BESIDE_ANOTHER if flowing else LIKE_ALL
+                del self._due_ns[name]
+                self._pause_ns[name] = min(2 * pause_ns, LONGEST_PAUSE_NS)
         return stuck
 
 
@@ -141,137 +143,137 @@ class RigHealth:
         self._troubles = Troubles(telemetry.cameras.troubles)
         tolerance = HOST_RATE_TOLERANCE if config.trigger.by_host else RATE_TOLERANCE
         self._rates = RateWatch(config.trigger.rate_hz, config.trigger_sources, tolerance)
-        self._effects = {side: EffectWatch() for side in config.sides}
-        self._with_metadata: set[Side] = set()
-        self._incomplete: Counter[Side] = Counter()
+        self._effects = {camera: EffectWatch() for camera in config.cameras}
+        self._with_metadata: set[CameraName] = set()
+        self._incomplete: Counter[CameraName] = Counter()
         # By PTP, too, cameras expose only on request, which pauses while their clocks are not synchronised.
         needs_pulses = config.trigger.mode in ("external", "ptp")
         self._stuck = StuckStreams(1.0 / config.trigger.rate_hz, needs_pulses=needs_pulses)
         self._drift = ResponseDrift(config)
         self._record = record
         self._triggers = triggers
-        self._sides = frozenset(config.sides)
-        self._ever_ready: set[Side] = set()
-        self._out: set[Side] = set()
-        self._silent: set[Side] = set()
+        self._sides = frozenset(config.cameras)
+        self._ever_ready: set[CameraName] = set()
+        self._out: set[CameraName] = set()
+        self._silent: set[CameraName] = set()
         self._throttle = LogThrottle(_SILENCE_LOG_PAUSE_S)
 
-    def arrived(self, side: Side, frame: Frame | IncompleteFrame, stale: bool, now_ns: int) -> None:
+    def arrived(self, camera: CameraName, frame: Frame | IncompleteFrame, stale: bool, now_ns: int) -> None:
         """Look at any frame, whole or not; `stale`: too late for control."""
-        self._stuck.arrived(side, now_ns)
-        self._silent.discard(side)
-        self._troubles.end(side, "strangers")
+        self._stuck.arrived(camera, now_ns)
+        self._silent.discard(camera)
+        self._troubles.end(camera, "strangers")
         if isinstance(frame, IncompleteFrame):
-            self._incomplete[side] += 1
-            if self._incomplete[side] >= INCOMPLETE_FRAMES:
-                self._troubles.begin(side, "incomplete", _INCOMPLETE)
+            self._incomplete[camera] += 1
+            if self._incomplete[camera] >= INCOMPLETE_FRAMES:
+                self._troubles.begin(camera, "incomplete", _INCOMPLETE)
             return
         if (trouble := frame.clock_trouble) is not None:  # told with any complete frame, and once
             self._counts.clock_jumps += trouble.kind == "jump"
-            log.warning("%s camera: %s", side, trouble.sentence)
+            log.warning("%s camera: %s", camera, trouble.sentence)
         if not stale:
-            self._cameras.last_frame_ns[side] = frame.arrival_time_ns
-            self._check(side, frame)
+            self._cameras.last_frame_ns[camera] = frame.arrival_time_ns
+            self._check(camera, frame)
 
-    def _check(self, side: Side, frame: Frame) -> None:
+    def _check(self, camera: CameraName, frame: Frame) -> None:
         """Look at the next complete frame of a camera."""
-        self._incomplete[side] = 0
-        self._troubles.end(side, "incomplete")
-        self._troubles.judge(side, "rate", self._rates.frame(side, frame))
-        self._troubles.judge(side, "effect", self._effects[side].frame(frame, self._record.history(side)))
+        self._incomplete[camera] = 0
+        self._troubles.end(camera, "incomplete")
+        self._troubles.judge(camera, "rate", self._rates.frame(camera, frame))
+        self._troubles.judge(camera, "effect", self._effects[camera].frame(frame, self._record.history(camera)))
         self._counts.frames_off_setting = sum(watch.frames_off_setting for watch in self._effects.values())
         if frame.setting_source == "chunk":
-            self._with_metadata.add(side)
-            self._troubles.end(side, "metadata")
-        elif side in self._with_metadata:
+            self._with_metadata.add(camera)
+            self._troubles.end(camera, "metadata")
+        elif camera in self._with_metadata:
             self._counts.frames_without_exposure_metadata += 1
-            self._troubles.begin(side, "metadata", _NO_METADATA)
+            self._troubles.begin(camera, "metadata", _NO_METADATA)
 
-    def silent(self, side: Side, now_ns: int) -> None:
+    def silent(self, camera: CameraName, now_ns: int) -> None:
         """A camera sends no frames."""
-        if side not in self._record.unpaced and self._throttle.due(side, now_ns):
-            log.warning("%s camera: no frames; checking that it answers", side)
-        self._rates.gone(side)
-        self._incomplete[side] = 0
+        if camera not in self._record.unpaced and self._throttle.due(camera, now_ns):
+            log.warning("%s camera: no frames; checking that it answers", camera)
+        self._rates.gone(camera)
+        self._incomplete[camera] = 0
         for kind in ("rate", "incomplete"):
-            self._troubles.end(side, kind)
-        self._silent.add(side)
+            self._troubles.end(camera, kind)
+        self._silent.add(camera)
 
     def ready(self, event: CameraReady) -> None:
         """A camera is open."""
-        side, camera = event.side, event.description
-        self._counts.reconnects += side in self._ever_ready
-        self._ever_ready.add(side)
-        self._troubles.end(side, GONE)
-        log.info("%s camera: %s %s %s, ready", side, camera.vendor, camera.model, camera.serial)
+        name, camera = event.camera, event.description
+        self._counts.reconnects += name in self._ever_ready
+        self._ever_ready.add(name)
+        self._troubles.end(name, GONE)
+        log.info("%s camera: %s %s %s, ready", name, camera.vendor, camera.model, camera.serial)
         for limitation in camera.limitations:
-            log.warning("%s camera %s: %s", side, camera.serial, limitation)
-        self._cameras.names[side] = f"{camera.model} {camera.serial}"
+            log.warning("%s camera %s: %s", name, camera.serial, limitation)
+        self._cameras.names[name] = f"{camera.model} {camera.serial}"
 
     def gone(self, event: CameraGone, now_ns: int) -> None:
         """A camera is lost; raises its error if it cannot be driven: at the start, or if none is left."""
-        side = event.side
-        if self._cameras.names.get(side) != GONE:
-            self._troubles.end_all(side)
-        self._cameras.names[side] = GONE
-        self._cameras.ptp.pop(side, None)
-        self._rates.gone(side)  # everything is judged afresh when it returns
-        self._effects[side].gone()
-        self._incomplete[side] = 0
-        self._with_metadata.discard(side)
+        camera = event.camera
+        if self._cameras.names.get(camera) != GONE:
+            self._troubles.end_all(camera)
+        self._cameras.names[camera] = GONE
+        self._cameras.ptp.pop(camera, None)
+        self._rates.gone(camera)  # everything is judged afresh when it returns
+        self._effects[camera].gone()
+        self._incomplete[camera] = 0
+        self._with_metadata.discard(camera)
         if event.final:
-            self._out.add(side)
+            self._out.add(camera)
             opened_ns = self._telemetry.opened_ns
             starting = opened_ns is None or now_ns - opened_ns < START_PATIENCE_NS
-            if self._out == self._sides or (side not in self._ever_ready and starting):
+            if self._out == self._sides or (camera not in self._ever_ready and starting):
                 raise event.error
         what_now = "it stays out until the daemon is restarted" if event.final else "trying again"
-        self._troubles.change(side, GONE, f"{event.error}; {what_now}")
+        self._troubles.change(camera, GONE, f"{event.error}; {what_now}")
 
     def written(self, write: Written) -> None:
         """A camera was written: did it take what was asked for?"""
-        self._troubles.end(write.side, "refused")
+        self._troubles.end(write.camera, "refused")
         if write.read_back.agrees_with(write.asked):
-            self._troubles.end(write.side, ADJUSTED)
+            self._troubles.end(write.camera, ADJUSTED)
         else:
             self._counts.adjusted_writes += 1
             taken = f"{write.asked} was asked for, the camera took {write.read_back}"
-            self._troubles.begin(write.side, ADJUSTED, taken)
+            self._troubles.begin(write.camera, ADJUSTED, taken)
 
     def write_failed(self, event: WriteFailed) -> None:
         """A camera refused a setting."""
         self._counts.refused_writes += 1
-        self._effects[event.side].gone()  # it may have taken part of it
-        self._troubles.begin(event.side, "refused", f"{event.asked} was refused: {event.error}")
+        self._effects[event.camera].gone()  # it may have taken part of it
+        self._troubles.begin(event.camera, "refused", f"{event.asked} was refused: {event.error}")
 
-    def packets_refused(self, side: Side, packets: RefusedPackets) -> None:
+    def packets_refused(self, camera: CameraName, packets: RefusedPackets) -> None:
         """Packets of somebody else came instead of a camera's."""
         self._counts.refused_packets += packets.count
-        if side in self._silent:
-            self._troubles.begin(side, "strangers", f"{packets}: {_WHOSE_PACKETS}")
+        if camera in self._silent:
+            self._troubles.begin(camera, "strangers", f"{packets}: {_WHOSE_PACKETS}")
 
-    def clock_read(self, side: Side, reading: ClockReading) -> None:
+    def clock_read(self, camera: CameraName, reading: ClockReading) -> None:
         """A camera says how its clock is synchronised."""
-        self._cameras.ptp[side] = reading.ptp
+        self._cameras.ptp[camera] = reading.ptp
 
-    def pair(self, pair: StereoPair) -> None:
+    def pair(self, pair: FrameSet) -> None:
         """Look at a pair: do the cameras still respond as calibrated?"""
         self._drift.see(pair)
         self._cameras.drift_grey, self._cameras.misfits = self._drift.residual_grey, self._drift.misfits
 
-    def counted(self, pair: StereoPair, uncounted: Mapping[Side, str]) -> None:
+    def counted(self, pair: FrameSet, uncounted: Mapping[CameraName, str]) -> None:
         """Note which frames of a pair did not count for the decision on it, and why."""
-        for side in pair.frames:
-            self._troubles.judge(side, "uncounted", uncounted.get(side))
+        for camera in pair.frames:
+            self._troubles.judge(camera, "uncounted", uncounted.get(camera))
 
     def tune(self, tuning: Tuning) -> None:
         """Continue with the responses of another tuning."""
         self._drift = ResponseDrift(tuning.config)
 
-    def look(self, now_ns: int) -> dict[Side, str]:
+    def look(self, now_ns: int) -> dict[CameraName, str]:
         """To be called at least ten times a second; returns the cameras to reopen, and why."""
         for finding in self._record.findings(now_ns):
             log.warning("%s", finding)
-        for side in self._cameras.present:
-            self._troubles.judge(side, "clock", self._triggers.trouble(side, now_ns))
+        for camera in self._cameras.present:
+            self._troubles.judge(camera, "clock", self._triggers.trouble(camera, now_ns))
         return self._stuck.reasons(self._cameras.names, now_ns, self._record.unpaced)

@@ -12,8 +12,8 @@ from pydantic import ValidationError
 from autoexpose_daemon.config.control import region_of
 from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.config.load import camera_setup
-from autoexpose_daemon.config.request import RegionRequest, Request
-from autoexpose_daemon.config.section import AreaConfig, error_sentences
+from autoexpose_daemon.config.request import Request
+from autoexpose_daemon.config.section import error_sentences
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.picture.image import Region
@@ -25,7 +25,7 @@ from drivers.rig.events import CameraReady
 from drivers.setup import CameraSetup
 from imaging.errors import AutoexposeError, ConfigurationError
 from imaging.exposure import ExposureLimits
-from imaging.frames import SIDES, Side, StereoPair
+from imaging.frames import CameraName, FrameSet
 from imaging.pixels import plane_shape
 from imaging.python310 import Self
 
@@ -38,17 +38,17 @@ class Tuning:
 
     def __init__(self, config: Config) -> None:
         self.config = config
-        self.responses = {side: file.response for side, file in config.responses.items()}
+        self.responses = {camera: file.response for camera, file in config.responses.items()}
         self.calibrations = config.calibrations
-        self.vignettings = {side: file.vignetting for side, file in config.vignettings.items()}
-        self.regions = config.control.roi.regions
+        self.vignettings = {camera: file.vignetting for camera, file in config.vignettings.items()}
+        self.regions = config.control.regions
 
     def changed(self, request: Request) -> Self:
         """This tuning with a request's changes, or itself; ConfigurationError if that is not a valid configuration.
 
         Reads no files.
         """
-        config, regions = self.config, self._requested_regions(request.region)
+        config, regions = self.config, self._requested_regions(request)
         control, exposure = config.control, config.exposure
         if request.policy is not None:
             control = control.model_copy(update={"policy": request.policy})
@@ -74,16 +74,15 @@ class Tuning:
         """What differs, in words."""
         ours, theirs = self.config, other.config
         named = {"policy": ours.control.policy != theirs.control.policy, "limits": ours.exposure != theirs.exposure}
-        named |= {f"region {side}": self.regions.get(side) is not other.regions.get(side) for side in SIDES}
+        named |= {
+            f"region {camera}": self.regions.get(camera) is not other.regions.get(camera) for camera in ours.cameras
+        }
         return tuple(name for name, differs in named.items() if differs)
 
-    def _requested_regions(self, request: RegionRequest | None) -> dict[Side, Region]:
-        areas: dict[Side, AreaConfig | None] = {}
-        if request is not None:
-            areas = {"left": request.left, "right": request.right}
-        asked = {side: region_of(f"region.{side}", area) for side, area in areas.items() if area is not None}
-        for side in asked.keys() - self.config.sides.keys():
-            raise ConfigurationError(f"region.{side}: the rig has no {side} camera: leave it out")
+    def _requested_regions(self, request: Request) -> dict[CameraName, Region]:
+        asked = {camera: region_of(f"region.{camera}", area) for camera, area in request.regions.items()}
+        for camera in asked.keys() - self.config.cameras.keys():
+            raise ConfigurationError(f"region.{camera}: the rig has no {camera} camera: leave it out")
         return self.regions | asked
 
     def limits(self, cameras: Iterable[ExposureLimits]) -> ExposureLimits:
@@ -99,9 +98,9 @@ class Tuning:
                 ) from error
         return limits
 
-    def check_region(self, side: Side, camera: CameraDescription) -> None:
+    def check_region(self, name: CameraName, camera: CameraDescription) -> None:
         """Refuse a region that does not fit what a camera sends; raises ConfigurationError."""
-        region = self.regions.get(side)
+        region = self.regions.get(name)
         if region is not None and camera.size is not None and camera.pixel_format is not None:
             width, height = camera.size
             region.weights((height, width), plane_shape((height, width), camera.pixel_format.layout))
@@ -116,30 +115,30 @@ class Tuning:
         )
 
 
-def openers(config: Config) -> dict[Side, Callable[[], Camera]]:
+def openers(config: Config) -> dict[CameraName, Callable[[], Camera]]:
     """For each side of the rig, a function that opens its camera as configured."""
     tuning = Tuning(config)
-    return {side: partial(_open, tuning, side, camera_setup(config, side)) for side in config.sides}
+    return {camera: partial(_open, tuning, camera, camera_setup(config, camera)) for camera in config.cameras}
 
 
-def refusals(config: Config) -> Iterator[tuple[Side, AutoexposeError | None]]:
+def refusals(config: Config) -> Iterator[tuple[CameraName, AutoexposeError | None]]:
     """Why each side's camera cannot be opened, set up and exposed as configured, or None; it is closed again."""
-    for side, opener in openers(config).items():
+    for camera, opener in openers(config).items():
         try:
             opener().close()
         except AutoexposeError as error:
-            yield side, error
+            yield camera, error
         else:
-            yield side, None
+            yield camera, None
 
 
-def _open(tuning: Tuning, side: Side, setup: CameraSetup) -> Camera:
+def _open(tuning: Tuning, name: CameraName, setup: CameraSetup) -> Camera:
     """Open a camera; refuse one that is not as files, limits or regions need it."""
-    camera = open_camera(tuning.config.sides[side].serial, setup)
+    camera = open_camera(tuning.config.cameras[name].serial, setup)
     try:
-        tuning.config.check_frames(side, camera.description)
+        tuning.config.check_frames(name, camera.description)
         tuning.limits([camera.limits])
-        tuning.check_region(side, camera.description)
+        tuning.check_region(name, camera.description)
     except ConfigurationError:
         camera.close()
         raise
@@ -158,14 +157,14 @@ class ActiveLoop:
     def __init__(self, tuning: Tuning) -> None:
         self.tuning = tuning  # what the loop is built from, apart from the cameras' limits
         self.loop: ControlLoop | None = None  # until a camera is ready
-        self._limits: dict[Side, ExposureLimits] = {}
-        self.cameras: dict[Side, CameraDescription] = {}  # that have been ready
-        self._newest: StereoPair | None = None
+        self._limits: dict[CameraName, ExposureLimits] = {}
+        self.cameras: dict[CameraName, CameraDescription] = {}  # that have been ready
+        self._newest: FrameSet | None = None
 
     def ready(self, event: CameraReady) -> None:
         """Take over the limits of a camera; raises ConfigurationError if no common range is left."""
-        self._limits[event.side] = event.limits
-        self.cameras[event.side] = event.description
+        self._limits[event.camera] = event.limits
+        self.cameras[event.camera] = event.description
         limits = self.tuning.limits(self._limits.values())
         if self.loop is None or limits != self.loop.setup.limits:
             self._install(self.tuning.loop(limits))
@@ -176,11 +175,11 @@ class ActiveLoop:
 
     def prepared(self, tuning: Tuning) -> ControlLoop:
         """The loop of another tuning, for `use`; ConfigurationError if it does not fit cameras or frames."""
-        for side, camera in self.cameras.items():
-            tuning.config.check_frames(side, camera)
+        for name, camera in self.cameras.items():
+            tuning.config.check_frames(name, camera)
         loop = tuning.loop(tuning.limits(self._limits.values()))
-        for side, camera in self.cameras.items():
-            tuning.check_region(side, camera)
+        for name, camera in self.cameras.items():
+            tuning.check_region(name, camera)
         if self._newest is not None:
             loop.step(self._newest)
         return loop

@@ -117,7 +117,7 @@ def add_outlets(daemon: Daemon, config: Config, recorder: Recorder | None = None
 
         def record(step: ControlStep) -> None:
             if step.decision is not None and daemon.loop is not None:  # which has just made the step
-                recorder.take(step, daemon.loop, len(config.sides), daemon.tuning.calibrations)
+                recorder.take(step, daemon.loop, len(config.cameras), daemon.tuning.calibrations)
 
         daemon.outlets.append(record)
     if config.publish is None:
@@ -132,12 +132,12 @@ def add_outlets(daemon: Daemon, config: Config, recorder: Recorder | None = None
     light = ForetoldLight(config.trigger.rate_hz)
     daemon.follow("light_ahead", light)
     daemon.telemetry.light_ahead = light.tally
-    tracking = Tracking(config.sides, config.trigger.rate_hz, config.publish.stamp)
+    tracking = Tracking(config.cameras, config.trigger.rate_hz, config.publish.stamp)
     daemon.follow("steering", tracking)
     daemon.telemetry.tracking = tracking.tally
     publisher = Publisher(
         config.publish,
-        len(config.sides),
+        config.cameras,
         partial(_texts, daemon),
         light,
         daemon.ask,
@@ -172,8 +172,8 @@ def _texts(daemon: Daemon, last: bool) -> dict[str, str]:
     tuning = daemon.tuning
     status = describe(daemon.telemetry, tuning.config, ending=last)
     responses = {
-        response_key(status.rig, side): response_to_json(it, tuning.vignettings.get(side))
-        for side, it in tuning.responses.items()
+        response_key(status.rig, camera): response_to_json(it, tuning.vignettings.get(camera))
+        for camera, it in tuning.responses.items()
     }
     return {rig_key(status.rig, "status"): status.to_json()} | responses
 

@@ -12,7 +12,7 @@ from pydantic import Field, TypeAdapter, ValidationError
 from autoexpose_daemon.control.parameters import FASTEST_TURN_RAD_S
 from autoexpose_daemon.messages.client import LAST_COUNT
 from imaging.exposure import ExposureLimits, ExposureSetting
-from imaging.frames import Side
+from imaging.frames import CameraName
 from imaging.python310 import StrEnum
 
 Count = Annotated[int, Field(ge=0, le=LAST_COUNT)]
@@ -222,7 +222,7 @@ class AnsweredShot:
 
     setting: ExposureSetting  # the setting that its frames report they were taken with
     trigger: Annotated[int, Field(ge=0, le=LAST_COUNT)]  # the daemon's number of the trigger
-    frame_ids: dict[Side, Annotated[int, Field(ge=0, lt=1 << 64)]]  # the id of each camera's frame
+    frame_ids: dict[CameraName, Annotated[int, Field(ge=0, lt=1 << 64)]]  # the id of each camera's frame
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,7 +22,7 @@ from autoexpose_daemon.status.document import (
 from autoexpose_daemon.status.states import Expectation, Health, judge
 from autoexpose_daemon.status.telemetry import GONE, DurationSamples, PublishTally, Telemetry
 from documents.text import readable
-from imaging.frames import Side
+from imaging.frames import CameraName
 
 KEPT_FAULTS = 50
 LONGEST_TEXT = 500
@@ -70,7 +70,7 @@ def health_of(telemetry: Telemetry, config: Config) -> Health:
     now_ns = time.monotonic_ns()
     triggered = config.trigger.mode == "external"
     opened_ns = now_ns if telemetry.opened_ns is None else telemetry.opened_ns
-    expected = Expectation(tuple(config.sides), 1.0 / config.trigger.rate_hz, triggered, opened_ns)
+    expected = Expectation(tuple(config.cameras), 1.0 / config.trigger.rate_hz, triggered, opened_ns)
     return judge(telemetry, expected, now_ns)
 
 
@@ -88,7 +88,7 @@ def describe(telemetry: Telemetry, config: Config, ending: bool = False) -> Stat
         ending=ending,
         state=health.state,
         reasons=health.reasons,
-        cameras={side: _camera(telemetry, side) for side in config.sides},
+        cameras={camera: _camera(telemetry, camera) for camera in config.cameras},
         rate_hz=round(telemetry.rate_hz(now_ns), 3),
         counts=replace(telemetry.counts),
         lost={str(reason): count for reason, count in list(telemetry.lost.items()) if count},
@@ -109,14 +109,14 @@ def _seconds(duration_ns: int) -> float:
     return round(duration_ns * 1e-9, 3)
 
 
-def _camera(telemetry: Telemetry, side: Side) -> CameraStatus:
-    camera = telemetry.cameras.names.get(side, GONE)
+def _camera(telemetry: Telemetry, name: CameraName) -> CameraStatus:
+    camera = telemetry.cameras.names.get(name, GONE)
     return CameraStatus(
         camera=None if camera == GONE else camera,
-        applied=telemetry.newest.get(side),
-        drift_grey=telemetry.cameras.drift_grey.get(side),
-        misfit=telemetry.cameras.misfits.get(side),
-        ptp=telemetry.cameras.ptp.get(side),
+        applied=telemetry.newest.get(name),
+        drift_grey=telemetry.cameras.drift_grey.get(name),
+        misfit=telemetry.cameras.misfits.get(name),
+        ptp=telemetry.cameras.ptp.get(name),
     )
 
 

@@ -14,7 +14,7 @@ from autoexpose_daemon.status.counters import Count, Counts, ImuTally, LightTall
 from autoexpose_daemon.status.states import Health, State
 from drivers.camera import PtpState
 from imaging.exposure import ExposureSetting
-from imaging.frames import Side
+from imaging.frames import CameraName
 
 LARGEST_GROUNDS_BYTES = 1 << 16
 """Four times what those of two cameras take."""
@@ -136,7 +136,7 @@ class Status:
     ending: bool  # whether this is the last status before the daemon stops or reopens its cameras for a reload
     state: State
     reasons: Annotated[tuple[str, ...], _Few]  # why it is not better
-    cameras: dict[Side, CameraStatus]  # every camera of the configuration
+    cameras: dict[CameraName, CameraStatus]  # every camera of the configuration
     rate_hz: _Hertz  # complete pairs per second, at present
     counts: Counts
     lost: _Counts  # triggers that made no pair, by reason (docs/account.md)

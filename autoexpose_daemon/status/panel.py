@@ -16,7 +16,7 @@ from rich.text import Text
 from autoexpose_daemon.status.counters import DURATIONS, unusual_counts
 from autoexpose_daemon.status.document import CameraStatus, DurationStatus, PublishStatus, Status
 from autoexpose_daemon.status.states import State
-from drivers.triggers.outcomes import LossReason
+from drivers.triggers.outcomes import MISSING, LossReason
 from imaging.exposure import ExposureSetting
 
 log = logging.getLogger(__name__)
@@ -27,9 +27,8 @@ _EDGES: dict[str, str] = {
 }
 """The losses of every start and every end, which need no investigation."""
 _FAULTS: dict[str, str] = {
-    LossReason.LEFT_MISSING: "without the left frame",
-    LossReason.RIGHT_MISSING: "without the right frame",
     LossReason.BOTH_MISSING: "without either frame",
+    LossReason.SEVERAL_MISSING: "without several frames",
     LossReason.INCOMPLETE: "with an incomplete frame",
     LossReason.NOT_GIVEN: "not triggered in time",
     LossReason.TRIGGER_IGNORED: "ignored by a camera",
@@ -42,7 +41,12 @@ def losses(lost: Mapping[str, int]) -> Iterator[tuple[str, int, bool]]:
     """Each reason that has cost triggers: in words, how many, and whether it is a fault."""
     for reason, count in lost.items():
         if count:
-            yield _EDGES.get(reason) or _FAULTS.get(reason, reason), count, reason not in _EDGES
+            yield _EDGES.get(reason) or _fault(reason), count, reason not in _EDGES
+
+
+def _fault(reason: str) -> str:
+    camera = reason.removesuffix(MISSING)
+    return _FAULTS.get(reason) or (reason if camera == reason else f"without the {camera} frame")
 
 
 def lost_in_words(lost: Mapping[str, int], note: str = "") -> str:
@@ -101,7 +105,7 @@ def line_of(status: Status) -> str:
 
 def _rows(status: Status) -> Iterator[tuple[str, str]]:
     absent = "not open yet" if status.state is State.STARTING else "gone"
-    yield from ((f"{side} camera", _camera(camera, absent)) for side, camera in status.cameras.items())
+    yield from ((f"{name} camera", _camera(camera, absent)) for name, camera in status.cameras.items())
     yield "pairs", f"{status.counts.pairs}   {status.rate_hz:.1f} per second   for {duration_text(status.open_s)}"
     yield "lost", lost_in_words(status.lost)
     yield from ((counter.label, str(count)) for counter, count in unusual_counts(status.counts))
@@ -135,9 +139,9 @@ def newest_setting(status: Status) -> ExposureSetting | None:
 
 
 def _responses(status: Status) -> Iterator[tuple[str, str]]:
-    for side, camera in status.cameras.items():
+    for name, camera in status.cameras.items():
         if camera.drift_grey is not None:
-            yield f"{side} response", f"off by {camera.drift_grey:.1f} grey levels"
+            yield f"{name} response", f"off by {camera.drift_grey:.1f} grey levels"
 
 
 def _outlets(status: Status) -> Iterator[tuple[str, str]]:

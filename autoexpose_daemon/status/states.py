@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from autoexpose_daemon.status.telemetry import GONE, Telemetry
-from imaging.frames import Side
+from imaging.frames import CameraName
 from imaging.python310 import StrEnum
 
 START_PATIENCE_NS = 10_000_000_000
@@ -45,7 +45,7 @@ class Health:
 class Expectation:
     """What a rig should deliver: its cameras, the period of their frames (s), and since when (CLOCK_MONOTONIC)."""
 
-    sides: Sequence[Side]
+    cameras: Sequence[CameraName]
     period_s: float
     triggered: bool
     since_ns: int
@@ -68,34 +68,34 @@ def judge(telemetry: Telemetry, expected: Expectation, now_ns: int) -> Health:
 
 def _reasons(telemetry: Telemetry, expected: Expectation, now_ns: int) -> Iterator[str]:
     seen = telemetry.cameras
-    cameras = {side: seen.names.get(side, GONE) for side in expected.sides}
-    gone = [side for side, camera in cameras.items() if camera == GONE]
-    present = [side for side in cameras if side not in gone]
+    cameras = {name: seen.names.get(name, GONE) for name in expected.cameras}
+    gone = [name for name, camera in cameras.items() if camera == GONE]
+    present = [name for name in cameras if name not in gone]
     troubles = seen.troubles.copy()  # the control thread changes it
-    incomplete = [side for side in present if (side, "incomplete") in troubles]
-    whole = [side for side in present if side not in incomplete]
-    silent = [side for side in whole if _silent(seen.last_frame_ns.get(side), expected, now_ns)]
+    incomplete = [name for name in present if (name, "incomplete") in troubles]
+    whole = [name for name in present if name not in incomplete]
+    silent = [name for name in whole if _silent(seen.last_frame_ns.get(name), expected, now_ns)]
     # The last frame of one camera before the trigger stops may be lost: it then falls silent a little earlier.
     soon_ns = now_ns + round(expected.silence_ns / 2)
-    if silent and all(_silent(seen.last_frame_ns.get(side), expected, soon_ns) for side in whole):
+    if silent and all(_silent(seen.last_frame_ns.get(name), expected, soon_ns) for name in whole):
         silent = whole
-    for side in gone:
-        yield f"{side} camera gone" + (f": {troubles[side, GONE]}" if (side, GONE) in troubles else "")
+    for name in gone:
+        yield f"{name} camera gone" + (f": {troubles[name, GONE]}" if (name, GONE) in troubles else "")
     if silent and silent == present:
         yield "no triggers" if expected.triggered else "no frames"
     else:
-        for side in silent:
-            yield f"no frames from the {side} camera"
+        for name in silent:
+            yield f"no frames from the {name} camera"
     # Twice as patient: when the trigger stops, one camera's last frame may be a little later than the last pair.
     if not (gone or silent or incomplete) and _silent(
         telemetry.last_pair_ns, expected, now_ns - round(expected.silence_ns)
     ):
         yield "frames form no stereo pairs"
-    for (side, kind), trouble in troubles.items():
+    for (name, kind), trouble in troubles.items():
         if kind not in (GONE, ADJUSTED):
-            yield f"{side} camera: {trouble}"
-    for side, misfit in list(seen.misfits.items()):  # the control thread adds to it
-        yield f"calibration of the {side} camera does not fit: {misfit}"
+            yield f"{name} camera: {trouble}"
+    for name, misfit in list(seen.misfits.items()):  # the control thread adds to it
+        yield f"calibration of the {name} camera does not fit: {misfit}"
     if telemetry.publishing is not None and telemetry.publishing.trouble:
         yield f"frames are not published: {telemetry.publishing.trouble}"
     if telemetry.imu is not None and telemetry.imu.trouble:

@@ -17,10 +17,9 @@ from autoexpose_daemon.status.counters import Counts, ImuTally, LightTally, Requ
 from drivers.camera import PtpState
 from drivers.rig.events import Written
 from drivers.triggers import RigRecord
-from drivers.triggers.outcomes import LossReason
 from drivers.triggers.writes import Command
 from imaging.exposure import ExposureLimits, ExposureSetting
-from imaging.frames import Side, StereoPair
+from imaging.frames import CameraName, FrameSet
 from imaging.python310 import StrEnum
 
 GONE_NS = 5_000_000_000
@@ -159,22 +158,22 @@ class CameraTally:
     """What is known of the cameras; written by `RigHealth`."""
 
     # model and serial of each camera that the daemon tried to open, or `GONE`
-    names: dict[Side, str] = field(default_factory=dict)
+    names: dict[CameraName, str] = field(default_factory=dict)
     # arrival of each camera's newest whole frame (CLOCK_MONOTONIC)
-    last_frame_ns: dict[Side, int] = field(default_factory=dict)
+    last_frame_ns: dict[CameraName, int] = field(default_factory=dict)
     # what each open camera says about its PTP clock, in `trigger.mode` ptp
-    ptp: dict[Side, PtpState] = field(default_factory=dict)
+    ptp: dict[CameraName, PtpState] = field(default_factory=dict)
     # what is wrong with the cameras now, in words, by camera and kind
-    troubles: dict[tuple[Side, str], str] = field(default_factory=dict)
+    troubles: dict[tuple[CameraName, str], str] = field(default_factory=dict)
     # why a camera's calibration does not fit, in words, for each such camera
-    misfits: dict[Side, str] = field(default_factory=dict)
+    misfits: dict[CameraName, str] = field(default_factory=dict)
     # error of its response (grey levels rms), for each camera with a verdict
-    drift_grey: dict[Side, float] = field(default_factory=dict)
+    drift_grey: dict[CameraName, float] = field(default_factory=dict)
 
     @property
-    def present(self) -> list[Side]:
+    def present(self) -> list[CameraName]:
         """The cameras that are open."""
-        return [side for side, camera in self.names.items() if camera != GONE]
+        return [name for name, camera in self.names.items() if camera != GONE]
 
 
 @dataclass(slots=True)
@@ -199,12 +198,12 @@ class Telemetry:
     imu: ImuTally | None = None
     light_ahead: LightTally | None = None
     tracking: TrackingTally | None = None
-    lost: dict[LossReason, int] = field(default_factory=dict)  # triggers that made no pair, by reason
+    lost: dict[str, int] = field(default_factory=dict)  # triggers that made no pair, by reason
     last_pair_ns: int | None = None  # arrival of the newest complete pair (CLOCK_MONOTONIC)
     # the setting of the newest frame that control saw, and of the newest frame of each camera, without those that have
     # stopped sending while another goes on
     applied: ExposureSetting | None = None
-    newest: dict[Side, ExposureSetting] = field(default_factory=dict)
+    newest: dict[CameraName, ExposureSetting] = field(default_factory=dict)
     # the latest decision, and the flicker found in the light; None: none was found, or it is not looked for
     decision: Decision | None = None
     flicker_hz: float | None = None
@@ -236,21 +235,23 @@ class Telemetry:
             self.write_ms.add_ns(write.finished_ns - write.started_ns)
             self.frame_to_node_ms.add_ns(write.finished_ns - command.arrival_ns)
 
-    def delivered(self, pair: StereoPair, record: RigRecord, skew_ns: int, complete: bool) -> None:
-        """Note a pair that control saw; not `complete`: one of two cameras is missing."""
+    def delivered(self, pair: FrameSet, record: RigRecord, skew_ns: int, complete: bool) -> None:
+        """Note a pair that control saw; not `complete`: a camera is missing."""
         if record.mismatched(pair):
             self.counts.mismatched_pairs += 1
             self.counts.unexplained_mismatches += not record.explains_mismatch(pair)
-        for side, frame in pair.frames.items():
-            if (effect_ns := record.history(side).first_effect_ns(frame)) is not None:
+        for camera, frame in pair.frames.items():
+            if (effect_ns := record.history(camera).first_effect_ns(frame)) is not None:
                 self.command_to_effect_ms.add_ns(effect_ns)
         if len(pair.frames) > 1:
             self.skew_ms.add_ns(skew_ns)
         self.applied = pair.reference.setting
         arrival_ns = max(frame.arrival_time_ns for frame in pair.frames.values())
         since_ns = arrival_ns - self._pause_ns
-        going_on = {side: it for side, it in self.newest.items() if self.cameras.last_frame_ns.get(side, 0) >= since_ns}
-        self.newest = going_on | {side: frame.setting for side, frame in pair.frames.items()}
+        going_on = {
+            camera: it for camera, it in self.newest.items() if self.cameras.last_frame_ns.get(camera, 0) >= since_ns
+        }
+        self.newest = going_on | {camera: frame.setting for camera, frame in pair.frames.items()}
         if complete:
             start_ns = pair.reference.host_time_ns
             if self._recent_ns and start_ns - self._recent_ns[-1] > self._pause_ns:

@@ -43,7 +43,7 @@ from calibration.sweep import FIRST_TIME_US, StaticCamera, Sweep, SweepPlan, tim
 from drivers.aravis import open_camera
 from imaging.errors import ConfigurationError
 from imaging.exposure import ExposureSetting
-from imaging.frames import SIDES
+from imaging.geometry import SIDES
 from imaging.response import ResponseFunction
 
 GOOD_GREY = 1.5
@@ -77,7 +77,7 @@ def check_camera(path: Path, serial: str, console: Console) -> Check:
     file = ResponseFile.load(path)
     origin = file.origin
     file.check_belongs(serial)
-    mode = CameraMode(serial, origin.pixel_format, origin.binning)
+    mode = CameraMode(serial, pixel_format=origin.pixel_format, binning=origin.binning)
     gain_db = origin.gain_db or 0.0
     with Session(open_camera(serial, mode.setup())) as session:
         file.check_belongs(serial, session.description.pixel_format)

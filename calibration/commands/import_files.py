@@ -24,8 +24,7 @@ from calibration.response.file import ResponseFile, is_tum_table, read_tum_table
 from calibration.vignetting.file import VignettingFile, read_vignette_picture
 from documents.files import SIGNATURE, open_regular, read_text, replace_file
 from imaging.errors import ConfigurationError
-from imaging.frames import SIDES, Side
-from imaging.geometry import CameraGeometry
+from imaging.geometry import SIDES, CameraGeometry, Side
 
 TIMES = "images.txt"
 _MOST_TIMES_BYTES = 1 << 24
@@ -143,7 +142,7 @@ def _add_geometry(rigs: Mapping[str, RigGeometry], side: Side, cameras: str | No
             geometries: dict[Side, CameraGeometry] = {side: rig.lenses[names[0]]}
         else:
             geometries = dict(zip(SIDES, rig.pair(*names[:2]), strict=True))
-            check_pair(geometries)
+            check_pair(geometries["left"], geometries["right"])
     for of, geometry in geometries.items():
         found.texts[f"{of}.yaml"] = ros_yaml(geometry, of)
         found.keys[f"cameras.{of}.calibration"] = f"{of}.yaml"

@@ -46,7 +46,6 @@ from drivers.genicam.nodes import is_number
 from drivers.setup import FeatureSetting, as_list
 from imaging.errors import ConfigurationError
 from imaging.exposure import ExposureLimits, ExposureSetting
-from imaging.frames import SIDES
 from imaging.gain_scale import GainScale
 from imaging.pixels import Layout, PixelFormat, Pixels, is_mosaic, rgb_samples
 from imaging.response import ResponseFunction
@@ -131,10 +130,10 @@ def white(
     sections: dict[str, Any] = {}
     if pixel_format is not None:
         rig = [replace(mode, pixel_format=pixel_format) for mode in rig]
-    for side, mode in zip(SIDES, rig, strict=False):
+    for mode in rig:
         ratios = _measure(mode, place, console)
         if ratios is not None:
-            sections[side] = {"serial": mode.serial, "features": as_list(_settings(ratios))}
+            sections[mode.name] = {"serial": mode.serial, "features": as_list(_settings(ratios))}
     text = yaml.safe_dump({"cameras": sections}, sort_keys=False, allow_unicode=True)
     if sections and output is None:
         typer.echo(text, nl=False)

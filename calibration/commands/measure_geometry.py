@@ -49,7 +49,7 @@ from calibration.session import RATE_HZ, SLOWEST_HZ, PairOfCameras, Session, who
 from documents.files import replace_file
 from drivers.aravis import open_camera
 from imaging.errors import AutoexposeError, ConfigurationError
-from imaging.frames import SIDES, Side
+from imaging.geometry import SIDES, Side
 
 CAMCHAIN, REPORT = "camchain.yaml", "geometry.html"
 FILES: Mapping[Side, str] = {"left": "left.yaml", "right": "right.yaml"}

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from datetime import datetime
 from functools import partial
 from importlib.metadata import version
+from itertools import combinations
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
@@ -31,8 +32,9 @@ from drivers.genicam.dialect import GAINS
 from drivers.genicam.trigger import RATE_NODES
 from drivers.setup import CameraSetup, FeatureSetting, LinkShare, parse_features
 from imaging.errors import AutoexposeError, ConfigurationError
-from imaging.frames import SIDES
+from imaging.frames import CameraName
 from imaging.gain_scale import GainScale
+from imaging.geometry import SIDES
 from imaging.pixels import PIXEL_FORMATS, PixelFormat
 from imaging.python310 import UTC
 from imaging.response import ResponseFunction
@@ -46,11 +48,13 @@ AddTo = Annotated[Path | None, typer.Option("-o", "--output", help="Response fil
 class CameraMode:
     """A camera by its serial, the image format to run it with (None keeps what it has), and features to set first.
 
+    `name` is what its files and sections are called after: what a configuration calls it, or left and right in turn.
     `gain_scale` drives a gain that is not in dB, `exposure_count_us` a time in counts; `response` is its response file,
     which need not exist yet; `rate_hz` is that of the rig's trigger.
     """
 
     serial: str
+    name: CameraName = SIDES[0]
     pixel_format: PixelFormat | None = None
     binning: int | None = None
     features: tuple[FeatureSetting, ...] = ()
@@ -88,11 +92,19 @@ def chosen_rig(
     """
     if [bool(camera), config is not None, *(other is not None for other in others)].count(True) != 1:
         raise ConfigurationError(f"say what to calibrate: one of {options}")
-    return [CameraMode(serial) for serial in camera or []] if config is None else rig_of_config(config)
+    if config is not None:
+        return rig_of_config(config)
+    serials = camera or []
+    if len(serials) > len(SIDES):
+        raise ConfigurationError(
+            f"--camera is given {len(serials)} times: it is for one camera or a left and a right one; of more, "
+            "give the names with --config"
+        )
+    return [CameraMode(serial, name) for serial, name in zip(serials, SIDES, strict=False)]
 
 
 def rig_of_config(path: Path) -> list[CameraMode]:
-    """The cameras of the daemon's configuration file, left first; its other keys are left to `autoexpose config check`.
+    """The cameras of the daemon's configuration file; its other keys are left to `autoexpose config check`.
 
     Raises ConfigurationError naming the file, the key and what to do.
     """
@@ -105,18 +117,18 @@ def rig_of_config(path: Path) -> list[CameraMode]:
         raise image.wrong("binning", "give a whole number of pixels")
     packet_bytes = transport.number("packet_size_bytes", bounds.PACKET_BYTES)
     mbps = transport.number("link_mbps", bounds.LINK_MBPS)
-    sides = [side for side in SIDES if cameras.keys.get(side) is not None]
-    if "left" not in sides:
-        raise ConfigurationError(f"{path}: cameras.left.serial is missing: name the camera")
+    if not cameras.keys:
+        raise ConfigurationError(f"{path}: cameras is missing: name each, with its serial")
     alike = CameraMode(
+        "",
         "",
         pixel_format and PIXEL_FORMATS[pixel_format],
         binning,
         rate_hz=document.section("trigger").number("rate_hz", bounds.RATE_HZ),
         packet_size_bytes=None if packet_bytes is None else int(packet_bytes),
-        link_share=LinkShare(len(sides), mbps) if transport.keys.get("plan") is True else None,
+        link_share=LinkShare(len(cameras.keys), mbps) if transport.keys.get("plan") is True else None,
     )
-    return [_camera(cameras.section(side), alike) for side in sides]
+    return [replace(_camera(cameras.section(name), alike), name=name) for name in cameras.keys]
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,15 +188,14 @@ def _camera(section: _Section, alike: CameraMode) -> CameraMode:
 
 
 def check_rig(rig: Sequence[CameraMode]) -> None:
-    """Refuse more than two cameras, and one of them twice. Raises ConfigurationError."""
-    if len(rig) > len(SIDES):
-        raise ConfigurationError(f"--camera is given {len(rig)} times: a rig has a left and a right camera")
-    if len({mode.serial for mode in rig}) < len(rig):
-        raise ConfigurationError(f"left and right are the same camera, {rig[0].serial}")
+    """Refuse a camera that is given twice. Raises ConfigurationError."""
+    for one, other in combinations(rig, 2):
+        if one.serial == other.serial:
+            raise ConfigurationError(f"{one.name} and {other.name} are the same camera, {one.serial}")
 
 
 def places_of(rig: Sequence[CameraMode], output: Path, kind: str) -> dict[Path, CameraMode]:
-    """The file of each camera: `output`, or left.`kind`.yaml and right.`kind`.yaml in that folder, which is made.
+    """The file of each camera: `output`, or `name`.`kind`.yaml of each in that folder, which is made.
 
     Raises ConfigurationError when they are no rig, or the folder cannot be made.
     """
@@ -192,7 +203,7 @@ def places_of(rig: Sequence[CameraMode], output: Path, kind: str) -> dict[Path, 
     if len(rig) == 1:
         return {output: rig[0]}
     make_folder(output)
-    return {output / f"{side}.{kind}.yaml": mode for side, mode in zip(SIDES, rig, strict=True)}
+    return {output / f"{mode.name}.{kind}.yaml": mode for mode in rig}
 
 
 def make_folder(path: Path) -> None:

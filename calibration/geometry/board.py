@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imaging.errors import ConfigurationError
-from imaging.frames import SIDES, Side
+from imaging.geometry import SIDES, Side
 
 DICTIONARIES: Final[tuple[str, ...]] = tuple(
     f"DICT_{bits}X{bits}_{count}" for bits in (4, 5, 6, 7) for count in (50, 100, 250, 1000)

@@ -27,8 +27,7 @@ from documents.files import read_text
 from documents.strict_yaml import MOST_BYTES, parse_mapping
 from documents.text import quoted, shortened
 from imaging.errors import ConfigurationError
-from imaging.frames import SIDES, Side
-from imaging.geometry import CameraGeometry
+from imaging.geometry import SIDES, CameraGeometry, Side
 
 _SECTION = re.compile(r"\[([^\[\]]*[A-Za-z][^\[\]]*)\]")
 _WORDS = re.compile(r"[A-Za-z][A-Za-z _]*")
@@ -228,28 +227,30 @@ def check_camera(geometry: CameraGeometry, serial: str, size: tuple[int, int] | 
         )
 
 
-def check_pair(pair: Mapping[Side, CameraGeometry]) -> None:
-    """Refuse files that are not from one pair, either of which may be missing; for a rig of two cameras.
+def check_pair(
+    left: CameraGeometry | None, right: CameraGeometry | None, left_name: str = "left", right_name: str = "right"
+) -> None:
+    """Refuse files that are not from one stereo pair, either of which may be missing.
 
     Raises ConfigurationError naming the key of the configuration.
     """
-    left, right = pair.get("left"), pair.get("right")
+    left_key, right_key = (f"cameras.{name}.calibration" for name in (left_name, right_name))
     if left is not None and left.projection[3]:
         raise ConfigurationError(
-            f"cameras.left.calibration: projection_matrix has a baseline of {left.baseline_m:.4g} m, as those of "
+            f"{left_key}: projection_matrix has a baseline of {left.baseline_m:.4g} m, as those of "
             "right cameras do: give the left camera's file"
         )
     if right is None:
         return
     if right.baseline_m == 0:
         raise ConfigurationError(
-            "cameras.right.calibration: projection_matrix has no baseline (its fourth number is -fx times it, in "
+            f"{right_key}: projection_matrix has no baseline (its fourth number is -fx times it, in "
             "metres): calibrate both cameras together, or join files that know where each is with "
             "autoexpose calibrate import"
         )
     if right.baseline_m < 0:
         raise ConfigurationError(
-            f"cameras.right.calibration: projection_matrix puts this camera {-right.baseline_m:.4g} m to the left of "
+            f"{right_key}: projection_matrix puts this camera {-right.baseline_m:.4g} m to the left of "
             f"the other (its fourth number is {right.projection[3]:.6g}, where a right camera has -fx times the "
             "baseline): exchange left and right, or, if the cameras are right, turn its sign"
         )
@@ -257,12 +258,11 @@ def check_pair(pair: Mapping[Side, CameraGeometry]) -> None:
         return
     if (left.width, left.height) != (right.width, right.height):
         raise ConfigurationError(
-            f"cameras.left.calibration is for {left.width}x{left.height} pixels, cameras.right.calibration for "
-            f"{right.width}x{right.height}: calibrate both cameras together"
+            f"{left_key} is for {left.width}x{left.height} pixels, "
+            f"{right_key} for {right.width}x{right.height}: calibrate both cameras together"
         )
     same = (0, 5, 6)  # focal lengths and row; the columns may be moved against each other
     if any(abs(left.projection[place] - right.projection[place]) > _SAME_PX for place in same):
         raise ConfigurationError(
-            "cameras.left.calibration and cameras.right.calibration project differently: "
-            "give the two files of one calibration"
+            f"{left_key} and {right_key} project differently: give the two files of one calibration"
         )

@@ -14,8 +14,7 @@ from calibration.geometry.board import TILTED_DEG, TILTS, Board, BoardView, Corn
 from calibration.geometry.numbers import check_plausible
 from calibration.geometry.rectify import alone, rectified
 from imaging.errors import ConfigurationError
-from imaging.frames import SIDES, Side
-from imaging.geometry import CameraGeometry
+from imaging.geometry import SIDES, CameraGeometry, Side
 
 FLAGS = cv2.CALIB_FIX_K3
 """The third radial coefficient hardly shows in views that do not fill the corners, and Kalibr does not know it."""

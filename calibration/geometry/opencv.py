@@ -16,8 +16,7 @@ from calibration.geometry.numbers import check_plausible, is_rotation, numbers, 
 from calibration.geometry.rig import MAY_BE_FISHEYE, RigGeometry, lens_of, model_of
 from documents.text import quoted
 from imaging.errors import ConfigurationError
-from imaging.frames import SIDES, Side
-from imaging.geometry import CameraGeometry
+from imaging.geometry import SIDES, CameraGeometry, Side
 
 _THINGS: Final[dict[str, str]] = {
     "k": r"k|m|cm|mtx|cameramatrix|cameramat|cammat|intrinsics?|intrinsicmatrix",

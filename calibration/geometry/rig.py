@@ -15,8 +15,7 @@ from calibration.geometry.numbers import check_plausible, inverse_of
 from calibration.geometry.rectify import alone, rectified
 from documents.text import quoted
 from imaging.errors import ConfigurationError
-from imaging.frames import SIDES, Side
-from imaging.geometry import CameraGeometry, DistortionModel
+from imaging.geometry import SIDES, CameraGeometry, DistortionModel, Side
 
 Array = NDArray[np.float64]
 

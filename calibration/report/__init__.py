@@ -18,7 +18,7 @@ from calibration.response.result import Result
 from calibration.response.tones import Comparison
 from calibration.vignetting.result import VignettingResult
 from imaging.errors import ConfigurationError
-from imaging.frames import SIDES
+from imaging.geometry import SIDES
 
 if TYPE_CHECKING:
     from calibration.report.plots import ReportPicture

@@ -19,7 +19,7 @@ from calibration.response.file import ResponseSolution
 from calibration.response.result import Result
 from calibration.vignetting.field import Array
 from calibration.vignetting.result import VignettingResult, residuals
-from imaging.frames import SIDES, Side
+from imaging.geometry import SIDES, Side
 from imaging.response import GREY_LEVELS, ResponseFunction, prediction_table
 from imaging.vignetting import middles, radius_squared
 

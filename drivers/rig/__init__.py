@@ -15,17 +15,19 @@ from drivers.camera import Camera
 from drivers.rig.events import RigEvent
 from drivers.rig.supervision import Slots, Supervisor
 from imaging.exposure import ExposureSetting
-from imaging.frames import Side
+from imaging.frames import CameraName
 
 
 class Rig:
     """Runs one or two cameras until `stop`: `Supervisor` has what `silence_s` and `start` mean."""
 
-    def __init__(self, openers: Mapping[Side, Callable[[], Camera]], silence_s: float, start: ExposureSetting) -> None:
+    def __init__(
+        self, openers: Mapping[CameraName, Callable[[], Camera]], silence_s: float, start: ExposureSetting
+    ) -> None:
         self.events: queue.SimpleQueue[RigEvent] = queue.SimpleQueue()
         self._units = {
-            side: _Unit(side, Supervisor(side, opener, silence_s, start, self.events))
-            for side, opener in openers.items()
+            camera: _Unit(camera, Supervisor(camera, opener, silence_s, start, self.events))
+            for camera, opener in openers.items()
         }
 
     def start(self) -> None:
@@ -33,13 +35,13 @@ class Rig:
         for unit in self._units.values():
             unit.start()
 
-    def reopen(self, side: Side, why: str) -> None:
+    def reopen(self, camera: CameraName, why: str) -> None:
         """Close and reopen a camera that answers but sends nothing; `why` follows its name in a sentence."""
-        self._units[side].supervisor.reopen(why)
+        self._units[camera].supervisor.reopen(why)
 
-    def pace(self, side: Side, slots: Slots) -> None:
+    def pace(self, camera: CameraName, slots: Slots) -> None:
         """Trigger a camera in these slots until it is closed; replaces, or moves, the former ones."""
-        self._units[side].supervisor.pace(slots)
+        self._units[camera].supervisor.pace(slots)
 
     def write(self, setting: ExposureSetting, not_before_ns: int, command: int) -> None:
         """Write `setting` to every camera, no earlier than `not_before_ns` (host time); replaces a pending write.
@@ -61,12 +63,12 @@ class Rig:
 class _Unit:
     """One camera's supervisor and its threads."""
 
-    def __init__(self, side: Side, supervisor: Supervisor) -> None:
+    def __init__(self, camera: CameraName, supervisor: Supervisor) -> None:
         self.supervisor = supervisor
         self._stopping = False
         self._threads = (
-            threading.Thread(target=self._serve, name=f"nodes-{side}", daemon=True),
-            threading.Thread(target=self._take_frames, name=f"frames-{side}", daemon=True),
+            threading.Thread(target=self._serve, name=f"nodes-{camera}", daemon=True),
+            threading.Thread(target=self._take_frames, name=f"frames-{camera}", daemon=True),
         )
 
     def start(self) -> None:

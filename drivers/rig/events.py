@@ -8,14 +8,14 @@ from typing import Protocol
 from drivers.camera import CameraDescription, ClockReading, IncompleteFrame, RefusedPackets
 from imaging.errors import AutoexposeError, CameraError
 from imaging.exposure import ExposureLimits, ExposureSetting
-from imaging.frames import Frame, Side
+from imaging.frames import CameraName, Frame
 
 
 @dataclass(frozen=True, slots=True)
 class CameraReady:
     """A camera is open and streaming."""
 
-    side: Side
+    camera: CameraName
     description: CameraDescription
     limits: ExposureLimits
 
@@ -24,14 +24,14 @@ class CameraReady:
 class CameraSilent:
     """No frame has arrived for longer than the trigger period explains; the camera may still answer."""
 
-    side: Side
+    camera: CameraName
 
 
 @dataclass(frozen=True, slots=True)
 class CameraGone:
     """A camera is lost or cannot be opened; opening it is tried again, unless it is `final`: the fault stays."""
 
-    side: Side
+    camera: CameraName
     error: AutoexposeError
     final: bool
 
@@ -40,7 +40,7 @@ class CameraGone:
 class FrameArrived:
     """A frame, complete or not; `stale` and without pixels when control is too far behind to use it."""
 
-    side: Side
+    camera: CameraName
     frame: Frame | IncompleteFrame
     stale: bool = False
 
@@ -56,7 +56,7 @@ class Written:
     `command` is the number of the command behind it, or `OPENING`.
     """
 
-    side: Side
+    camera: CameraName
     asked: ExposureSetting
     read_back: ExposureSetting
     started_ns: int
@@ -68,7 +68,7 @@ class Written:
 class WriteFailed:
     """A camera refused a setting."""
 
-    side: Side
+    camera: CameraName
     asked: ExposureSetting
     error: CameraError
 
@@ -77,7 +77,7 @@ class WriteFailed:
 class NotTriggered:
     """The host was too late to give a camera its trigger, `count` times in a row."""
 
-    side: Side
+    camera: CameraName
     count: int
 
 
@@ -85,7 +85,7 @@ class NotTriggered:
 class ClockRead:
     """How a camera's clock is synchronised, in the trigger mode "ptp"."""
 
-    side: Side
+    camera: CameraName
     reading: ClockReading
 
 
@@ -93,7 +93,7 @@ class ClockRead:
 class PacketsRefused:
     """Packets were sent to a camera's stream that do not look like its own."""
 
-    side: Side
+    camera: CameraName
     packets: RefusedPackets
 
 

@@ -28,7 +28,7 @@ from drivers.rig.events import (
 )
 from imaging.errors import AutoexposeError, CameraError, CameraLostError, stays
 from imaging.exposure import ExposureSetting
-from imaging.frames import Frame, Side
+from imaging.frames import CameraName, Frame
 
 log = logging.getLogger(__name__)
 
@@ -127,7 +127,7 @@ class Supervisor:
 
     def __init__(
         self,
-        side: Side,
+        camera: CameraName,
         opener: Callable[[], Camera],
         silence_s: float,
         start: ExposureSetting,
@@ -136,7 +136,7 @@ class Supervisor:
         now_ns: Callable[[], int] = time.monotonic_ns,
     ) -> None:
         self.news = threading.Condition()
-        self._side = side
+        self._side = camera
         self._opener = opener
         self._silence_ns = round(silence_s * 1e9)
         self._poll_s = min(_FRAME_POLL_S, silence_s)

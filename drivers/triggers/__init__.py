@@ -22,7 +22,7 @@ from drivers.triggers.outcomes import Tally
 from drivers.triggers.rate import StartCheck
 from drivers.triggers.writes import Command, RigWrites, WriteHistory, WriteWindow
 from imaging.exposure import ExposureSetting
-from imaging.frames import Frame, Side, StereoPair
+from imaging.frames import CameraName, Frame, FrameSet
 
 
 class RigRecord:
@@ -35,18 +35,18 @@ class RigRecord:
 
     def __init__(
         self,
-        sides: Sequence[Side],
-        trigger_sources: Mapping[Side, str],
+        cameras: Sequence[CameraName],
+        trigger_sources: Mapping[CameraName, str],
         rate_hz: float,
         opened_ns: int,
         mode: TriggerMode = "external",
     ) -> None:
         numbered_by: Literal["time", "frame_id"] = "time" if trigger_sources else "frame_id"
         self._scheduled = mode == "ptp"
-        self.unpaced: set[Side] = set()
-        self._account = TriggerAccount(sides, 1e9 / rate_hz, None if self._scheduled else opened_ns, numbered_by)
+        self.unpaced: set[CameraName] = set()
+        self._account = TriggerAccount(cameras, 1e9 / rate_hz, None if self._scheduled else opened_ns, numbered_by)
         self._start_check = StartCheck(trigger_sources, rate_hz, by_host=mode in ("software", "ptp"))
-        self._writes = RigWrites(sides)
+        self._writes = RigWrites(cameras)
         self._window = WriteWindow()
         self._commands = 0
 
@@ -60,51 +60,51 @@ class RigRecord:
         """Settings that were written too late for the exposure they were for."""
         return self._writes.late
 
-    def history(self, side: Side) -> WriteHistory:
+    def history(self, camera: CameraName) -> WriteHistory:
         """The commands and writes of a camera."""
-        return self._writes.histories[side]
+        return self._writes.histories[camera]
 
     def begin(self, now_ns: int) -> None:
         """Count triggers from now on instead of from `opened_ns`, before the first event."""
         self._account.begin(now_ns)
 
-    def take(self, event: RigEvent, now_ns: int) -> list[StereoPair]:
+    def take(self, event: RigEvent, now_ns: int) -> list[FrameSet]:
         """Enter any event but a write; returns the pairs that are ready for control, oldest first."""
         if isinstance(event, FrameArrived):
-            self._start_check.frame(event.side, event.frame.host_time_ns)
+            self._start_check.frame(event.camera, event.frame.host_time_ns)
         match event:
-            case FrameArrived(side, IncompleteFrame() as frame):
-                return self._account.incomplete(side, frame)
-            case FrameArrived(side, Frame() as frame, stale=True):
-                return self._account.stale(side, frame)
-            case FrameArrived(side, Frame() as frame):
-                return self._account.frame(side, frame)
-            case CameraSilent(side):
-                return self._account.silent(side)
-            case CameraGone(side):
-                self.unpaced.discard(side)
-                self._writes.gone(side)
-                self._start_check.gone(side)
-                return self._account.gone(side)
-            case CameraReady(side) if self._scheduled:
-                self.unpaced.add(side)
-            case CameraReady(side):
-                self._ready(side, now_ns)
-            case WriteFailed(side):
-                self._writes.refused(side)
-            case NotTriggered(side, count):
-                self._account.not_given(side, count)
+            case FrameArrived(camera, IncompleteFrame() as frame):
+                return self._account.incomplete(camera, frame)
+            case FrameArrived(camera, Frame() as frame, stale=True):
+                return self._account.stale(camera, frame)
+            case FrameArrived(camera, Frame() as frame):
+                return self._account.frame(camera, frame)
+            case CameraSilent(camera):
+                return self._account.silent(camera)
+            case CameraGone(camera):
+                self.unpaced.discard(camera)
+                self._writes.gone(camera)
+                self._start_check.gone(camera)
+                return self._account.gone(camera)
+            case CameraReady(camera) if self._scheduled:
+                self.unpaced.add(camera)
+            case CameraReady(camera):
+                self._ready(camera, now_ns)
+            case WriteFailed(camera):
+                self._writes.refused(camera)
+            case NotTriggered(camera, count):
+                self._account.not_given(camera, count)
         return []
 
-    def paced(self, side: Side, now_ns: int) -> None:
+    def paced(self, camera: CameraName, now_ns: int) -> None:
         """The host triggers a camera from now on."""
-        if side in self.unpaced:
-            self.unpaced.discard(side)
-            self._ready(side, now_ns)
+        if camera in self.unpaced:
+            self.unpaced.discard(camera)
+            self._ready(camera, now_ns)
 
-    def _ready(self, side: Side, now_ns: int) -> None:
-        self._start_check.ready(side, now_ns)
-        self._account.ready(side, now_ns)
+    def _ready(self, camera: CameraName, now_ns: int) -> None:
+        self._start_check.ready(camera, now_ns)
+        self._account.ready(camera, now_ns)
 
     def written(self, write: Written) -> Command | None:
         """Enter a write; returns the command behind it, None for the write when a camera is opened."""
@@ -129,11 +129,11 @@ class RigRecord:
             return True
         return grid.time_of(grid.last_before(self._window.next_ns(grid, decided_ns))) > since_ns
 
-    def mismatched(self, pair: StereoPair) -> bool:
+    def mismatched(self, pair: FrameSet) -> bool:
         """Whether left and right differ, or a frame was taken with a setting that no camera ever held completely."""
         return self._writes.mismatched(pair)
 
-    def explains_mismatch(self, pair: StereoPair) -> bool:
+    def explains_mismatch(self, pair: FrameSet) -> bool:
         """Whether it is known why a pair is mismatched."""
         return self._writes.explains(pair)
 

@@ -7,20 +7,20 @@ not take), and the trigger period (how many triggers an outage swallowed).
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 from drivers.camera import IncompleteFrame
 from drivers.triggers.outcomes import Fate, Outcome, Outcomes, Tally, loss_reason, stopped
 from drivers.triggers.rate import TriggerGrid
-from imaging.frames import Frame, Side, StereoPair
+from imaging.frames import CameraName, Frame, FrameSet
 
 _SILENCE_PERIODS = 30
 """A pause of this many periods on every camera, with no frame missing, means that the trigger had stopped."""
 
 _HOLD_PERIODS = 8
-"""A frame waits this long for a partner that is silent or coming back; it is handed out alone meanwhile."""
+"""A frame waits this long for one of a camera that is silent or coming back; it is handed out without it meanwhile."""
 
 _NEXT_PERIODS = 0.75
 """No trigger follows a frame on the grid sooner: a frame in between could be paired with another instant's."""
@@ -48,7 +48,7 @@ class _Track:
     frame_id: int = 0
     trigger: int = -1  # of the newest frame in this session
     ready_ns: int | None = None  # since when it has waited for its first frame; None: not open, or it has arrived
-    alone: int = -1  # the newest trigger whose frame was handed out alone
+    alone: int = -1  # the newest trigger whose frame was handed out in a set without all cameras
     not_given: int = 0  # triggers that the host did not give since its newest frame
     resumed: int = 0  # the trigger of its first frame after the latest long silence
     stopped: int = 0  # how many triggers that silence lasted
@@ -63,7 +63,7 @@ class TriggerAccount:
 
     def __init__(
         self,
-        sides: Sequence[Side],
+        cameras: Sequence[CameraName],
         period_ns: float,
         opened_ns: int | None,
         numbered_by: Literal["time", "frame_id"] = "time",
@@ -73,8 +73,8 @@ class TriggerAccount:
         self._period_ns = period_ns
         self._opened_ns = opened_ns
         self._numbered_by = numbered_by
-        self._tracks: dict[Side, _Track] = {side: _Track() for side in sides}
-        self._outcomes = Outcomes(sides)
+        self._tracks: dict[CameraName, _Track] = {camera: _Track() for camera in cameras}
+        self._outcomes = Outcomes(cameras)
         self._lone_from = 0  # frames of older triggers have been handed out, in company or alone
         self._on_grid_ns = 0  # the newest frame that a trigger made
 
@@ -83,41 +83,41 @@ class TriggerAccount:
         if self._opened_ns is not None:
             self._opened_ns = now_ns
 
-    def frame(self, side: Side, frame: Frame) -> list[StereoPair]:
+    def frame(self, camera: CameraName, frame: Frame) -> list[FrameSet]:
         """Account for a frame; returns what is ready for control, oldest first.
 
-        A pair counts as one when it is returned. While a camera is silent or gone, the frames of the other one are
-        returned alone, as pairs of one that count as nothing: if the partner arrives after all, the pair follows.
+        A whole set counts when it is returned. While a camera is silent or gone, the frames of the others are returned
+        as sets without it that count as nothing: if its frame arrives after all, the whole set follows.
         """
-        return self._arrival(side, frame.frame_id, frame.host_time_ns, frame)
+        return self._arrival(camera, frame.frame_id, frame.host_time_ns, frame)
 
-    def incomplete(self, side: Side, frame: IncompleteFrame) -> list[StereoPair]:
+    def incomplete(self, camera: CameraName, frame: IncompleteFrame) -> list[FrameSet]:
         """Account for a frame that arrived with holes."""
-        return self._arrival(side, frame.frame_id, frame.host_time_ns, Fate.INCOMPLETE)
+        return self._arrival(camera, frame.frame_id, frame.host_time_ns, Fate.INCOMPLETE)
 
-    def stale(self, side: Side, frame: Frame) -> list[StereoPair]:
+    def stale(self, camera: CameraName, frame: Frame) -> list[FrameSet]:
         """Account for a frame that arrived when control was too far behind to use it."""
-        return self._arrival(side, frame.frame_id, frame.host_time_ns, Fate.STALE)
+        return self._arrival(camera, frame.frame_id, frame.host_time_ns, Fate.STALE)
 
-    def not_given(self, side: Side, count: int) -> None:
+    def not_given(self, camera: CameraName, count: int) -> None:
         """The host, which triggers this camera, did not do so `count` times."""
-        self._tracks[side].not_given += count
+        self._tracks[camera].not_given += count
 
-    def ready(self, side: Side, now_ns: int) -> None:
+    def ready(self, camera: CameraName, now_ns: int) -> None:
         """The camera is open and takes triggers from now on."""
         if self._opened_ns is None:
             self._opened_ns = now_ns
-        self._tracks[side].ready_ns = now_ns
-        self._tracks[side].not_given = 0
+        self._tracks[camera].ready_ns = now_ns
+        self._tracks[camera].not_given = 0
 
-    def silent(self, side: Side) -> list[StereoPair]:
+    def silent(self, camera: CameraName) -> list[FrameSet]:
         """The camera sends nothing, perhaps for good: stop waiting for it."""
-        self._tracks[side].silent = True
+        self._tracks[camera].silent = True
         return self._release_lone()
 
-    def gone(self, side: Side) -> list[StereoPair]:
+    def gone(self, camera: CameraName) -> list[FrameSet]:
         """The camera is lost, or could not be opened."""
-        track = self._tracks[side]
+        track = self._tracks[camera]
         track.streaming = False
         track.silent = True
         track.ready_ns = None
@@ -143,35 +143,35 @@ class TriggerAccount:
         if still and last - newest >= _SILENCE_PERIODS:
             last = newest
         self.tally.window_end_ns = round(self.grid.time_of(last) + self.grid.period_ns / 2)
-        for side, track in self._tracks.items():
+        for camera, track in self._tracks.items():
             if track.streaming:
                 if track.silent:
-                    self._outcomes.settle(side, (newest if still else last) + 1, Fate.MISSING)
-                self._outcomes.settle(side, last + 1, Fate.SHUTDOWN)
+                    self._outcomes.settle(camera, (newest if still else last) + 1, Fate.MISSING)
+                self._outcomes.settle(camera, last + 1, Fate.SHUTDOWN)
             else:
-                self._settle_unseen(side, last + 1, last)
+                self._settle_unseen(camera, last + 1, last)
         self._resolve()
 
     def _waits_in_vain(self, track: _Track, now_ns: int) -> bool:
         """Whether a camera has taken triggers for so long without a first frame that there were none."""
         return track.ready_ns is not None and now_ns - track.ready_ns >= _SILENCE_PERIODS * self._period_ns
 
-    def _arrival(self, side: Side, frame_id: int, time_ns: int | None, outcome: Outcome) -> list[StereoPair]:
-        track = self._tracks[side]
+    def _arrival(self, camera: CameraName, frame_id: int, time_ns: int | None, outcome: Outcome) -> list[FrameSet]:
+        track = self._tracks[camera]
         trigger = self._number(track, frame_id, time_ns)
         if trigger is None:
             return []
-        if trigger < self._outcomes.settled[side]:
+        if trigger < self._outcomes.settled[camera]:
             self.tally.surplus_frames += 1
             if frame_id > track.frame_id:
                 track.frame_id += 1  # one of those since the last trigger's; the others were lost
             elif frame_id < track.frame_id - _REORDERED_FRAMES:
                 track.frame_id = frame_id  # the camera counts from the beginning again
             if track.trigger < self._held_from:
-                return self.silent(side)  # all it sends is surplus: no partner for the other one's frames
+                return self.silent(camera)  # all it sends is surplus: no frames that others could wait for
             return []
-        self._explain_gap(side, track, trigger, frame_id)
-        self._outcomes.settle(side, trigger + 1, outcome)
+        self._explain_gap(camera, track, trigger, frame_id)
+        self._outcomes.settle(camera, trigger + 1, outcome)
         patient_from = trigger - _PATIENCE_PERIODS
         if patient_from < track.resumed:
             patient_from -= track.stopped  # nobody waits for a camera while there are no triggers
@@ -179,13 +179,13 @@ class TriggerAccount:
         track.ready_ns = None
         if self.grid is not None and time_ns is not None:
             self.grid.observe(trigger, time_ns)
-        for other_side, other in self._tracks.items():
+        for other_camera, other in self._tracks.items():
             if not other.streaming and other.gap_fate is Fate.GONE and other.ready_ns is None:
-                self._outcomes.settle(other_side, trigger - _HOLD_PERIODS, Fate.GONE)
+                self._outcomes.settle(other_camera, trigger - _HOLD_PERIODS, Fate.GONE)
             elif not other.streaming:
-                self._settle_unseen(other_side, trigger - _PATIENCE_PERIODS, trigger)
+                self._settle_unseen(other_camera, trigger - _PATIENCE_PERIODS, trigger)
             elif other is not track:
-                self._outcomes.settle(other_side, patient_from, Fate.SILENT)
+                self._outcomes.settle(other_camera, patient_from, Fate.SILENT)
         return self._resolve() + self._release_lone()
 
     def _number(self, track: _Track, frame_id: int, time_ns: int | None) -> int | None:
@@ -210,50 +210,50 @@ class TriggerAccount:
         self.tally.window_start_ns = round(self.grid.time_of(0) - self._period_ns / 2)
         return trigger
 
-    def _explain_gap(self, side: Side, track: _Track, trigger: int, frame_id: int) -> None:
+    def _explain_gap(self, camera: CameraName, track: _Track, trigger: int, frame_id: int) -> None:
         """Give every trigger between the camera's last frame and this one its fate."""
         if not track.streaming:
-            self._settle_unseen(side, trigger, trigger)
+            self._settle_unseen(camera, trigger, trigger)
             track.not_given = 0
             return
         settled = self._outcomes.settled
-        missing = min(max(frame_id - track.frame_id - 1, 0), trigger - settled[side])
-        not_given = min(track.not_given, trigger - settled[side] - missing)
-        not_taken = trigger - settled[side] - missing - not_given
+        missing = min(max(frame_id - track.frame_id - 1, 0), trigger - settled[camera])
+        not_given = min(track.not_given, trigger - settled[camera] - missing)
+        not_taken = trigger - settled[camera] - missing - not_given
         fate = Fate.SILENT if not_taken >= _SILENCE_PERIODS else Fate.IGNORED
         missing_before = missing
         if fate is Fate.SILENT:
             track.resumed, track.stopped = trigger, not_taken
-            stop = self._outcomes.first_silent_beside(side)
+            stop = self._outcomes.first_silent_beside(camera)
             if stop is not None:  # the other frames were lost when the trigger went on
-                missing_before = min(missing, max(stop - settled[side], 0))
-        self._outcomes.settle(side, settled[side] + missing_before, Fate.MISSING)
+                missing_before = min(missing, max(stop - settled[camera], 0))
+        self._outcomes.settle(camera, settled[camera] + missing_before, Fate.MISSING)
         track.not_given -= not_given
-        self._outcomes.settle(side, settled[side] + not_given, Fate.NOT_GIVEN)
-        self._outcomes.settle(side, settled[side] + not_taken, fate)
-        self._outcomes.settle(side, trigger, Fate.MISSING)
+        self._outcomes.settle(camera, settled[camera] + not_given, Fate.NOT_GIVEN)
+        self._outcomes.settle(camera, settled[camera] + not_taken, fate)
+        self._outcomes.settle(camera, trigger, Fate.MISSING)
 
-    def _settle_unseen(self, side: Side, until: int, now: int) -> None:
+    def _settle_unseen(self, camera: CameraName, until: int, now: int) -> None:
         """Give triggers before a session's first frame their fate, `now` being the newest trigger known."""
-        track = self._tracks[side]
+        track = self._tracks[camera]
         if track.ready_ns is not None and self.grid is not None:
             ready = self.grid.last_before(track.ready_ns) + 1
             if now - ready >= _SILENCE_PERIODS:
-                self._outcomes.settle(side, min(ready, until), track.gap_fate)
-                self._outcomes.settle(side, until, Fate.SILENT)
-        self._outcomes.settle(side, until, track.gap_fate)
+                self._outcomes.settle(camera, min(ready, until), track.gap_fate)
+                self._outcomes.settle(camera, until, Fate.SILENT)
+        self._outcomes.settle(camera, until, track.gap_fate)
 
-    def _resolve(self) -> list[StereoPair]:
+    def _resolve(self) -> list[FrameSet]:
         """Close the triggers whose outcome is known for every camera."""
-        pairs: list[StereoPair] = []
+        pairs: list[FrameSet] = []
         for trigger, count, outcomes in self._outcomes.close():
-            frames = {side: outcome for side, outcome in outcomes.items() if isinstance(outcome, Frame)}
+            frames = {camera: outcome for camera, outcome in outcomes.items() if isinstance(outcome, Frame)}
             if len(frames) == len(self._tracks) and self._of_one_instant(frames.values()):
                 self.tally.pairs += 1
-                pairs.append(StereoPair(trigger, frames))
+                pairs.append(FrameSet(trigger, frames))
             elif not stopped(outcomes):
                 self.tally.lost[loss_reason(outcomes)] += count
-                pairs += self._alone(trigger, frames)
+                pairs += self._partial(trigger, frames)
         return pairs
 
     @property
@@ -261,30 +261,34 @@ class TriggerAccount:
         """Frames from this trigger on wait for a partner."""
         return max(track.trigger for track in self._tracks.values()) - _HOLD_PERIODS
 
-    def _release_lone(self) -> list[StereoPair]:
-        """Frames whose partner is silent, handed out alone; their trigger stays open."""
-        if not any(track.silent for track in self._tracks.values()):
+    def _release_lone(self) -> list[FrameSet]:
+        """Frames that wait for a silent camera, handed out without its own; their trigger stays open."""
+        sending = [camera for camera, track in self._tracks.items() if not track.silent]
+        if len(sending) == len(self._tracks):
             return []
         held_from = self._held_from
-        pairs: list[StereoPair] = []
-        for side, run in self._outcomes.waiting(self._lone_from):
-            trigger, frame = run.until - 1, run.outcome
-            if isinstance(frame, Frame) and not self._tracks[side].silent:
-                pairs += self._alone(trigger, {side: frame})
+        sets: list[FrameSet] = []
+        settled = self._outcomes.settled
+        known_to = sending or [max(settled, key=settled.__getitem__)]
+        for trigger, runs in self._outcomes.waiting(self._lone_from, known_to):
+            frames = {camera: run.outcome for camera, run in runs.items() if isinstance(run.outcome, Frame)}
+            if sending:
+                sets += self._partial(trigger, frames)
             if trigger < held_from:
-                run.outcome = Fate.TAKEN
+                for run in runs.values():
+                    run.outcome = Fate.TAKEN
         self._lone_from = max(self._lone_from, held_from)
-        return pairs
+        return sets
 
     def _of_one_instant(self, frames: Collection[Frame]) -> bool:
         times_ns = [frame.host_time_ns for frame in frames]
         return max(times_ns) - min(times_ns) < _INSTANT_PERIODS * self._period_ns
 
-    def _alone(self, trigger: int, frames: dict[Side, Frame]) -> list[StereoPair]:
-        """At most one frame as a pair of its own, unless it was handed out before."""
-        for side, frame in frames.items():
-            track = self._tracks[side]
-            if trigger > track.alone:
-                track.alone = trigger
-                return [StereoPair(trigger, {side: frame})]
-        return []
+    def _partial(self, trigger: int, frames: Mapping[CameraName, Frame]) -> list[FrameSet]:
+        """A set without all cameras: frames of one instant that were not handed out before, if there are any."""
+        fresh = {camera: frame for camera, frame in frames.items() if trigger > self._tracks[camera].alone}
+        first = next(iter(fresh.values()), None)
+        alike = {camera: frame for camera, frame in fresh.items() if self._of_one_instant([first or frame, frame])}
+        for camera in alike:
+            self._tracks[camera].alone = trigger
+        return [FrameSet(trigger, alike)] if alike else []

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from drivers.camera import ClockReading
 from drivers.rig.events import CameraGone, CameraReady, ClockRead, FrameArrived, RigEvent
 from drivers.rig.supervision import Slots
-from imaging.frames import SIDES, Frame, Side, StereoPair
+from imaging.frames import CameraName, Frame, FrameSet
 
 SYNCHRONISED_NS = 100_000
 """A clock this close to its master's is synchronised."""
@@ -61,62 +61,62 @@ class Synchronisation:
 
     def __init__(self, rate_hz: float) -> None:
         self._rate_hz = rate_hz
-        self._clocks: dict[Side, _Clock] = {}
+        self._clocks: dict[CameraName, _Clock] = {}
         self._first_ns: int | None = None  # slot 0, in PTP time; None: triggers have not begun
         self._offset_ns = 0  # host time minus PTP time
-        self._reference: Side | None = None  # whose clock shows PTP time at present
+        self._reference: CameraName | None = None  # whose clock shows PTP time at present
 
-    def ready(self, side: Side, queue: int, now_ns: int) -> None:
+    def ready(self, camera: CameraName, queue: int, now_ns: int) -> None:
         """A camera is open, and keeps up to `queue` scheduled triggers."""
-        self._clocks[side] = _Clock(queue, now_ns)
+        self._clocks[camera] = _Clock(queue, now_ns)
 
-    def gone(self, side: Side) -> None:
+    def gone(self, camera: CameraName) -> None:
         """A camera is lost."""
-        self._clocks.pop(side, None)
+        self._clocks.pop(camera, None)
 
-    def read(self, side: Side, reading: ClockReading, now_ns: int) -> Mapping[Side, Slots]:
+    def read(self, camera: CameraName, reading: ClockReading, now_ns: int) -> Mapping[CameraName, Slots]:
         """Note what a camera says; returns the slots in which to trigger each camera from now on."""
-        clock = self._clocks.get(side)
+        clock = self._clocks.get(camera)
         if clock is None:  # it was lost meanwhile
             return {}
         clock.read(reading, now_ns)
         self._track(now_ns)
         if self._first_ns is None:
             return {}
-        return {side: self._slots(clock, self._first_ns) for side, clock in self._clocks.items() if clock.ever}
+        return {camera: self._slots(clock, self._first_ns) for camera, clock in self._clocks.items() if clock.ever}
 
-    def trouble(self, side: Side, now_ns: int) -> str | None:
+    def trouble(self, camera: CameraName, now_ns: int) -> str | None:
         """Why a camera is not synchronised, and what to do, in words; None: it is, or has not had time yet."""
-        clock = self._clocks.get(side)
+        clock = self._clocks.get(camera)
         if clock is None or clock.reading is None:
             return None
         if clock.synchronised:
             if self._first_ns is None or self._in_time(clock):
                 return None
             apart_s = abs(clock.offset_ns - self._offset_ns) / _NS_PER_S
-            return f"its clock is {apart_s:.1f} s off the other camera's: have both follow one PTP master"
+            return f"its clock is {apart_s:.1f} s off that of the other cameras: have all follow one PTP master"
         if clock.ever:
             return "its clock is no longer synchronised: check the PTP master, and the way to it"
         return _waited(clock.reading.ptp.status) if now_ns - clock.since_ns >= PATIENCE_NS else None
 
-    def common_ns(self, side: Side, frame: Frame) -> int:
+    def common_ns(self, camera: CameraName, frame: Frame) -> int:
         """When a frame was taken: by the common clock if its camera is synchronised, else by the camera's own."""
-        clock = self._clocks.get(side)
+        clock = self._clocks.get(camera)
         common_ns = frame.device_time_ns + self._offset_ns
         if clock is None or not self._in_time(clock) or abs(common_ns - frame.host_time_ns) > STEP_NS:
             return frame.host_time_ns
         return common_ns
 
-    def is_common(self, sides: Mapping[Side, Frame]) -> bool:
+    def is_common(self, cameras: Mapping[CameraName, Frame]) -> bool:
         """Whether the clocks of these cameras show one time at present."""
-        return all(side in self._clocks and self._in_time(self._clocks[side]) for side in sides)
+        return all(camera in self._clocks and self._in_time(self._clocks[camera]) for camera in cameras)
 
     def _in_time(self, clock: _Clock) -> bool:
         return clock.synchronised and abs(clock.offset_ns - self._offset_ns) <= STEP_NS
 
     def _track(self, now_ns: int) -> None:
         """Follow PTP time. When it was set, or is back, slots go on where they are; only their PTP times change."""
-        synchronised = [side for side in SIDES if side in self._clocks and self._clocks[side].synchronised]
+        synchronised = [camera for camera, clock in self._clocks.items() if clock.synchronised]
         if not synchronised:
             self._reference = None
             return
@@ -151,7 +151,7 @@ def _waited(status: str) -> str:
 class HostTriggers:
     """No triggers by the host: the cameras are triggered by a wire, or run freely. Times are CLOCK_MONOTONIC, in ns."""
 
-    def see(self, _event: RigEvent, _now_ns: int) -> Mapping[Side, Slots]:
+    def see(self, _event: RigEvent, _now_ns: int) -> Mapping[CameraName, Slots]:
         """Look at an event; returns the slots in which to trigger cameras from now on."""
         return {}
 
@@ -159,11 +159,11 @@ class HostTriggers:
         """The event, with the best time that is known for its frame."""
         return event
 
-    def trouble(self, _side: Side, _now_ns: int) -> str | None:
+    def trouble(self, _side: CameraName, _now_ns: int) -> str | None:
         """What keeps a camera from being triggered as it should, in words; None: nothing."""
         return None
 
-    def skew_ns(self, pair: StereoPair) -> int:
+    def skew_ns(self, pair: FrameSet) -> int:
         """How far apart the exposures of a pair began."""
         return _apart_ns([frame.host_time_ns for frame in pair.frames.values()])
 
@@ -174,9 +174,9 @@ class SoftwareTriggers(HostTriggers):
     def __init__(self, rate_hz: float, first_ns: int) -> None:
         self._slots = Slots.at_once(rate_hz, first_ns)
 
-    def see(self, event: RigEvent, _now_ns: int) -> Mapping[Side, Slots]:
+    def see(self, event: RigEvent, _now_ns: int) -> Mapping[CameraName, Slots]:
         """A camera that is ready is triggered."""
-        return {event.side: self._slots} if isinstance(event, CameraReady) else {}
+        return {event.camera: self._slots} if isinstance(event, CameraReady) else {}
 
 
 class PtpTriggers(HostTriggers):
@@ -185,29 +185,29 @@ class PtpTriggers(HostTriggers):
     def __init__(self, rate_hz: float) -> None:
         self._sync = Synchronisation(rate_hz)
 
-    def see(self, event: RigEvent, now_ns: int) -> Mapping[Side, Slots]:
+    def see(self, event: RigEvent, now_ns: int) -> Mapping[CameraName, Slots]:
         """Cameras are triggered from when they are synchronised."""
         match event:
-            case CameraReady(side, description):
-                self._sync.ready(side, description.action_queue, now_ns)
-            case CameraGone(side):
-                self._sync.gone(side)
-            case ClockRead(side, reading):
-                return self._sync.read(side, reading, now_ns)
+            case CameraReady(camera, description):
+                self._sync.ready(camera, description.action_queue, now_ns)
+            case CameraGone(camera):
+                self._sync.gone(camera)
+            case ClockRead(camera, reading):
+                return self._sync.read(camera, reading, now_ns)
         return {}
 
     def placed(self, event: RigEvent) -> RigEvent:
         """Frames of cameras that are synchronised get their time from the common clock."""
         match event:
-            case FrameArrived(side, Frame() as frame, stale):
-                return FrameArrived(side, replace(frame, host_time_ns=self._sync.common_ns(side, frame)), stale)
+            case FrameArrived(camera, Frame() as frame, stale):
+                return FrameArrived(camera, replace(frame, host_time_ns=self._sync.common_ns(camera, frame)), stale)
         return event
 
-    def trouble(self, side: Side, now_ns: int) -> str | None:
+    def trouble(self, camera: CameraName, now_ns: int) -> str | None:
         """Why a camera is not synchronised."""
-        return self._sync.trouble(side, now_ns)
+        return self._sync.trouble(camera, now_ns)
 
-    def skew_ns(self, pair: StereoPair) -> int:
+    def skew_ns(self, pair: FrameSet) -> int:
         """By the cameras' own time stamps if they are of one clock: as exact as that clock is kept."""
         if not self._sync.is_common(pair.frames):
             return super().skew_ns(pair)
@@ -229,19 +229,19 @@ class ReadoutTimes:
     """
 
     def __init__(self) -> None:
-        self._known_ns: dict[Side, deque[int]] = {}
+        self._known_ns: dict[CameraName, deque[int]] = {}
 
     def placed(self, event: RigEvent) -> RigEvent:
         """The event, with the time at which its frame is likely to have been taken."""
         match event:
-            case FrameArrived(side, Frame(by_arrival=False) as frame):
-                known_ns = self._known_ns.setdefault(side, deque(maxlen=COMPARED_FRAMES))
+            case FrameArrived(camera, Frame(by_arrival=False) as frame):
+                known_ns = self._known_ns.setdefault(camera, deque(maxlen=COMPARED_FRAMES))
                 known_ns.append(
                     frame.arrival_time_ns - frame.host_time_ns - round(1e3 * frame.setting.exposure_time_us)
                 )
-            case FrameArrived(side, Frame() as frame, stale):
+            case FrameArrived(camera, Frame() as frame, stale):
                 readout_ns = min((min(known_ns) for known_ns in self._known_ns.values()), default=0)
-                return FrameArrived(side, replace(frame, host_time_ns=frame.host_time_ns - readout_ns), stale)
-            case CameraGone(side):
-                self._known_ns.pop(side, None)
+                return FrameArrived(camera, replace(frame, host_time_ns=frame.host_time_ns - readout_ns), stale)
+            case CameraGone(camera):
+                self._known_ns.pop(camera, None)
         return event

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
-from imaging.frames import Frame, Side
+from imaging.frames import CameraName, Frame
 from imaging.python310 import StrEnum
 
 
@@ -40,70 +40,73 @@ class OutcomeRun:
 class Outcomes:
     """Outcomes of triggers not yet known for every camera. A night without triggers takes no more memory than one.
 
-    `settled` gives for each side the first trigger that has no outcome at its camera.
+    `settled` gives for each camera the first trigger that has no outcome there.
     """
 
-    def __init__(self, sides: Sequence[Side]) -> None:
-        self.settled: dict[Side, int] = dict.fromkeys(sides, 0)
-        self._runs: dict[Side, deque[OutcomeRun]] = {side: deque() for side in sides}
+    def __init__(self, cameras: Sequence[CameraName]) -> None:
+        self.settled: dict[CameraName, int] = dict.fromkeys(cameras, 0)
+        self._runs: dict[CameraName, deque[OutcomeRun]] = {camera: deque() for camera in cameras}
         self._closed = 0
 
     def __len__(self) -> int:
         return sum(map(len, self._runs.values()))
 
-    def settle(self, side: Side, until: int, outcome: Outcome) -> None:
+    def settle(self, camera: CameraName, until: int, outcome: Outcome) -> None:
         """Record `outcome` for the camera's triggers from the first unsettled one up to, not including, `until`."""
-        if until <= self.settled[side]:
+        if until <= self.settled[camera]:
             return
-        self.settled[side] = until
-        runs = self._runs[side]
+        self.settled[camera] = until
+        runs = self._runs[camera]
         if runs and runs[-1].outcome is outcome:
             runs[-1].until = until
         else:
             runs.append(OutcomeRun(until, outcome))
 
-    def close(self) -> Iterator[tuple[int, int, dict[Side, Outcome]]]:
+    def close(self) -> Iterator[tuple[int, int, dict[CameraName, Outcome]]]:
         """Remove what is known for every camera, oldest first: last trigger, number of like triggers, outcomes."""
         while all(self._runs.values()):
             until = min([runs[0].until for runs in self._runs.values()])
-            outcomes = {side: runs[0].outcome for side, runs in self._runs.items()}
+            outcomes = {camera: runs[0].outcome for camera, runs in self._runs.items()}
             for runs in self._runs.values():
                 if runs[0].until == until:
                     runs.popleft()
             count, self._closed = until - self._closed, until
             yield until - 1, count, outcomes
 
-    def first_silent_beside(self, side: Side) -> int | None:
+    def first_silent_beside(self, camera: CameraName) -> int | None:
         """The first trigger at which another camera was silent, of those not yet known for every camera."""
         for other, runs in self._runs.items():
             first = self._closed
             for run in runs:
-                if run.outcome is Fate.SILENT and other != side:
+                if run.outcome is Fate.SILENT and other != camera:
                     return first
                 first = run.until
         return None
 
-    def waiting(self, since: int) -> list[tuple[Side, OutcomeRun]]:
-        """The frames of triggers from `since` on for which another camera has no outcome yet, oldest first."""
-        ahead = max(self.settled, key=self.settled.__getitem__)
+    def waiting(self, since: int, cameras: Collection[CameraName]) -> list[tuple[int, dict[CameraName, OutcomeRun]]]:
+        """The frames of triggers from `since` on of which these cameras know all and another one does not, in order."""
         since = max(since, min(self.settled.values()))
-        frames: list[tuple[Side, OutcomeRun]] = []
-        for run in reversed(self._runs[ahead]):
-            if run.until <= since:
-                break
-            if isinstance(run.outcome, Frame):
-                frames.append((ahead, run))
-        return frames[::-1]
+        until = min(self.settled[camera] for camera in cameras)
+        found: dict[int, dict[CameraName, OutcomeRun]] = {}
+        for camera in (camera for camera in self._runs if camera in cameras):
+            for run in reversed(self._runs[camera]):
+                if run.until <= since:
+                    break
+                if isinstance(run.outcome, Frame) and run.until <= until:
+                    found.setdefault(run.until - 1, {})[camera] = run
+        return sorted(found.items())
 
 
 class LossReason(StrEnum):
-    """Why a trigger made no pair; the names are fixed for logs, JSON and metrics."""
+    """Why a trigger made no whole set; the names are fixed for logs, JSON and metrics.
+
+    Where one camera's frame is missing, the reason is `missing(camera)`.
+    """
 
     STARTUP = "startup"
     SHUTDOWN = "shutdown"
-    LEFT_MISSING = "left_missing"
-    RIGHT_MISSING = "right_missing"
-    BOTH_MISSING = "both_missing"
+    BOTH_MISSING = "both_missing"  # of two cameras
+    SEVERAL_MISSING = "several_missing"  # of more
     INCOMPLETE = "incomplete"
     NOT_GIVEN = "not_given"
     TRIGGER_IGNORED = "trigger_ignored"
@@ -121,7 +124,15 @@ _BLAME: Final = (
     (Fate.STALE, LossReason.STALE),
     (Fate.SHUTDOWN, LossReason.SHUTDOWN),
 )
-"""Which fate names the loss when the two cameras' fates differ; missing frames come last."""
+"""Which fate names the loss when the cameras' fates differ; missing frames come last."""
+
+
+MISSING: Final = "_missing"
+
+
+def missing(camera: CameraName) -> str:
+    """Why a trigger made no whole set if only this camera's frame did not arrive."""
+    return camera + MISSING
 
 
 @dataclass(slots=True)
@@ -132,7 +143,7 @@ class Tally:
     """
 
     pairs: int = 0
-    lost: Counter[LossReason] = field(default_factory=Counter)
+    lost: Counter[str] = field(default_factory=Counter)
     surplus_frames: int = 0
     window_start_ns: int | None = None
     window_end_ns: int | None = None
@@ -143,23 +154,21 @@ class Tally:
         return self.pairs + self.lost.total()
 
 
-def stopped(outcomes: Mapping[Side, Outcome]) -> bool:
+def stopped(outcomes: Mapping[CameraName, Outcome]) -> bool:
     """Whether there was no trigger: every camera that was there to show it was silent."""
     return Fate.SILENT in outcomes.values() and all(fate in (Fate.SILENT, Fate.GONE) for fate in outcomes.values())
 
 
-def loss_reason(outcomes: Mapping[Side, Outcome]) -> LossReason:
-    """Why a trigger with these outcomes made no pair."""
+def loss_reason(outcomes: Mapping[CameraName, Outcome]) -> str:
+    """Why a trigger with these outcomes made no whole set: a `LossReason`, or the camera that is `missing`."""
     for fate, reason in _BLAME:
         if fate in outcomes.values():
             return reason
-    missing = [side for side, outcome in outcomes.items() if outcome is Fate.MISSING]
-    match missing:
-        case ["left"]:
-            return LossReason.LEFT_MISSING
-        case ["right"]:
-            return LossReason.RIGHT_MISSING
+    without = [camera for camera, outcome in outcomes.items() if outcome is Fate.MISSING]
+    match without:
+        case [camera]:
+            return missing(camera)
         case []:  # the frame arrived after its partner had been used alone, or is of another instant
             return LossReason.STALE
         case _:
-            return LossReason.BOTH_MISSING
+            return LossReason.BOTH_MISSING if len(outcomes) == 2 else LossReason.SEVERAL_MISSING

@@ -9,7 +9,7 @@ from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 
-from imaging.frames import Frame, Side
+from imaging.frames import CameraName, Frame
 
 _PHASE_GAIN = 0.2  # follows clock latches (tens of us a second) within a few frames, averages their jitter
 _PERIOD_GAIN = 0.01  # an hour's outage must not cost a trigger at crystal precision, so the rate is averaged long
@@ -151,29 +151,29 @@ class RateWatch:
     same rate. `tolerance` says how far it may be off, in parts.
     """
 
-    def __init__(self, rate_hz: float, triggered: Collection[Side], tolerance: float = RATE_TOLERANCE) -> None:
+    def __init__(self, rate_hz: float, triggered: Collection[CameraName], tolerance: float = RATE_TOLERANCE) -> None:
         self._rate_hz = rate_hz
         self._triggered = triggered
         self._tolerance = tolerance
-        self._courses: dict[Side, _Course] = {}
+        self._courses: dict[CameraName, _Course] = {}
 
-    def frame(self, side: Side, frame: Frame) -> str | None:
+    def frame(self, camera: CameraName, frame: Frame) -> str | None:
         """What is wrong with the rate of a camera as of this frame, in words; None: nothing."""
-        course = self._courses.get(side)
+        course = self._courses.get(camera)
         if course is None:
-            self._courses[side] = _Course(frame.frame_id, frame.host_time_ns)
+            self._courses[camera] = _Course(frame.frame_id, frame.host_time_ns)
             return None
         taken = frame.frame_id - course.frame_id
         if taken > 0:
             course.periods_ns.append((frame.host_time_ns - course.time_ns) / taken)
         course.frame_id, course.time_ns = frame.frame_id, frame.host_time_ns
         if len(course.periods_ns) == JUDGED_FRAMES:
-            course.judge(self._rate_hz, side in self._triggered, self._tolerance)
+            course.judge(self._rate_hz, camera in self._triggered, self._tolerance)
         return course.trouble
 
-    def gone(self, side: Side) -> None:
+    def gone(self, camera: CameraName) -> None:
         """The camera is lost: its frames are counted afresh when it returns."""
-        self._courses.pop(side, None)
+        self._courses.pop(camera, None)
 
 
 PATIENCE_NS = 3_000_000_000
@@ -185,44 +185,44 @@ START_FRAMES = 20
 generator a little off its rate does not drift by `SKEW_TOLERANCE`."""
 
 SKEW_TOLERANCE = 0.1
-"""Part of a period by which left and right may start apart; on one trigger wire it is a few microseconds."""
+"""Part of a period by which cameras may start apart; on one trigger wire it is a few microseconds."""
 
 
 class StartCheck:
-    """Checks that triggers arrive at `rate_hz`, and that left and right start together.
+    """Checks that triggers arrive at `rate_hz`, and that cameras start together.
 
-    `sources` gives for each side the TriggerSource of its camera; one that runs freely has none and is not judged. With
+    `sources` gives the TriggerSource of each camera; one that runs freely has none and is not judged. With
     `by_host` the host gives the triggers: there is no wire to check. Times are CLOCK_MONOTONIC, in ns.
     """
 
-    def __init__(self, sources: Mapping[Side, str], rate_hz: float, by_host: bool = False) -> None:
+    def __init__(self, sources: Mapping[CameraName, str], rate_hz: float, by_host: bool = False) -> None:
         self._sources = sources
         self._by_host = by_host
         self._rate_hz = rate_hz
         self._patience_ns = max(PATIENCE_NS, round(PATIENCE_PERIODS * 1e9 / rate_hz))
-        self._waits_since_ns: dict[Side, int] = {}
-        self._triggered: set[Side] = set()
-        self._times_ns: dict[Side, deque[int]] = {side: deque(maxlen=START_FRAMES) for side in sources}
+        self._waits_since_ns: dict[CameraName, int] = {}
+        self._triggered: set[CameraName] = set()
+        self._times_ns: dict[CameraName, deque[int]] = {camera: deque(maxlen=START_FRAMES) for camera in sources}
         self._reported: set[str] = set()
         self._done = False
 
-    def ready(self, side: Side, now_ns: int) -> None:
+    def ready(self, camera: CameraName, now_ns: int) -> None:
         """A camera waits for triggers from now on."""
-        if side in self._sources and side not in self._triggered:
-            self._waits_since_ns[side] = now_ns
+        if camera in self._sources and camera not in self._triggered:
+            self._waits_since_ns[camera] = now_ns
 
-    def gone(self, side: Side) -> None:
+    def gone(self, camera: CameraName) -> None:
         """A camera is lost, or could not be opened: that it sends nothing is not for want of triggers."""
-        self._waits_since_ns.pop(side, None)
+        self._waits_since_ns.pop(camera, None)
 
-    def frame(self, side: Side, time_ns: int | None) -> None:
+    def frame(self, camera: CameraName, time_ns: int | None) -> None:
         """A camera started an exposure, whatever became of its frame; None: at an unknown time."""
-        if side not in self._sources:
+        if camera not in self._sources:
             return
-        self._waits_since_ns.pop(side, None)
-        self._triggered.add(side)
+        self._waits_since_ns.pop(camera, None)
+        self._triggered.add(camera)
         if time_ns is not None:
-            self._times_ns[side].append(time_ns)
+            self._times_ns[camera].append(time_ns)
 
     def findings(self, now_ns: int) -> list[str]:
         """What is wrong, and what to check on the robot; each finding only once."""
@@ -235,15 +235,16 @@ class StartCheck:
 
     def _all(self, now_ns: int) -> Iterator[str]:
         yield from self._without_pulses(now_ns)
-        judged = {side: times_ns for side, times_ns in self._times_ns.items() if len(times_ns) == START_FRAMES}
-        if len(judged) == 2 and all(map(self._at_rate, judged.values())):  # at another rate the skew means nothing
-            yield from self._skew(*judged.values())
+        judged = {camera: times_ns for camera, times_ns in self._times_ns.items() if len(times_ns) == START_FRAMES}
+        at_rate = [camera for camera, times_ns in judged.items() if self._at_rate(times_ns)]
+        for other in at_rate[1:]:  # at another rate the skew means nothing
+            yield from self._skew(at_rate[0], other)
 
     def _without_pulses(self, now_ns: int) -> Iterator[str]:
         waiting = self._waits_since_ns.items()
-        silent = [side for side, since_ns in waiting if now_ns - since_ns > self._patience_ns]
+        silent = [camera for camera, since_ns in waiting if now_ns - since_ns > self._patience_ns]
         if silent and len(silent) == len(waiting) and not self._triggered:
-            sources = " and ".join(sorted({self._sources[side] for side in silent}))
+            sources = " and ".join(sorted({self._sources[camera] for camera in silent}))
             waited = f"{self._patience_ns * 1e-9:.3g} s"
             yield (
                 f"no trigger pulse on {sources} for {waited}: check that the trigger source runs, its "
@@ -254,24 +255,25 @@ class StartCheck:
             return
         if not any(len(times_ns) == START_FRAMES for times_ns in self._times_ns.values()):
             return  # the first pulse may just have come, and one camera's frame before the other's
-        for side in silent:
+        for camera in silent:
             yield (
-                f"the {side} camera gets no trigger pulse, the other one does: check the wire to its "
-                f"{self._sources[side]}"
+                f"the {camera} camera gets no trigger pulse, another one does: check the wire to its "
+                f"{self._sources[camera]}"
                 if not self._by_host
-                else f"no frame from the {side} camera although it is triggered: check its cable"
+                else f"no frame from the {camera} camera although it is triggered: check its cable"
             )
 
     def _at_rate(self, times_ns: Iterable[int]) -> bool:
         period_ns = mean_period_ns([later - earlier for earlier, later in pairwise(times_ns)])
         return wrong_rate(period_ns, self._rate_hz) is None
 
-    def _skew(self, left_ns: Iterable[int], right_ns: Iterable[int]) -> Iterator[str]:
+    def _skew(self, one: CameraName, other: CameraName) -> Iterator[str]:
         period_ns = 1e9 / self._rate_hz
-        skews_ns = [abs(math.remainder(right - left, period_ns)) for left, right in zip(left_ns, right_ns, strict=True)]
+        starts_ns = zip(self._times_ns[one], self._times_ns[other], strict=True)
+        skews_ns = [abs(math.remainder(late - early, period_ns)) for early, late in starts_ns]
         skew_ns = statistics.median(skews_ns)
         if skew_ns > SKEW_TOLERANCE * period_ns:
-            apart = f"left and right start {skew_ns * 1e-6:.1f} ms apart: check that"
+            apart = f"{one} and {other} start {skew_ns * 1e-6:.1f} ms apart: check that"
             yield (
                 f"{apart} both share one trigger, and that neither has a TriggerDelay or triggers on another edge"
                 if not self._by_host

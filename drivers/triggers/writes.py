@@ -11,7 +11,7 @@ from itertools import islice
 from drivers.rig.events import OPENING, Written
 from drivers.triggers.rate import TriggerGrid
 from imaging.exposure import DB_PER_STOP, ExposureSetting
-from imaging.frames import Frame, Side, StereoPair
+from imaging.frames import CameraName, Frame, FrameSet
 
 REMEMBERED = 128
 """Writes: more than half a second at 200 Hz, and no reported camera takes longer from write to effect."""
@@ -155,30 +155,30 @@ class RigWrites:
     right may differ, or a camera may hold half of one.
     """
 
-    def __init__(self, sides: Sequence[Side]) -> None:
-        self.histories = {side: WriteHistory() for side in sides}
+    def __init__(self, cameras: Sequence[CameraName]) -> None:
+        self.histories = {camera: WriteHistory() for camera in cameras}
         self.late = 0
         self._newest: int | None = None  # the number of the command that was written last
-        self._present: set[Side] = set()
-        self._missing: set[Side] = set()
+        self._present: set[CameraName] = set()
+        self._missing: set[CameraName] = set()
         self._started_trigger = 0
         self._counted = False
         self._late_until = -1
 
     def command(self, command: Command) -> None:
         """A command is on its way to the cameras that are present."""
-        for side in self._present:
-            self.histories[side].command(command)
+        for camera in self._present:
+            self.histories[camera].command(command)
 
     def write(self, write: Written, grid: TriggerGrid | None) -> Command | None:
         """Enter a write; returns the command behind it.
 
         `grid` predicts when exposures start; None: not yet known, and so nothing is late.
         """
-        command = self.histories[write.side].write(write)
+        command = self.histories[write.camera].write(write)
         new = write.command == OPENING or write.command != self._newest
         self._newest = write.command
-        self._present.add(write.side)
+        self._present.add(write.camera)
         if grid is not None:
             self._judge(write, grid, new)
         return command
@@ -190,7 +190,7 @@ class RigWrites:
                 self._mark_late(finished_trigger)
             self._missing, self._counted = set(self._present), False
             self._started_trigger = grid.last_before(write.started_ns - CLOCK_NS)
-        self._missing.discard(write.side)
+        self._missing.discard(write.camera)
         if finished_trigger > self._started_trigger:
             self._mark_late(finished_trigger)
 
@@ -199,25 +199,25 @@ class RigWrites:
         self.late += not self._counted
         self._counted = True
 
-    def refused(self, side: Side) -> None:
+    def refused(self, camera: CameraName) -> None:
         """A camera refused a setting, perhaps its first one: it is asked again."""
-        self.histories[side].forget_certainty()
-        self._present.add(side)
+        self.histories[camera].forget_certainty()
+        self._present.add(camera)
 
-    def gone(self, side: Side) -> None:
+    def gone(self, camera: CameraName) -> None:
         """A camera is lost: it is not written until it is back."""
-        self.histories[side].gone()
-        self._present.discard(side)
-        self._missing.discard(side)
+        self.histories[camera].gone()
+        self._present.discard(camera)
+        self._missing.discard(camera)
 
-    def mismatched(self, pair: StereoPair) -> bool:
+    def mismatched(self, pair: FrameSet) -> bool:
         """Whether left and right differ, or a frame was taken with a setting that no camera ever held as a whole."""
         return pair.mismatched or not all(
             any(history.has_held(frame.setting) for history in self.histories.values())
             for frame in pair.frames.values()
         )
 
-    def explains(self, pair: StereoPair) -> bool:
+    def explains(self, pair: FrameSet) -> bool:
         """Whether it is known why a pair is mismatched.
 
         A setting was late, or not every camera has it yet, or the cameras made different settings of the same request,
@@ -225,14 +225,14 @@ class RigWrites:
         """
         if pair.trigger <= self._late_until or (self._missing and pair.trigger > self._started_trigger):
             return True
-        if any(self.histories[side].awaits_write(frame.host_time_ns) for side, frame in pair.frames.items()):
+        if any(self.histories[camera].awaits_write(frame.host_time_ns) for camera, frame in pair.frames.items()):
             return True
-        return any(self._made_of(command, pair) for command in self.histories[pair.reference_side].written)
+        return any(self._made_of(command, pair) for command in self.histories[pair.reference_camera].written)
 
-    def _made_of(self, command: int, pair: StereoPair) -> bool:
+    def _made_of(self, command: int, pair: FrameSet) -> bool:
         """Whether each frame was taken with what its camera made of a command."""
-        taken = {side: self.histories[side].read_back(command) for side in pair.frames}
-        return all(held is not None and held.agrees_with(pair.frames[side].setting) for side, held in taken.items())
+        taken = {camera: self.histories[camera].read_back(command) for camera in pair.frames}
+        return all(held is not None and held.agrees_with(pair.frames[camera].setting) for camera, held in taken.items())
 
 
 LONGEST_GUARD_NS = 5_000_000

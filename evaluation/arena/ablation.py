@@ -44,7 +44,7 @@ from evaluation.stage.camera import Entrant, MakeLoop
 from evaluation.stage.oracle import Oracle, best_start
 from imaging.errors import AutoexposeError, ConfigurationError
 from imaging.exposure import ExposureLimits, ExposureSetting
-from imaging.frames import StereoPair
+from imaging.frames import FrameSet
 from imaging.response import ResponseFunction
 
 # Those in which single rules of an earlier default weighed most: jumps out of white, motion, light that beats.
@@ -252,7 +252,7 @@ class _Leader(ControlLoop):
 
     motion_px = 0.0
 
-    def step(self, inputs: StepInputs | StereoPair) -> Decision:
+    def step(self, inputs: StepInputs | FrameSet) -> Decision:
         decision = super().step(inputs)
         self.motion_px = decision.motion_px
         return decision
@@ -269,7 +269,7 @@ class _Follower(ControlLoop):
     def balance(self) -> Balance:
         return self._leader.balance
 
-    def step(self, inputs: StepInputs | StereoPair) -> Decision:
+    def step(self, inputs: StepInputs | FrameSet) -> Decision:
         taken = next(self._ahead)
         setting = ExposureSetting(**taken["setting"])
         return Decision(**{**taken, "setting": setting, "motion_px": self._leader.motion_px})

@@ -21,7 +21,7 @@ from evaluation.prose import text_beside
 from evaluation.stage.camera import Entrant
 from evaluation.stage.oracle import Oracle, best_start
 from imaging.errors import ConfigurationError
-from imaging.frames import SIDES
+from imaging.geometry import SIDES
 
 ROOT = Path(__file__).resolve().parents[2]
 LOOP = "autoexpose_daemon.control.loop"

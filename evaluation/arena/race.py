@@ -25,8 +25,8 @@ from evaluation.stage.camera import LIMITS, DelayedLoop, Entrant, Radiance
 from evaluation.stage.oracle import LEVELS, LONGEST_TIMES_US, Best, Oracle, best_start
 from evaluation.stage.rendering import Stage
 from fake_camera.world.sensor import SensorModel
-from fake_camera.world.simulation import Side
 from imaging.exposure import ExposureSetting, linear_gain
+from imaging.frames import CameraName
 from imaging.python310 import exp2
 
 CELLS = 8
@@ -309,10 +309,10 @@ def run_course(
     other entrants. `frames`: stop after this many frames; None for the whole scenario."""
     stage, first_scored = course_of(scenario, scene, seed)
     # One exposure serves both cameras; where they see different things, both are judged.
-    sides: tuple[Side, ...] = ("left", "right") if stage.has_lamp else ("left",)
+    cameras: tuple[CameraName, ...] = ("left", "right") if stage.has_lamp else ("left",)
     kind = SCENARIOS[scenario]
     return race(
-        stage, entrants, Oracle(stage, sides), Oracle(stage, sides, "information"), frames=frames or kind.frames,
+        stage, entrants, Oracle(stage, cameras), Oracle(stage, cameras, "information"), frames=frames or kind.frames,
         first_scored=first_scored, every=kind.oracle_every,
     )  # fmt: skip
 

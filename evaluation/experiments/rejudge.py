@@ -32,8 +32,8 @@ from evaluation.stage.rendering import Stage
 from fake_camera.world.sensor import SensorModel
 from fake_camera.world.simulation import RoomView
 from imaging.exposure import ExposureSetting
-from imaging.frames import SIDES, Side, StereoPair
-from imaging.geometry import CameraGeometry
+from imaging.frames import CameraName, FrameSet
+from imaging.geometry import SIDES, CameraGeometry
 from imaging.response import ResponseFunction
 
 DELAY_FRAMES = 2
@@ -53,7 +53,7 @@ def simulated_setup(bracketing: Bracketing) -> ControlSetup:
     """That of the simulated rig, whose noise has been calibrated."""
     sensor = SensorModel()
     parameters = ControlParameters(full_well_e=sensor.full_well_e, read_noise_e=sensor.read_noise_e, bracket=bracketing)
-    responses: dict[Side, ResponseFunction] = dict.fromkeys(SIDES, ResponseFunction.linear())
+    responses: dict[CameraName, ResponseFunction] = dict.fromkeys(SIDES, ResponseFunction.linear())
     return ControlSetup("fixed", responses, LIMITS, START, parameters)
 
 
@@ -61,13 +61,13 @@ def record(stage: Stage, frames: int, bracketing: Bracketing) -> Drive:
     """Drive once in brackets; the pairs stay in memory."""
     setup = simulated_setup(bracketing)
     delayed = DelayedLoop(ControlLoop(setup), DELAY_FRAMES)
-    pairs: list[StereoPair] = []
+    pairs: list[FrameSet] = []
     times_s: list[float] = []
     for number in range(frames):
         stage.go_to(number)
         pair = delayed.step(stage.take)
-        copies = {side: replace(frame, pixels=frame.pixels.copy()) for side, frame in pair.frames.items()}
-        pairs.append(StereoPair(pair.trigger, copies))
+        copies = {camera: replace(frame, pixels=frame.pixels.copy()) for camera, frame in pair.frames.items()}
+        pairs.append(FrameSet(pair.trigger, copies))
         times_s.append(stage.start_s(number) + pair.reference.setting.exposure_time_us / 2e6)
     seen = zip(pairs, delayed.decisions, times_s, strict=True)
     return watched("rehearsal", setup, seen, lambda: iter(pairs), simulated_geometries())
@@ -111,7 +111,7 @@ def truth(stage: Stage, seconds: float) -> Trajectory:
     return Trajectory(times_s, np.array([view.pose(float(time_s)) for time_s in times_s]))
 
 
-def simulated_geometries() -> dict[Side, CameraGeometry]:
+def simulated_geometries() -> dict[CameraName, CameraGeometry]:
     """Those of the simulated cameras, which are rectified and do not distort."""
     camera = StereoCamera.simulated()
     focal_px, (x, y) = camera.focal_px, camera.centre_px

@@ -35,7 +35,7 @@ from evaluation.stage.camera import Entrant, Image
 from evaluation.stage.oracle import Information, Oracle, best_start
 from evaluation.stage.rendering import Stage
 from imaging.exposure import ExposureLimits, ExposureSetting, linear_gain
-from imaging.frames import StereoPair
+from imaging.frames import FrameSet
 from imaging.response import ResponseFunction
 
 LATENCY_FRAMES: Final = 3  # From a frame to the decision that its report steers first
@@ -51,7 +51,7 @@ Cells = NDArray[np.uint16]
 class Consumer(Protocol):
     """Says of each pair how many features it looked for in each cell of the left frame, and how many it tracked."""
 
-    def track(self, pair: StereoPair) -> tuple[Cells, Cells] | None:
+    def track(self, pair: FrameSet) -> tuple[Cells, Cells] | None:
         """Features and inliers; None: no report."""
 
 
@@ -63,7 +63,7 @@ class Orb:
         self._matcher = cv2.BFMatcher(cv2.NORM_HAMMING, crossCheck=True)
         self._before: tuple[Floats, Greys] | None = None
 
-    def track(self, pair: StereoPair) -> tuple[Cells, Cells]:
+    def track(self, pair: FrameSet) -> tuple[Cells, Cells]:
         """See `Consumer`."""
         image = prepared(pair.reference.grey8())
         found, descriptors = self._orb.detectAndCompute(image, None)
@@ -89,7 +89,7 @@ class Caring:
         self._others: Half = "right" if half == "left" else "left"
         self._frames = frames
 
-    def track(self, pair: StereoPair) -> tuple[Cells, Cells] | None:
+    def track(self, pair: FrameSet) -> tuple[Cells, Cells] | None:
         """See `Consumer`; silent after so many frames."""
         features, inliers = self._orb.track(pair)
         inliers[HALVES[self._others]] = 0
@@ -104,7 +104,7 @@ class Liar:
         self._inliers = np.zeros((ROWS, COLUMNS), np.uint16)
         self._inliers[HALVES[half]] = 20
 
-    def track(self, _pair: StereoPair) -> tuple[Cells, Cells]:
+    def track(self, _pair: FrameSet) -> tuple[Cells, Cells]:
         """See `Consumer`."""
         return self._features, self._inliers
 
@@ -120,7 +120,7 @@ class Steered(ControlLoop):
         self._memory = TrackingMemory()
         self._on_the_way: deque[tuple[int, TrackedCells, CellExposure, float]] = deque()
 
-    def step(self, inputs: StepInputs | StereoPair) -> Decision:
+    def step(self, inputs: StepInputs | FrameSet) -> Decision:
         """The next decision."""
         inputs = StepInputs.of(inputs)
         pair = inputs.pair
@@ -145,7 +145,7 @@ class OdometryConsumer:
     def __init__(self) -> None:
         self._odometry = in_house()
 
-    def track(self, pair: StereoPair) -> tuple[Cells, Cells]:
+    def track(self, pair: FrameSet) -> tuple[Cells, Cells]:
         """See `Consumer`."""
         self._odometry.track(*images(pair))
         height, width = pair.reference.pixels.shape
@@ -158,7 +158,7 @@ def measure_drive(*, light: Light, room: int, frames: int) -> Plain:
     entrants = [Entrant.of(DEFAULT_POLICY), Entrant("steered", 2, _steered)]
     inliers: list[list[int]] = [[] for _ in entrants]
 
-    def look(number: int, _pair: StereoPair) -> None:
+    def look(number: int, _pair: FrameSet) -> None:
         inliers[number].append(len(odometries[number].inliers_px))
 
     odometries = [in_house() for _ in entrants]
@@ -207,7 +207,7 @@ def stage_of(scene: str, seed: int, stops: float, swap_s: float) -> Stage:
         return SWAY_RAD * math.sin(2 * math.pi * SWAY_HZ * time_s)
 
     views = build_views(scene, seed, gaze, at_window=False)
-    halved: dict[str, Scene] = {side: SunAndShade(view, stops, swap_s) for side, view in views.items()}
+    halved: dict[str, Scene] = {camera: SunAndShade(view, stops, swap_s) for camera, view in views.items()}
     return Stage({"left": halved["left"], "right": halved["right"]}, Course(steady(LUX), gaze, 0), seed)
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from evaluation.arrays import Floats, Greys
 from fake_camera.world.render.renderer import Pinhole
 from fake_camera.world.scene.path import BASELINE_M
-from imaging.frames import StereoPair
+from imaging.frames import FrameSet
 
 GAMMA = 0.3  # Brightens the dark parts before features are detected (Begin & Hunter 2022, section 3.1)
 _CONTRAST = np.rint(255.0 * (np.arange(256) / 255.0) ** GAMMA).astype(np.uint8)
@@ -50,7 +50,7 @@ class StereoOdometry(Protocol):
         that cannot be tracked gets a guess and is marked as lost."""
 
 
-def images(pair: StereoPair) -> tuple[Greys, Greys]:
+def images(pair: FrameSet) -> tuple[Greys, Greys]:
     """Both images of a complete pair as odometry gets them."""
     return prepared(pair.frames["left"].grey8()), prepared(pair.frames["right"].grey8())
 

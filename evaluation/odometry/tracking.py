@@ -24,7 +24,7 @@ from fake_camera.world.scene.room import WINDOW_RADIANCE, furnished_room
 from fake_camera.world.sensor import DEFAULT_F_NUMBER
 from fake_camera.world.simulation import RoomView
 from imaging.exposure import ExposureSetting
-from imaging.frames import StereoPair
+from imaging.frames import FrameSet
 
 EVERY = 2  # Odometry gets every second pair, 30 a second: 20 mm then take at least 7 pairs
 FAILED_PAIRS = 5  # After this many lost pairs in a row, a sixth of a second, tracking is lost and the run has failed
@@ -51,7 +51,7 @@ def track_entrants(
     entrants: Sequence[Entrant],
     odometry: Callable[[], StereoOdometry],
     frames: int,
-    look: Callable[[int, StereoPair], None] = lambda _entrant, _pair: None,
+    look: Callable[[int, FrameSet], None] = lambda _entrant, _pair: None,
 ) -> list[TrackedRun]:
     """Take all entrants through the first frames of a course, each starting from the best exposure of the first.
     `frames`: how many, at 60 a second. `look`: called with the index of the entrant and each pair that odometry
@@ -133,7 +133,7 @@ def odometry_stage(light: Light, room: int, seed: int, repeat: int, lens_f_numbe
     # At its turning point the camera looks into the middle of the bright part.
     surfaces = _lit(room, LUX[light], path.heading_rad + math.pi / 6 + YAW_SWING)
     renderer = Renderer(surfaces, CAMERA)
-    left, right = (RoomView(renderer, path, side) for side in ("left", "right"))
+    left, right = (RoomView(renderer, path, camera) for camera in ("left", "right"))
     course = Course(steady(1.0), no_turn, 0)  # the room has its light baked in
     noise_seed = 1000 * (1000 * room + seed) + repeat
     return Stage({"left": left, "right": right}, course, noise_seed, lens_f_number=lens_f_number)

@@ -15,7 +15,7 @@ from evaluation.arrays import Floats, Floats32, Greys
 from evaluation.odometry.stereo import StereoCamera
 from evaluation.rejudge.drive import Timeline
 from imaging.exposure import ExposureSetting, linear_gain
-from imaging.frames import Frame, Side, StereoPair
+from imaging.frames import CameraName, Frame, FrameSet
 from imaging.geometry import CameraGeometry
 from imaging.pixels import Pixels
 from imaging.python310 import exp2
@@ -156,7 +156,7 @@ FAR_STOPS = 1.0  # A shot farther from the wanted level than this does not show 
 class Made:
     """A pair as the cameras would have taken it."""
 
-    pair: StereoPair  # with the wanted setting, at the time of the instant
+    pair: FrameSet  # with the wanted setting, at the time of the instant
     shot: int  # the number of the recorded pair that shows it: that of the instant if several were fused
     off_stops: float  # how far the shot's level is from the wanted one: above 0, it is darker
     # The shot's exposure time over the wanted one, at least 1: what is above is blur that cannot be removed.
@@ -168,15 +168,15 @@ class Made:
 class RecordedCameras:
     """Makes the pairs of one instant after the other. `timeline`: the whole drive. `exposers`: of the cameras."""
 
-    def __init__(self, timeline: Timeline, exposers: Mapping[Side, Exposer]) -> None:
+    def __init__(self, timeline: Timeline, exposers: Mapping[CameraName, Exposer]) -> None:
         self.timeline = timeline
         self.exposers = exposers
         self._number = 0
-        self._pair_at: Callable[[int], StereoPair] | None = None
-        self._fused: dict[Side, SeenLight] = {}
-        self._lights: dict[tuple[Side, int], SeenLight] = {}
+        self._pair_at: Callable[[int], FrameSet] | None = None
+        self._fused: dict[CameraName, SeenLight] = {}
+        self._lights: dict[tuple[CameraName, int], SeenLight] = {}
 
-    def go_to(self, number: int, pair_at: Callable[[int], StereoPair]) -> None:
+    def go_to(self, number: int, pair_at: Callable[[int], FrameSet]) -> None:
         """Make this the present instant; `pair_at` gives the recorded pairs near it."""
         self._number, self._pair_at = number, pair_at
         self._fused = {}
@@ -191,30 +191,32 @@ class RecordedCameras:
         shot = number if still else timeline.nearest(number, setting.level)
         shots = timeline.around(number) if still else range(shot, shot + 1)
         frames = {}
-        for side, frame in present.frames.items():
-            light = self._light(side, shots, fused=still)
-            pixels = self.exposers[side].expose(light, setting, frame.bit_depth, number)
-            frames[side] = replace(frame, pixels=pixels, setting=setting)
+        for camera, frame in present.frames.items():
+            light = self._light(camera, shots, fused=still)
+            pixels = self.exposers[camera].expose(light, setting, frame.bit_depth, number)
+            frames[camera] = replace(frame, pixels=pixels, setting=setting)
         levels = [timeline.glimpses[one].level for one in shots]
         nearest = min(levels, key=lambda level: abs(level - setting.level))
         blur_ratio = timeline.glimpses[shot].setting.exposure_time_us / setting.exposure_time_us
         return Made(
-            StereoPair(present.trigger, frames), shot, off_stops=setting.level - nearest,
+            FrameSet(present.trigger, frames), shot, off_stops=setting.level - nearest,
             blur_ratio=1.0 if still else max(blur_ratio, 1.0), fused=still, time_s=timeline.glimpses[shot].time_s,
         )  # fmt: skip
 
-    def _recorded(self, number: int) -> StereoPair:
+    def _recorded(self, number: int) -> FrameSet:
         assert self._pair_at is not None, "go to an instant first"
         return self._pair_at(number)
 
-    def _light(self, side: Side, shots: Sequence[int], *, fused: bool) -> SeenLight:
+    def _light(self, camera: CameraName, shots: Sequence[int], *, fused: bool) -> SeenLight:
         if fused:
-            if side not in self._fused:
-                self._fused[side] = self.exposers[side].fused([self._recorded(shot).frames[side] for shot in shots])
-            return self._fused[side]
-        key = side, shots[0]
+            if camera not in self._fused:
+                self._fused[camera] = self.exposers[camera].fused(
+                    [self._recorded(shot).frames[camera] for shot in shots]
+                )
+            return self._fused[camera]
+        key = camera, shots[0]
         if key not in self._lights:
-            self._lights[key] = self.exposers[side].light(self._recorded(shots[0]).frames[side])
+            self._lights[key] = self.exposers[camera].light(self._recorded(shots[0]).frames[camera])
         return self._lights[key]
 
 
@@ -225,21 +227,21 @@ class Rectifier:
     """Both cameras of a pair. `shape`: (height, width) of what `Frame.grey8` gives: half the size of a colour
     mosaic."""
 
-    def __init__(self, geometries: Mapping[Side, CameraGeometry], shape: tuple[int, int]) -> None:
+    def __init__(self, geometries: Mapping[CameraName, CameraGeometry], shape: tuple[int, int]) -> None:
         left, right = geometries["left"], geometries["right"]
         scale = shape[1] / left.width
         centre = left.projection[2], left.projection[6]
-        self._maps = {side: _maps(geometry, shape, scale, centre[0]) for side, geometry in geometries.items()}
+        self._maps = {camera: _maps(geometry, shape, scale, centre[0]) for camera, geometry in geometries.items()}
         x, y = ((number + 0.5) * scale - 0.5 for number in centre)
         self.camera = StereoCamera(scale * left.projection[0], (x, y), right.baseline_m)
 
-    def images(self, pair: StereoPair) -> tuple[Image, Image]:
+    def images(self, pair: FrameSet) -> tuple[Image, Image]:
         """Left and right picture of a complete pair."""
-        left, right = (self._rectified(side, pair.frames[side].grey8()) for side in ("left", "right"))
+        left, right = (self._rectified(camera, pair.frames[camera].grey8()) for camera in ("left", "right"))
         return left, right
 
-    def _rectified(self, side: Side, image: Image) -> Image:
-        maps = self._maps[side]
+    def _rectified(self, camera: CameraName, image: Image) -> Image:
+        maps = self._maps[camera]
         return image if maps is None else np.asarray(cv2.remap(image, *maps, cv2.INTER_LINEAR), np.uint8)
 
 

@@ -24,7 +24,7 @@ from evaluation.rejudge.drive import Drive
 from evaluation.rejudge.following import Followed, Follower, Following, ReferenceTrajectory, Trajectory
 from imaging.errors import AutoexposeError
 from imaging.exposure import ExposureLimits, ExposureSetting
-from imaging.frames import Side, StereoPair
+from imaging.frames import CameraName, FrameSet
 
 FOCAL_LENGTH_PX = 1000.0  # Control is told the speed of the image as an angular rate and a focal length; any will do
 FEWEST_BETWEEN = 2  # Odometry gets at most every second pair
@@ -69,7 +69,7 @@ class PairJudge:
     matches: list[int] = field(default_factory=list)
     _matcher: StereoMatcher = field(default_factory=StereoMatcher)
 
-    def look(self, pair: StereoPair, time_s: float) -> None:
+    def look(self, pair: FrameSet, time_s: float) -> None:
         """The next pair, and when its reference frame was taken."""
         if self.rectifier is None or len(pair.frames) < 2:
             return
@@ -203,11 +203,13 @@ def play(one: Round) -> list[Outcome]:
     ]
 
 
-def exposers(drive: Drive) -> dict[Side, Exposer]:
+def exposers(drive: Drive) -> dict[CameraName, Exposer]:
     """Those of the cameras, from their responses and their sensors' noise."""
     parameters = drive.setup.parameters
     noise = SensorNoise(parameters.full_well_e, parameters.read_noise_e)
-    return {side: Exposer(response, noise, seed) for seed, (side, response) in enumerate(drive.setup.responses.items())}
+    return {
+        camera: Exposer(response, noise, seed) for seed, (camera, response) in enumerate(drive.setup.responses.items())
+    }
 
 
 def follow_best_shots(drive: Drive, odometry: str, folder: Path) -> Trajectory | None:

@@ -16,7 +16,7 @@ from autoexpose_daemon.control.setup import ControlSetup
 from evaluation.arrays import Floats32, Greys
 from imaging.errors import AutoexposeError
 from imaging.exposure import ExposureSetting
-from imaging.frames import Side, StereoPair
+from imaging.frames import CameraName, FrameSet
 from imaging.geometry import CameraGeometry
 from imaging.pixels import plane_shape
 from imaging.python310 import exp2
@@ -67,36 +67,36 @@ class ShotGlimpse:
 class Watcher:
     """Notes glimpses of the pairs of a drive, in order. `cycle`: pairs in a cycle of the bracket."""
 
-    def __init__(self, responses: Mapping[Side, ResponseFunction], cycle: int) -> None:
+    def __init__(self, responses: Mapping[CameraName, ResponseFunction], cycle: int) -> None:
         greys = np.arange(GREY_LEVELS, dtype=np.float64)
-        self._shares = {side: response.light(greys) for side, response in responses.items()}
-        self._full = {side: response.saturation for side, response in responses.items()}
-        self._before: deque[tuple[float, dict[Side, Floats32]]] = deque(maxlen=cycle)
+        self._shares = {camera: response.light(greys) for camera, response in responses.items()}
+        self._full = {camera: response.saturation for camera, response in responses.items()}
+        self._before: deque[tuple[float, dict[CameraName, Floats32]]] = deque(maxlen=cycle)
 
-    def look(self, pair: StereoPair, decision: Decision, time_s: float) -> ShotGlimpse:
+    def look(self, pair: FrameSet, decision: Decision, time_s: float) -> ShotGlimpse:
         """The glimpse of the next pair, of a time."""
         assert decision.metric is not None, "brackets measure it"
-        shares = {side: self._seen(side, frame.grey8()) for side, frame in pair.frames.items()}
+        shares = {camera: self._seen(camera, frame.grey8()) for camera, frame in pair.frames.items()}
         level = pair.reference.setting.level
         repeats = None
         if len(self._before) == self._before.maxlen:
             before_level, before = self._before[0]
-            repeats = _all(_alike(share, before.get(side), level - before_level) for side, share in shares.items())
+            repeats = _all(_alike(share, before.get(camera), level - before_level) for camera, share in shares.items())
         self._before.append((level, shares))
-        pixels = {side: self._shares[side][frame.sparse_grey8()].ravel() for side, frame in pair.frames.items()}
+        pixels = {camera: self._shares[camera][frame.sparse_grey8()].ravel() for camera, frame in pair.frames.items()}
         everything = np.concatenate(list(pixels.values()))
         counts = np.bincount((everything * GREY_LEVELS).astype(np.int64), minlength=GREY_LEVELS + 1)
         above = np.cumsum(counts[::-1])[::-1] / everything.size
         frame = pair.reference
         return ShotGlimpse(
             pair.trigger, time_s, frame.setting, decision.motion_px, decision.metric, decision.setting,
-            above.astype(np.float32), float(np.median(pixels[pair.reference_side])), repeats,
+            above.astype(np.float32), float(np.median(pixels[pair.reference_camera])), repeats,
         )  # fmt: skip
 
-    def _seen(self, side: Side, grey: Greys) -> Floats32:
+    def _seen(self, camera: CameraName, grey: Greys) -> Floats32:
         """Share of full scale by place, float32; saturated where any pixel of a place is."""
-        share = np.asarray(self._shares[side][cv2.resize(grey, SMALL, interpolation=cv2.INTER_AREA)], np.float32)
-        _, full = cv2.threshold(grey, self._full[side] - 1, 255, cv2.THRESH_BINARY)
+        share = np.asarray(self._shares[camera][cv2.resize(grey, SMALL, interpolation=cv2.INTER_AREA)], np.float32)
+        _, full = cv2.threshold(grey, self._full[camera] - 1, 255, cv2.THRESH_BINARY)
         share[cv2.resize(full, SMALL, interpolation=cv2.INTER_AREA) > 0] = 1.0
         return share
 
@@ -264,9 +264,9 @@ class Drive:
     name: str  # for people
     setup: ControlSetup  # what control was built from, with `ControlParameters.bracket`
     # Reads its complete pairs from the first to the last; pickles, if it is to go to other processes.
-    source: Callable[[], Iterator[StereoPair]]
+    source: Callable[[], Iterator[FrameSet]]
     timeline: Timeline  # of these pairs
-    geometries: Mapping[Side, CameraGeometry]  # of the calibrated cameras
+    geometries: Mapping[CameraName, CameraGeometry]  # of the calibrated cameras
     shape: tuple[int, int]  # (height, width) of what `Frame.grey8` gives
     delay_frames: int  # a decision showed this many pairs later
     missing: int  # triggers without a complete pair, from the first to the last one
@@ -276,13 +276,13 @@ class Drive:
         """From the first pair to the last."""
         return self.timeline.glimpses[-1].time_s - self.timeline.glimpses[0].time_s
 
-    def pairs(self) -> Iterator[tuple[int, Callable[[int], StereoPair]]]:
+    def pairs(self) -> Iterator[tuple[int, Callable[[int], FrameSet]]]:
         """Each instant, with a function that gives the pairs that may stand for it, `Timeline.near`."""
         reach = REACH * self.timeline.cycle
-        kept: deque[tuple[int, StereoPair]] = deque(maxlen=2 * reach + 1)
+        kept: deque[tuple[int, FrameSet]] = deque(maxlen=2 * reach + 1)
         ahead = enumerate(self.source())
 
-        def pair_at(number: int) -> StereoPair:
+        def pair_at(number: int) -> FrameSet:
             return kept[number - kept[0][0]][1]
 
         for number in range(len(self.timeline.glimpses)):
@@ -297,9 +297,9 @@ class Drive:
 def watched(
     name: str,
     setup: ControlSetup,
-    seen: Iterable[tuple[StereoPair, Decision, float]],
-    source: Callable[[], Iterator[StereoPair]],
-    geometries: Mapping[Side, CameraGeometry],
+    seen: Iterable[tuple[FrameSet, Decision, float]],
+    source: Callable[[], Iterator[FrameSet]],
+    geometries: Mapping[CameraName, CameraGeometry],
 ) -> Drive:
     """A drive that is read for the first time. `name`, `setup`, `source`, `geometries`: as in `Drive`. `seen`: what
     `source` reads, what was decided on each pair, and when it was taken (s). Raises AutoexposeError for a drive that is

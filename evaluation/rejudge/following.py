@@ -221,8 +221,8 @@ class CommandFollower(Follower):
     def __init__(self, command: str, folder: Path, camera: StereoCamera) -> None:
         self._command, self._folder = command, folder
         self._times_s: list[float] = []
-        for side in ("left", "right"):
-            (folder / side).mkdir(parents=True)
+        for name in ("left", "right"):
+            (folder / name).mkdir(parents=True)
         x, y = camera.centre_px
         text = f"focal_px: {camera.focal_px}\ncentre_px: [{x}, {y}]\nbaseline_m: {camera.baseline_m}\n"
         (folder / "camera.yaml").write_text(text, encoding="ascii")
@@ -230,8 +230,8 @@ class CommandFollower(Follower):
     def look(self, left: Image, right: Image, time_s: float) -> None:
         """See `Follower`. Raises AutoexposeError when a picture cannot be written."""
         self._times_s.append(time_s)
-        for side, image in (("left", left), ("right", right)):
-            name = self._folder / side / f"{len(self._times_s):06d}.png"
+        for camera, image in (("left", left), ("right", right)):
+            name = self._folder / camera / f"{len(self._times_s):06d}.png"
             if not cv2.imwrite(str(name), image, [cv2.IMWRITE_PNG_COMPRESSION, 1]):
                 raise AutoexposeError(f"{name}: cannot be written: make room for the pictures")
 

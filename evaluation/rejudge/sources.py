@@ -27,8 +27,8 @@ from documents.files import read_text
 from evaluation.rejudge.drive import Drive, watched
 from imaging.errors import AutoexposeError, ConfigurationError
 from imaging.exposure import ExposureLimits, ExposureSetting
-from imaging.frames import SIDES, Frame, Side, StereoPair
-from imaging.geometry import CameraGeometry
+from imaging.frames import CameraName, Frame, FrameSet
+from imaging.geometry import SIDES, CameraGeometry
 from imaging.pixels import Pixels
 from imaging.response import ResponseFunction
 
@@ -45,7 +45,7 @@ class ListedImage:
     """One line of the list."""
 
     file: Path
-    side: Side
+    camera: CameraName
     time_s: float
     setting: ExposureSetting
 
@@ -53,8 +53,8 @@ class ListedImage:
 def read_folder(folder: Path) -> Drive:
     """Read a folder for the first time. Raises AutoexposeError: naming the file and the line at fault."""
     instants = _instants(folder)
-    sides = tuple(instants[0])
-    responses: dict[Side, ResponseFunction] = {side: _response(folder, side) for side in sides}
+    cameras = tuple(instants[0])
+    responses: dict[CameraName, ResponseFunction] = {camera: _response(folder, camera) for camera in cameras}
     geometries = _geometries(folder, instants[0])
     settings = [next(iter(entries.values())).setting for entries in instants]
     levels = [setting.level for setting in settings]
@@ -70,10 +70,10 @@ def read_folder(folder: Path) -> Drive:
     return watched(str(folder), setup, _decided(setup, source()), source, geometries)
 
 
-def _decided(setup: ControlSetup, pairs: Iterator[StereoPair]) -> Iterator[tuple[StereoPair, Decision, float]]:
+def _decided(setup: ControlSetup, pairs: Iterator[FrameSet]) -> Iterator[tuple[FrameSet, Decision, float]]:
     """Pairs with what control sees of them; the decision itself is the setting that the next one has."""
     loop = ControlLoop(setup.of_policy("fixed"))
-    former: tuple[StereoPair, Decision, float] | None = None
+    former: tuple[FrameSet, Decision, float] | None = None
     for pair in pairs:
         if former is not None:
             yield former[0], replace(former[1], setting=pair.reference.setting), former[2]
@@ -82,19 +82,19 @@ def _decided(setup: ControlSetup, pairs: Iterator[StereoPair]) -> Iterator[tuple
         yield former
 
 
-def _pairs(instants: list[dict[Side, ListedImage]]) -> Iterator[StereoPair]:
-    kinds: dict[Side, str] = {}
+def _pairs(instants: list[dict[CameraName, ListedImage]]) -> Iterator[FrameSet]:
+    kinds: dict[CameraName, str] = {}
     for number, entries in enumerate(instants):
-        frames = {side: _frame(entry, number) for side, entry in entries.items()}
-        for side, frame in frames.items():
+        frames = {camera: _frame(entry, number) for camera, entry in entries.items()}
+        for camera, frame in frames.items():
             height, width = frame.pixels.shape
             kind = f"{width}x{height} with {frame.bit_depth} bits"
-            if kinds.setdefault(side, kind) != kind:
+            if kinds.setdefault(camera, kind) != kind:
                 raise AutoexposeError(
-                    f"{entries[side].file}: is {kind}, {instants[0][side].file.name} is {kinds[side]}: give all images "
-                    "of a camera one size and depth"
+                    f"{entries[camera].file}: is {kind}, {instants[0][camera].file.name} is {kinds[camera]}: give all "
+                    "images of a camera one size and depth"
                 )
-        yield StereoPair(number, frames)
+        yield FrameSet(number, frames)
 
 
 def _frame(entry: ListedImage, number: int) -> Frame:
@@ -108,11 +108,13 @@ def _frame(entry: ListedImage, number: int) -> Frame:
     return Frame(pixels, 8 * pixels.itemsize, number, time_ns, time_ns, time_ns, entry.setting)
 
 
-def _instants(folder: Path) -> list[dict[Side, ListedImage]]:
+def _instants(folder: Path) -> list[dict[CameraName, ListedImage]]:
     """The entries of each instant, left first; every instant has the same sides."""
     entries = _entries(folder)
     groups = [list(group) for _, group in itertools.groupby(entries, key=lambda entry: entry.time_s)]
-    instants = [{side: entry for side in SIDES for entry in group if entry.side == side} for group in groups]
+    instants: list[dict[CameraName, ListedImage]] = [
+        {camera: entry for camera in SIDES for entry in group if entry.camera == camera} for group in groups
+    ]
     for group, instant in zip(groups, instants, strict=True):
         if len(instant) < len(group):
             raise AutoexposeError(
@@ -163,11 +165,11 @@ def _entry(folder: Path, row: dict[str, str | None]) -> ListedImage | None:
         time_s, exposure_time_us, gain_db = (float(row[name] or "") for name in COLUMNS[2:])
     except ValueError:
         return None
-    side = next((side for side in SIDES if side == row["side"]), None)
+    camera = next((camera for camera in SIDES if camera == row["side"]), None)
     setting = ExposureSetting(exposure_time_us, gain_db)
-    if side is None or not row["file"] or not math.isfinite(time_s) or not setting.is_physical:
+    if camera is None or not row["file"] or not math.isfinite(time_s) or not setting.is_physical:
         return None
-    return ListedImage(folder / row["file"], side, time_s, setting)
+    return ListedImage(folder / row["file"], camera, time_s, setting)
 
 
 def _cycle(folder: Path, levels: list[float]) -> int:
@@ -180,13 +182,13 @@ def _cycle(folder: Path, levels: list[float]) -> int:
     raise AutoexposeError(f"{folder / LIST}: its exposures do not repeat in cycles of 2 to {MOST_SHOTS} shots")
 
 
-def _geometries(folder: Path, first: dict[Side, ListedImage]) -> dict[Side, CameraGeometry]:
+def _geometries(folder: Path, first: dict[CameraName, ListedImage]) -> dict[CameraName, CameraGeometry]:
     """Those that there are, of the images of the first instant."""
-    found: dict[Side, CameraGeometry] = {}
-    for side, entry in first.items():
-        file = folder / f"{side}.yaml"
+    found: dict[CameraName, CameraGeometry] = {}
+    for camera, entry in first.items():
+        file = folder / f"{camera}.yaml"
         if file.exists():
-            found[side] = geometry = load_geometry(file, side)
+            found[camera] = geometry = load_geometry(file, "right" if camera == "right" else "left")
             height, width = _frame(entry, 0).pixels.shape
             if (width, height) != (geometry.width, geometry.height):
                 raise AutoexposeError(
@@ -194,17 +196,17 @@ def _geometries(folder: Path, first: dict[Side, ListedImage]) -> dict[Side, Came
                     f"{width}x{height}: give the calibration of these images"
                 )
     try:
-        check_pair(found)
+        check_pair(found.get("left"), found.get("right"))
     except ConfigurationError as error:
         said = str(error)
-        for side in SIDES:
-            said = said.replace(f"cameras.{side}.calibration", f"{folder / side}.yaml")
+        for camera in SIDES:
+            said = said.replace(f"cameras.{camera}.calibration", f"{folder / camera}.yaml")
         raise AutoexposeError(said) from error
     return found
 
 
-def _response(folder: Path, side: Side) -> ResponseFunction:
-    file = folder / f"response-{side}.yaml"
+def _response(folder: Path, camera: CameraName) -> ResponseFunction:
+    file = folder / f"response-{camera}.yaml"
     return ResponseFile.load(file).response if file.exists() else ResponseFunction.linear()
 
 
@@ -215,9 +217,9 @@ def read_recording(path: Path) -> Drive:
     bracket = setup.parameters.bracket
     if bracket is None:
         raise RecordingError(f"{path}: was not recorded in brackets: record the drive with `record --bracket`")
-    geometries: dict[Side, CameraGeometry] = {}
+    geometries: dict[CameraName, CameraGeometry] = {}
 
-    def seen() -> Iterator[tuple[StereoPair, Decision, float]]:
+    def seen() -> Iterator[tuple[FrameSet, Decision, float]]:
         for step in _steps(path, bracket):
             geometries.update(step.calibrations)
             yield step.pair, step.decision, step.stamp_ns * 1e-9
@@ -233,7 +235,7 @@ def _setup(path: Path) -> ControlSetup:
     raise RecordingError(f"{path}: is damaged: it does not say how it was made")
 
 
-def _recorded_pairs(path: Path, bracket: Bracketing) -> Iterator[StereoPair]:
+def _recorded_pairs(path: Path, bracket: Bracketing) -> Iterator[FrameSet]:
     return (step.pair for step in _steps(path, bracket))
 
 

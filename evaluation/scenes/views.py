@@ -19,7 +19,8 @@ from fake_camera.world.scene.path import CameraPath
 from fake_camera.world.scene.room import LAMP_RADIANCE, furnished_room
 from fake_camera.world.scene.shapes import block, from_below, level, upright
 from fake_camera.world.scene.textures import Pattern, lampshade
-from fake_camera.world.simulation import RoomView, Side
+from fake_camera.world.simulation import RoomView
+from imaging.frames import CameraName
 
 CAMERA = Pinhole()
 # Where the camera looks at a time (s): an angle in radians from the heading of the scene, positive to the left.
@@ -68,9 +69,9 @@ class StillView:
     `outdoors`: radiance that does not follow the light, same shape, or None. `gaze`: where the camera looks; 0 is the
     middle of the still."""
 
-    def __init__(self, interior: Floats32, outdoors: Floats32 | None, gaze: Gaze, side: Side) -> None:
+    def __init__(self, interior: Floats32, outdoors: Floats32 | None, gaze: Gaze, camera: CameraName) -> None:
         self._interior, self._outdoors, self._gaze = interior, outdoors, gaze
-        self._shift_px = DISPARITY_PX if side == "right" else 0.0
+        self._shift_px = DISPARITY_PX if camera == "right" else 0.0
 
     def image_shift_px(self, start_s: float, end_s: float) -> float:
         """How far the image moves between two instants, in pixels."""
@@ -92,7 +93,7 @@ class StillView:
         return np.asarray(cv2.getRectSubPix(still, (CAMERA.width, CAMERA.height), centre), np.float32)
 
 
-def build_views(scene: str, seed: int, gaze: Gaze, at_window: bool) -> dict[Side, Scene]:
+def build_views(scene: str, seed: int, gaze: Gaze, at_window: bool) -> dict[CameraName, Scene]:
     """Both cameras' views. `scene`: "room", a painter of `evaluation.scenes.stills`, or the path of a Radiance .hdr
     file. `seed`: decides the room or the painting, and where the camera looks first. `at_window`: whether angle 0 is a
     window, brighter than everything else when the light is dim."""
@@ -105,14 +106,14 @@ def build_views(scene: str, seed: int, gaze: Gaze, at_window: bool) -> dict[Side
         heading = WINDOW_HEADING_RAD if at_window else turn * math.pi
         path = GazePath(gaze=gaze, place_m=place, heading_rad=heading)
         renderer = Renderer(furnished_room(seed), CAMERA)
-        return {side: RoomView(renderer, path, side) for side in ("left", "right")}
+        return {camera: RoomView(renderer, path, camera) for camera in ("left", "right")}
     interior, outdoors = _still(scene, seed, at_window)
     start = 0.0 if at_window else 0.35 * turn
 
     def turned(time_s: float) -> float:
         return start + gaze(time_s)
 
-    return {side: StillView(interior, outdoors, turned, side) for side in ("left", "right")}
+    return {camera: StillView(interior, outdoors, turned, camera) for camera in ("left", "right")}
 
 
 def _still(scene: str, seed: int, at_window: bool) -> tuple[Floats32, Floats32 | None]:
@@ -224,13 +225,13 @@ def _cartons(rng: np.random.Generator, papers: tuple[list[Pattern], list[Pattern
         angle, distance = math.radians(float(bearing)), float(rng.uniform(0.6, 0.8))
         size = (float(rng.uniform(0.15, 0.22)), float(rng.uniform(0.15, 0.22)))
         height = float(rng.uniform(0.27, 0.5))
-        sides = [
+        cameras = [
             _papered(rng, papers[number % 2], round(height * TEXELS_PER_M), round(width * TEXELS_PER_M))
             for width in (size[1], size[0], size[1], size[0])
         ]
         top = _papered(rng, papers[1], 64, 64)
         centre = np.array([math.cos(angle), math.sin(angle)]) * distance
-        surfaces += block(centre, size, float(rng.uniform(0.0, 90.0)), (0.0, height), [*sides, top])
+        surfaces += block(centre, size, float(rng.uniform(0.0, 90.0)), (0.0, height), [*cameras, top])
     return surfaces
 
 
@@ -251,8 +252,8 @@ def _window(rng: np.random.Generator, pictures: Sequence[Still], bearing_rad: fl
 def _lamps(bearing_rad: float) -> list[Surface]:
     """Two lamps on poles, one on either side of a bearing."""
     surfaces = []
-    for side in (-0.3, 0.3):
-        at: Floats = 0.85 * np.array([math.cos(bearing_rad + side), math.sin(bearing_rad + side)])
+    for camera in (-0.3, 0.3):
+        at: Floats = 0.85 * np.array([math.cos(bearing_rad + camera), math.sin(bearing_rad + camera)])
         shade = [lampshade(128, 128) * np.float32(LAMP_RADIANCE)] * 4
         surfaces += block(at, (0.12, 0.12), 20.0, (0.4, 0.55), shade)
         surfaces += block(at, (0.02, 0.02), 20.0, (0.0, 0.4), [np.full((64, 8), 0.25, np.float32)] * 4)

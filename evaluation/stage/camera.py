@@ -14,9 +14,8 @@ from evaluation.arrays import Floats32, Greys
 from fake_camera.imaging import ImageSettings
 from fake_camera.world.response import CURVES
 from fake_camera.world.sensor import DEFAULT_F_NUMBER, Sensor, SensorModel
-from fake_camera.world.simulation import Side
 from imaging.exposure import ExposureLimits, ExposureSetting
-from imaging.frames import Frame, StereoPair
+from imaging.frames import CameraName, Frame, FrameSet
 from imaging.python310 import exp2
 from imaging.response import ResponseFunction
 
@@ -50,11 +49,11 @@ class SimulatedCamera:
         return self._sensor.expose(radiance, settings, self._noise_seed * 100_000 + frame).astype(np.uint8, copy=False)
 
 
-def pair_of(images: Mapping[Side, Image], setting: ExposureSetting, number: int, time_s: float) -> StereoPair:
+def pair_of(images: Mapping[CameraName, Image], setting: ExposureSetting, number: int, time_s: float) -> FrameSet:
     """Images as control gets them: the frames of trigger `number`, taken at a time on which all clocks agree."""
     time_ns = round(time_s * 1e9)
-    frames = {side: Frame(image, 8, number, time_ns, time_ns, time_ns, setting) for side, image in images.items()}
-    return StereoPair(number, frames)
+    frames = {camera: Frame(image, 8, number, time_ns, time_ns, time_ns, setting) for camera, image in images.items()}
+    return FrameSet(number, frames)
 
 
 def time_first(level: float) -> ExposureSetting:
@@ -111,7 +110,7 @@ class DelayedLoop:
         """The setting of each frame so far."""
         return self._settings[: len(self.decisions)]
 
-    def step(self, take: Callable[[ExposureSetting], StereoPair]) -> StereoPair:
+    def step(self, take: Callable[[ExposureSetting], FrameSet]) -> FrameSet:
         """Take the next frame with `take`, decide on it, and return it."""
         pair = take(self._settings[len(self.decisions)])
         self.decisions.append(self.loop.step(pair))

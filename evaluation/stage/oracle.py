@@ -16,8 +16,8 @@ from autoexpose_daemon.control.policy import Objective
 from evaluation.arrays import Floats, Ints
 from evaluation.stage.camera import LIMITS, Image, time_first
 from evaluation.stage.rendering import Stage
-from fake_camera.world.simulation import Side
 from imaging.exposure import ExposureSetting, linear_gain
+from imaging.frames import CameraName
 from imaging.python310 import exp2
 from imaging.response import GREY_LEVELS, ResponseFunction
 
@@ -118,12 +118,12 @@ class Oracle:
     def __init__(
         self,
         stage: Stage,
-        sides: tuple[Side, ...] = ("left",),
+        cameras: tuple[CameraName, ...] = ("left",),
         objective: Objective = "metric",
         *,
         exhaustive: bool = False,
     ) -> None:
-        self._stage, self._sides, self._exhaustive = stage, sides, exhaustive
+        self._stage, self._sides, self._exhaustive = stage, cameras, exhaustive
         self._value = self._metric_of if objective == "metric" else self._information_of
         self._preparation = ImagePreparation()
         self._metric = GradientMetric(delta=0.30)
@@ -134,7 +134,7 @@ class Oracle:
 
     def judge(self, setting: ExposureSetting) -> tuple[float, ...]:
         """Value of each judged camera's image when the present frame is taken with a setting."""
-        return tuple(self._value(self._stage.expose(side, setting), setting) for side in self._sides)
+        return tuple(self._value(self._stage.expose(camera, setting), setting) for camera in self._sides)
 
     def _metric_of(self, image: Image, setting: ExposureSetting) -> float:
         return self._metric.measure(self._preparation.prepare(image))

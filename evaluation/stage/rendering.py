@@ -14,11 +14,10 @@ from evaluation.scenes.views import Scene
 from evaluation.stage.camera import LIMITS, Image, Radiance, SimulatedCamera, pair_of
 from fake_camera.world.lighting import LightScript
 from fake_camera.world.sensor import DEFAULT_F_NUMBER
-from fake_camera.world.simulation import Side
 from imaging.exposure import ExposureSetting
-from imaging.frames import StereoPair
+from imaging.frames import CameraName, FrameSet
 
-BOTH: tuple[Side, Side] = ("left", "right")
+BOTH: tuple[CameraName, CameraName] = ("left", "right")
 LAMP_RADIANCE = 2500.0  # In lux times reflectance: 8 to 10 stops above a wall in the light of `lamp_right`
 # An exposure of a moving camera is rendered as one instant for every 1.5 pixels that the image moves.
 BLUR_STEP_PX = 1.5
@@ -37,7 +36,7 @@ class Stage:
 
     def __init__(
         self,
-        views: dict[Side, Scene],
+        views: dict[CameraName, Scene],
         course: Course,
         seed: int,
         start_times_s: Floats | None = None,
@@ -48,10 +47,12 @@ class Stage:
     ) -> None:
         self._start_times_s = start_times_s
         self._cameras = {
-            side: SimulatedCamera(2 * seed + (side == "right"), seed, response, gamma, lens_f_number) for side in views
+            camera: SimulatedCamera(2 * seed + (camera == "right"), seed, response, gamma, lens_f_number)
+            for camera in views
         }
         self._films = {
-            side: _Film(view, course.light, course.lamp if side == "right" else None) for side, view in views.items()
+            camera: _Film(view, course.light, course.lamp if camera == "right" else None)
+            for camera, view in views.items()
         }
         self.views = views
         self.light = course.light
@@ -79,17 +80,17 @@ class Stage:
         lights = [self.light, *([self._lamp] if self._lamp else [])]
         return [light.mean_lux(self.start_s(frame), 1e-3) for light in lights]
 
-    def radiance(self, side: Side, exposure_s: float) -> Radiance:
+    def radiance(self, camera: CameraName, exposure_s: float) -> Radiance:
         """Mean radiance over an exposure of this frame, float32, (height, width); overwritten by the next call."""
-        return self._films[side].radiance(exposure_s)
+        return self._films[camera].radiance(exposure_s)
 
-    def expose(self, side: Side, setting: ExposureSetting) -> Image:
+    def expose(self, camera: CameraName, setting: ExposureSetting) -> Image:
         """The image that one camera takes of the present frame, uint8, (540, 720)."""
-        return self._cameras[side].expose(self.radiance(side, setting.exposure_time_us * 1e-6), setting, self.frame)
+        return self._cameras[camera].expose(self.radiance(camera, setting.exposure_time_us * 1e-6), setting, self.frame)
 
-    def take(self, setting: ExposureSetting, sides: Sequence[Side] = BOTH) -> StereoPair:
+    def take(self, setting: ExposureSetting, cameras: Sequence[CameraName] = BOTH) -> FrameSet:
         """The pair that the cameras take of the present frame with one setting; of one side only, a lone frame."""
-        images = {side: self.expose(side, setting) for side in sides}
+        images = {camera: self.expose(camera, setting) for camera in cameras}
         return pair_of(images, setting, self.frame, self.start_s(self.frame))
 
 

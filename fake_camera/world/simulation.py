@@ -16,7 +16,7 @@ from fake_camera.world.lighting import LightScript
 from fake_camera.world.render.renderer import Pinhole, Renderer, Surface
 from fake_camera.world.scene.board import BoardPath, board_on_a_wall
 from fake_camera.world.scene.panorama import Panorama, load_radiance
-from fake_camera.world.scene.path import CameraPath, right_of
+from fake_camera.world.scene.path import CameraPath, right_of, turn_right
 from fake_camera.world.scene.room import furnished_room
 from fake_camera.world.scene.wall import Wall
 from fake_camera.world.sensor import DEFAULT_F_NUMBER, SIZES, Sensor, SensorModel
@@ -69,17 +69,24 @@ class Light(Protocol):
 
 
 class RoomView:
-    """What one camera of the stereo pair sees of the furnished room along the path."""
+    """What one camera of a stereo pair sees of the furnished room along the path.
 
-    def __init__(self, renderer: Renderer, path: Trajectory, side: Side) -> None:
+    The pair is turned to the right of the path, and what it sees there has more light on it.
+    """
+
+    def __init__(
+        self, renderer: Renderer, path: Trajectory, side: Side, yaw_deg: float = 0.0, sunlit_stops: float = 0.0
+    ) -> None:
         self._renderer = renderer
         self._numbers: Renderer | None = None
         self._path = path
         self._side = side
+        self._turn = turn_right(yaw_deg)
+        self._light = 2.0**sunlit_stops
 
     def pose(self, time_s: float) -> NDArray[np.float64]:
         """Pose of this camera, camera to world, shape (4, 4)."""
-        pose = self._path.pose(time_s)
+        pose = self._path.pose(time_s) @ self._turn
         return right_of(pose) if self._side == "right" else pose
 
     def image_shift_px(self, start_s: float, end_s: float) -> float:
@@ -90,7 +97,7 @@ class RoomView:
 
     def radiance(self, times_s: NDArray[np.float64], lux: float) -> NDArray[np.float32]:
         """Mean radiance over the instants in lux times reflectance, shape (height, width), until the next call."""
-        return self._renderer.render(np.array([self.pose(float(time_s)) for time_s in times_s]), lux)
+        return self._renderer.render(np.array([self.pose(float(time_s)) for time_s in times_s]), lux * self._light)
 
     def exposed(self, start_s: float, exposure_s: float, lux: float) -> NDArray[np.float32]:
         """Mean radiance over an exposure, see `Scene`; the cost hardly depends on the motion."""
@@ -98,7 +105,9 @@ class RoomView:
         parts = min(max(math.ceil(shift_px / _LONGEST_PART_PX), 1), _MOST_PARTS)
         times_s = start_s + exposure_s * np.linspace(0.0, 1.0, 2 * parts + 1)
         poses = [self.pose(float(time_s)) for time_s in times_s]
-        return self._renderer.render_motion(np.array([poses[i : i + 3] for i in range(0, 2 * parts, 2)]), lux)
+        return self._renderer.render_motion(
+            np.array([poses[i : i + 3] for i in range(0, 2 * parts, 2)]), lux * self._light
+        )
 
     def tints(self, time_s: float) -> Tints:
         """Those of the surfaces seen at an instant, see `Scene`: their edges are not blurred by motion."""
@@ -172,6 +181,8 @@ def build_image_source(
     corner_light: float = 1.0,
     steered: Steered | None = None,
     size: tuple[int, int] = SIZES[0],
+    yaw_deg: float = 0.0,
+    sunlit_stops: float = 0.0,
 ) -> ImageSource:
     """Build the world of one camera. The first image of each pixel format is slow unless kernels are compiled.
 
@@ -202,16 +213,18 @@ def build_image_source(
         Decides path and light in the room, instead of the time.
     size
         Width and height of the sensor, pixels; the angle of view across is the same for all.
+    yaw_deg, sunlit_stops
+        In the room: how far its pair is turned to the right of the path, and how much more light is on what it sees.
     """
     model = SensorModel(*size, lens_f_number=lens_f_number, corner_light=corner_light)
-    sensor = Sensor(model, 2 * seed + (side == "right"), response)
+    sensor = Sensor(model, 2 * seed + (side == "right") + 1000 * round(yaw_deg), response)
     view: Scene
     if scene in ("room", "board"):
         lens = Pinhole()
         camera = Pinhole(model.width, model.height, lens.focal_px * model.width / lens.width)
         board = scene == "board"
         renderer = Renderer(board_on_a_wall(seed) if board else paint(seed), camera)
-        view = RoomView(renderer, BoardPath(seed) if board else steered or CameraPath(), side)
+        view = RoomView(renderer, BoardPath(seed) if board else steered or CameraPath(), side, yaw_deg, sunlit_stops)
     elif scene == "wall":
         view = Wall(model.width, model.height)
     else:

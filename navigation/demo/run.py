@@ -192,7 +192,7 @@ def navigate(options: DemoOptions, cameras: FakeCameras, folder: Path, stop: thr
     forward_m_s = min(LENGTH_M / max(lap_s, 1.0), FASTEST_M_S)
     parts: dict[str, Part] = {}
     with ExitStack() as resources:
-        lines = [resources.enter_context(ControlLine(camera.control)) for camera in cameras.both]
+        lines = [resources.enter_context(ControlLine(camera.control)) for camera in cameras.all]
         robot = resources.enter_context(DemoRobot(robot_at, daemon_at, lines, _RIG))
         lessons = Lessons(robot, ["--connect", daemon_at, "--robot", robot_at, "--rig", _RIG], forward_m_s, stop)
         for policy in policies:
@@ -229,7 +229,7 @@ def _report(
     laps = [lap for one in parts.values() for lap in one.laps]
     pulses = pulses_in_window(read_pulses(cameras.truths), part.service.daemon.tally)
     run = DemoRun(
-        options, rate_hz, part.service.daemon, cameras.both, pulses, part.step_log, part.took_s,
+        options, rate_hz, part.service.daemon, cameras.all, pulses, part.step_log, part.took_s,
         sum(one.took_s for one in parts.values()), part.cpu_s, reference_step_ms(REFERENCE_REPEATS),
     )  # fmt: skip
     steps = light_steps(run.pulses, run.step_log.steps)

@@ -14,7 +14,7 @@ from autoexpose_daemon.control.inputs import MOST_STOPS, LightSeries
 from autoexpose_daemon.control.registration import LightRegistration
 from autoexpose_daemon.control.view import View
 from imaging.exposure import ExposureSetting
-from imaging.frames import Frame, Side
+from imaging.frames import CameraName, Frame
 from imaging.response import ResponseFunction
 from navigation.views.features import AdaptiveFinder, Features
 
@@ -109,7 +109,7 @@ class TaughtPlace:
     features: Features
 
 
-SIDE: Final[Side] = "left"
+SIDE: Final[CameraName] = "left"
 
 BLIND_SHARE: Final = 0.8
 """With this share of a frame's pixels black or saturated, changes of the light do not show ..."""

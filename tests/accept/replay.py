@@ -11,7 +11,7 @@ from fake_camera.imaging import ImageSettings, ImageSource
 from fake_camera.world.lighting import LightScript
 from fake_camera.world.simulation import build_image_source
 from imaging.exposure import ExposureLimits, ExposureSetting
-from imaging.frames import Frame, StereoPair
+from imaging.frames import Frame, FrameSet
 from imaging.response import ResponseFunction
 
 LIMITS = ExposureLimits(20.0, 7500.0, 0.0, 30.0, time_step_us=1.0)
@@ -35,7 +35,7 @@ def replay_demo(
     light, seed, rate_hz
         As the demo's.
     """
-    sources = [build_image_source("room", side, light, seed) for side in ("left", "right")]
+    sources = [build_image_source("room", camera, light, seed) for camera in ("left", "right")]
     loop = ControlLoop(policy_id, ResponseFunction.linear(), LIMITS, START)
     settings = [START] * delay_frames
     pulses: list[Pulse] = []
@@ -44,7 +44,7 @@ def replay_demo(
         start_s = trigger / rate_hz
         time_ns = round(start_s * 1e9)
         left, right = (_frame(source, settings[index], start_s, index) for source in sources)
-        decision = loop.step(StereoPair(trigger, {"left": left, "right": right}))
+        decision = loop.step(FrameSet(trigger, {"left": left, "right": right}))
         settings.append(decision.setting)
         pulses.append(Pulse(trigger, time_ns, light.lux(start_s)))
         records.append(

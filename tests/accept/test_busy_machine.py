@@ -92,13 +92,13 @@ def test_priority_leaves_a_fifth_of_the_pairs_without_a_decision(tmp_path: Path)
     wire = unique("wire")
     with contextlib.ExitStack() as stack:
         cameras = {
-            side: stack.enter_context(
-                gige_camera(side=side, line0=wire, options=["--line0-rate-hz", f"{RATE_HZ}"], start=undisturbed)
+            name: stack.enter_context(
+                gige_camera(side=name, line0=wire, options=["--line0-rate-hz", f"{RATE_HZ}"], start=undisturbed)
             )
-            for side in ("left", "right")
+            for name in ("left", "right")
         }
         config = tmp_path / "rig.yaml"
-        serials = {side: {"serial": camera.serial} for side, camera in cameras.items()}
+        serials = {name: {"serial": camera.serial} for name, camera in cameras.items()}
         config.write_text(yaml.safe_dump({"cameras": serials, "trigger": {"rate_hz": RATE_HZ}}))
         priorities = {"none": UNPRIVILEGED, "unit": as_the_unit()}
         found: dict[str, list[tuple[int, int]]] = {name: [] for name in priorities}

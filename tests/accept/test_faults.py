@@ -126,8 +126,8 @@ def test_trigger_doubled(run: Run) -> None:
     since = len(run.seen)
     with only(run, "surplus_frames") as new:
         order(run, Fault.DOUBLE_TRIGGERS, 70)
-        for side in ("left", "right"):
-            wait_for_state(run, f"{side} camera: starts 120.0 frames a second where trigger.rate_hz is 60: check")
+        for camera in ("left", "right"):
+            wait_for_state(run, f"{camera} camera: starts 120.0 frames a second where trigger.rate_hz is 60: check")
     assert 100 <= new["surplus_frames"] <= 140
     assert skews(run, since) < 0.1
 

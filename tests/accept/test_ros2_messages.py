@@ -30,7 +30,7 @@ from autoexpose_daemon.messages.types import (
     TYPESTORE,
     serialise,
 )
-from imaging.frames import Side
+from imaging.frames import CameraName
 from tests import REPOSITORY
 from tests.autoexpose_daemon.publish.steps import DECISION, endpoint, pair, publishing
 from tests.autoexpose_daemon.service.service_process import AUTOEXPOSE
@@ -119,7 +119,7 @@ def without_gaps(cdr: bytes, kind: str) -> bytes:
 
 def examples() -> Iterator[tuple[str, bytes]]:
     """A message of each of our types, by our own encoders."""
-    wanted: set[tuple[Side, str]] = {("left", "exposure")}
+    wanted: set[tuple[CameraName, str]] = {("left", "exposure")}
     (exposure,) = MessageWriter("rig", 2).messages(pair(7), DECISION, 3, 0, wanted)
     yield EXPOSURE_INFO, bytes(exposure.data)
     yield LIGHT_AHEAD, next(light_ahead_seeds())

@@ -52,7 +52,7 @@ def file(tmp_path: Path, rig: Rig) -> Path:
 
 
 def configure(file: Path, rig: Rig, **sections: Any) -> Path:
-    cameras = {side: {"serial": camera.serial} for side, camera in zip(("left", "right"), rig, strict=True)}
+    cameras = {name: {"serial": camera.serial} for name, camera in zip(("left", "right"), rig, strict=True)}
     file.write_text(yaml.safe_dump({"cameras": cameras, **sections}))
     return file
 

@@ -35,7 +35,7 @@ def rig() -> Iterator[tuple[FakeCamera, FakeCamera]]:
 @pytest.fixture
 def file(tmp_path: Path, rig: tuple[FakeCamera, FakeCamera]) -> Path:
     path = tmp_path / "rig.yaml"
-    cameras = {side: {"serial": camera.serial} for side, camera in zip(("left", "right"), rig, strict=True)}
+    cameras = {name: {"serial": camera.serial} for name, camera in zip(("left", "right"), rig, strict=True)}
     control = {"policy": "neves2009", "start": {"exposure_time_us": 100}}
     path.write_text(yaml.safe_dump({"cameras": cameras, "control": control}))
     return path

@@ -19,7 +19,7 @@ from autoexpose_daemon.service.service import add_outlets
 from drivers.camera import Camera
 from imaging.errors import CameraLostError
 from imaging.exposure import ExposureSetting
-from imaging.frames import Frame, Side, StereoPair
+from imaging.frames import CameraName, Frame, FrameSet
 from imaging.pixels import PixelFormat
 from tests.autoexpose_daemon.control.scene import expose, radiance
 from tests.drivers.rig.test_rig import ScriptedCamera
@@ -32,7 +32,7 @@ RATE_HZ = 30.0
 """Half of the usual: four of these at once leave a machine with two cores room to keep up."""
 
 LONG_S = 30.0
-Seen = list[tuple[StereoPair, Decision | None]]
+Seen = list[tuple[FrameSet, Decision | None]]
 
 
 class TriggeredCamera(ScriptedCamera):
@@ -109,7 +109,7 @@ class ScriptedRig:
         self._thread = threading.Thread(target=self._pulse)
 
     @property
-    def openers(self) -> dict[Side, Callable[[], Camera]]:
+    def openers(self) -> dict[CameraName, Callable[[], Camera]]:
         return {"left": lambda: Session(self.left), "right": lambda: Session(self.right)}
 
     def __enter__(self) -> ScriptedRig:

@@ -25,7 +25,8 @@ from autoexpose_daemon.service.service import add_outlets
 from autoexpose_daemon.status.describe import describe
 from autoexpose_daemon.status.panel import line_of
 from fake_camera.usb3.run import CAMERAS_VARIABLE
-from imaging.frames import SIDES, StereoPair
+from imaging.frames import FrameSet
+from imaging.geometry import SIDES
 from tests.fakes import FakeCamera, camera_on_this_bus, fake_camera, unique
 from tests.meanwhile import meanwhile
 
@@ -46,7 +47,7 @@ class Run:
     right: FakeCamera
     truths: list[Path]
     daemon: Daemon
-    seen: list[tuple[StereoPair, Decision]] = field(default_factory=list)
+    seen: list[tuple[FrameSet, Decision]] = field(default_factory=list)
     failure: list[BaseException] = field(default_factory=list)
 
     @property
@@ -82,8 +83,8 @@ def stereo_cameras(
         between = str(Path(folder) / "wire")
         ends = [["--line1", between], ["--line3", between]] if left_triggers_right else [[], []]
         left, right = (
-            stack.enter_context(START_CAMERA(side=side, line0=wire, options=["--truth", str(truth), *end, *options]))
-            for side, truth, end in zip(SIDES, truths, ends, strict=True)
+            stack.enter_context(START_CAMERA(side=camera, line0=wire, options=["--truth", str(truth), *end, *options]))
+            for camera, truth, end in zip(SIDES, truths, ends, strict=True)
         )
         yield left, right, truths
 
@@ -104,7 +105,7 @@ def running_daemon(
     config = Config.model_validate(
         {"cameras": {"left": {"serial": left.serial}, "right": {"serial": right.serial}}} | (settings or {})
     )
-    seen: list[tuple[StereoPair, Decision]] = []
+    seen: list[tuple[FrameSet, Decision]] = []
 
     def see(step: ControlStep) -> None:
         if step.decision is not None:

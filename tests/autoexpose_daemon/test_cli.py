@@ -24,7 +24,7 @@ from autoexpose_daemon.service.notify import Notifier
 from calibration.document import CameraIdentity
 from calibration.response.file import Origin, ResponseFile
 from imaging.errors import AutoexposeError, ConfigurationError, NodeError, UnsupportedCameraError
-from imaging.frames import SIDES
+from imaging.geometry import SIDES
 from imaging.pixels import PixelFormat
 from imaging.response import ResponseFunction
 from tests.autoexpose_daemon.service.service_process import AUTOEXPOSE, PATIENCE_S, Within, autoexpose
@@ -43,12 +43,12 @@ def test_config_check_says_what_a_good_file_holds(within: Within, tmp_path: Path
 
 
 def test_config_check_names_a_baseline_that_few_rigs_have(within: Within, tmp_path: Path) -> None:
-    for side in SIDES:
-        document = small_ros(side, 720, 540)
+    for camera in SIDES:
+        document = small_ros(camera, 720, 540)
         document["projection_matrix"]["data"][3] *= 100
-        (tmp_path / f"{side}.yaml").write_text(yaml.safe_dump(document))
+        (tmp_path / f"{camera}.yaml").write_text(yaml.safe_dump(document))
     file = tmp_path / "rig.yaml"
-    cameras = ", ".join(f"{side}: {{serial: {side}, calibration: {side}.yaml}}" for side in SIDES)
+    cameras = ", ".join(f"{camera}: {{serial: {camera}, calibration: {camera}.yaml}}" for camera in SIDES)
     file.write_text(f"cameras: {{{cameras}}}")
     code, output, _ = within("config", "check", str(file))
     assert code == 0

@@ -18,7 +18,7 @@ from autoexpose_daemon.status.states import Health
 from autoexpose_daemon.status.telemetry import Telemetry
 from drivers.triggers.outcomes import LossReason
 from imaging.exposure import ExposureLimits, ExposureSetting
-from imaging.frames import Side, StereoPair
+from imaging.frames import CameraName, FrameSet
 from tests.soak.camera import Device, VirtualFrame
 from tests.soak.clock import MS, SECOND, Clock
 from tests.soak.ptp import ERROR_NS, Master, PtpDevice
@@ -35,13 +35,13 @@ class SteadyLoop:
 
     flicker_hz: float | None = None
     light_belief: float | None = None
-    uncounted: Mapping[Side, str] = MappingProxyType({})
+    uncounted: Mapping[CameraName, str] = MappingProxyType({})
 
     def __init__(self, limits: ExposureLimits, setting: ExposureSetting) -> None:
         self.setup = dataclasses.make_dataclass("Setup", ["limits"])(limits)
         self._decision = Decision(setting, setting.level, "steady", 0.5, 0.0, 0.0, 0.0)
 
-    def step(self, inputs: StepInputs | StereoPair) -> Decision:
+    def step(self, inputs: StepInputs | FrameSet) -> Decision:
         return self._decision
 
 
@@ -60,8 +60,8 @@ def tuning(exposure_time_us: float, **sections: Any) -> SteadyTuning:
 class VirtualRun:
     """A rig that has just begun to expose, with the books of what it counts and says."""
 
-    def __init__(self, new_device: Callable[[Side, Clock, int], Device] = Device, **sections: Any) -> None:
-        self.pairs: list[StereoPair] = []
+    def __init__(self, new_device: Callable[[CameraName, Clock, int], Device] = Device, **sections: Any) -> None:
+        self.pairs: list[FrameSet] = []
         self.said: list[str] = []
         self.rig = VirtualRig(7, self._see_pair, self._see_health, tuning(START_US, **sections), new_device)
         self.left, self.right = self.rig.devices
@@ -105,7 +105,7 @@ class VirtualRun:
 
     def counts(self) -> Counter[str]:
         counts = Counter({c.name: n for c, n in counters(self.telemetry.counts) if c.unusual or c.name == "pairs"})
-        counts.update({reason.value: count for reason, count in self.rig.control.record.tally.lost.items()})
+        counts.update({str(reason): count for reason, count in self.rig.control.record.tally.lost.items()})
         return +counts
 
     def counted(self) -> Counter[str]:
@@ -145,7 +145,9 @@ HELD_NS = MS
 class HostRun(ABC):
     """Two cameras that the host triggers, `rate_hz` times a second, from when the rig opens them."""
 
-    def __init__(self, mode: str, rate_hz: float, new_device: Callable[[Side, Clock, int], Device] = Device) -> None:
+    def __init__(
+        self, mode: str, rate_hz: float, new_device: Callable[[CameraName, Clock, int], Device] = Device
+    ) -> None:
         self.rate_hz = rate_hz
         self.said: list[str] = []
         trigger = {"mode": mode, "rate_hz": rate_hz}
@@ -188,7 +190,7 @@ class PtpRun(HostRun):
         self.apart_ns.clear()
         self.said.clear()
 
-    def end(self, most_surplus: int = 0) -> Counter[LossReason]:
+    def end(self, most_surplus: int = 0) -> Counter[str]:
         """Why slots made no pair, apart from start and end.
 
         When a clock is set, actions that wait for their time act at another: these frames are surplus.

@@ -210,9 +210,9 @@ def test_both_cameras_of_a_rig_are_calibrated_and_compared(tmp_path: Path) -> No
         )
         output = done("response", "-c", str(config), "-o", str(folder))
     assert "each needs its own file" in output
-    for side, camera, model in (("left", left, "gamma"), ("right", right, "linear")):
-        loaded = ResponseFile.load(folder / f"{side}.response.yaml")
+    for name, camera, model in (("left", left, "gamma"), ("right", right, "linear")):
+        loaded = ResponseFile.load(folder / f"{name}.response.yaml")
         loaded.check_belongs(camera.serial, "Mono12", 2)
         assert loaded.model == model
-        report = (folder / f"{side}.response.html").read_text(encoding="utf-8")
+        report = (folder / f"{name}.response.html").read_text(encoding="utf-8")
         assert "Left and right predict" in report

@@ -170,7 +170,7 @@ def test_what_is_no_gain_file_is_refused_in_one_sentence(tmp_path: Path, text: s
 
 
 LAWS = {"left": RawGain(law="amplitude"), "right": RawGain(law="decibels")}
-SERIALS = {side: unique("GAIN")[:15] for side in LAWS}
+SERIALS = {camera: unique("GAIN")[:15] for camera in LAWS}
 
 
 @pytest.fixture
@@ -180,17 +180,17 @@ def description(tmp_path: Path) -> Path:
     return path
 
 
-def truth(description: Path, side: str) -> Path:
-    return description.with_name(f"{side}.jsonl")
+def truth(description: Path, camera: str) -> Path:
+    return description.with_name(f"{camera}.jsonl")
 
 
-def camera(stack: ExitStack, side: str, lux: float, description: Path, line0: str) -> FakeCamera:
+def camera(stack: ExitStack, name: str, lux: float, description: Path, line0: str) -> FakeCamera:
     """On a tripod under steady light."""
     light = description.with_name(f"{lux:g}.yaml")
     light.write_text(f"light: [{{at_s: 0, lux: {lux:g}}}]")
-    options = ["--still", "--light", str(light), "--xml", str(description), "--raw-gain", LAWS[side].law]
-    options += ["--truth", str(truth(description, side))]
-    return stack.enter_context(fake_camera(SERIALS[side], side=side, line0=line0, options=options))
+    options = ["--still", "--light", str(light), "--xml", str(description), "--raw-gain", LAWS[name].law]
+    options += ["--truth", str(truth(description, name))]
+    return stack.enter_context(fake_camera(SERIALS[name], name=name, line0=line0, options=options))
 
 
 @pytest.mark.wire
@@ -211,11 +211,11 @@ def test_a_raw_gain_is_measured_as_it_is(tmp_path: Path, description: Path, monk
 @pytest.mark.realtime
 def test_in_dim_light_a_calibrated_gain_is_used(tmp_path: Path, description: Path) -> None:
     cameras = {}
-    for side, law in LAWS.items():
+    for name, law in LAWS.items():
         numbers = tuple(float(number) for number in range(0, 241, 5))
-        path = tmp_path / f"{side}.gain.yaml"
+        path = tmp_path / f"{name}.gain.yaml"
         GainFile(GainScale("GainRaw", numbers, tuple(map(law.gain_db, numbers)))).save(path)
-        cameras[side] = {"serial": SERIALS[side], "gain_calibration": str(path)}
+        cameras[name] = {"serial": SERIALS[name], "gain_calibration": str(path)}
     settings = {
         "cameras": cameras,
         "trigger": {"line": "Line1", "rate_hz": 60},
@@ -224,8 +224,8 @@ def test_in_dim_light_a_calibrated_gain_is_used(tmp_path: Path, description: Pat
     }
     wire = unique("wire")
     with ExitStack() as stack:
-        left, right = (camera(stack, side, 0.5, description, wire) for side in LAWS)
-        truths = [truth(description, side) for side in LAWS]
+        left, right = (camera(stack, name, 0.5, description, wire) for name in LAWS)
+        truths = [truth(description, name) for name in LAWS]
         run = stack.enter_context(running_daemon((left, right, truths), settings, latched=False))
 
         def lit() -> bool:

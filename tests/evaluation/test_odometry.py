@@ -26,7 +26,7 @@ from evaluation.stage.rendering import Stage
 from fake_camera.world.sensor import DEFAULT_F_NUMBER
 from fake_camera.world.simulation import RoomView
 from imaging.exposure import ExposureSetting
-from imaging.frames import StereoPair
+from imaging.frames import FrameSet
 
 CAMERA = StereoCamera.simulated()
 
@@ -271,7 +271,7 @@ class Ladder:
         self.setup = SimpleNamespace(start=START)
         self._seen = 0
 
-    def step(self, _pair: StereoPair) -> SimpleNamespace:
+    def step(self, _pair: FrameSet) -> SimpleNamespace:
         self._seen += 1
         return SimpleNamespace(setting=ExposureSetting(980.0 + 20.0 * self._seen, 20.0), metric=0.1)
 
@@ -283,12 +283,12 @@ class Nowhere:
         return Tracked(np.eye(4), lost=True)
 
 
-def driven(delays: tuple[int, ...], frames: int) -> tuple[Stage, list[TrackedRun], list[list[StereoPair]]]:
+def driven(delays: tuple[int, ...], frames: int) -> tuple[Stage, list[TrackedRun], list[list[FrameSet]]]:
     """The stage, the runs of entrants with these delays, and the pairs that odometry got of each."""
     views, light = (stage := odometry_stage("even", 1, 0, 0)).views, stage.light
     times_s = FIRST_S + np.arange(frames) / 60.0
     stage = Stage(views, Course(light, lambda _: 0.0, 0), 0, times_s)
-    shown: list[list[StereoPair]] = [[] for _ in delays]
+    shown: list[list[FrameSet]] = [[] for _ in delays]
     entrants = [Entrant(f"delay {delay}", delay, Ladder) for delay in delays]
     runs = track_entrants(stage, entrants, Nowhere, frames, lambda entrant, pair: shown[entrant].append(pair))
     return stage, runs, shown

@@ -52,7 +52,7 @@ from evaluation.odometry.stereo import Tracked
 from evaluation.scenes.views import build_views
 from evaluation.stage.camera import FAKE_CAMERAS, CameraResponse, time_first
 from imaging.exposure import ExposureSetting
-from imaging.frames import Frame, StereoPair
+from imaging.frames import Frame, FrameSet
 from tests.evaluation.sections import check_section
 
 Quick = tuple[list[tuple[dict[str, Any], Any]], ReportSection]
@@ -212,7 +212,7 @@ def test_feedback_alone_can_be_switched_off() -> None:
         setting = ExposureSetting(1000.0, 0.0)
         loop = CONTESTANTS[name].loop(CameraResponse(), setting)
         for number, image in enumerate((dull, rich)):
-            decision = loop.step(StereoPair(number, {"left": Frame(image, 8, number, number, 0, 0, setting)}))
+            decision = loop.step(FrameSet(number, {"left": Frame(image, 8, number, number, 0, 0, setting)}))
             reasons.setdefault(name, []).append(decision.reason)
             setting = decision.setting
     assert reasons["feedback"] == ["metric rises with exposure", "metric rises with exposure, more than predicted"]
@@ -225,7 +225,7 @@ def test_the_rule_of_the_published_code_leaves_white_and_black_images_only() -> 
     start = ExposureSetting(1000.0, 0.0)
     steps = []
     for number, image in enumerate((np.full_like(grey, 255), np.zeros_like(grey), grey)):
-        decision = loop.step(StereoPair(number, {"left": Frame(image, 8, number, number, 0, 0, start)}))
+        decision = loop.step(FrameSet(number, {"left": Frame(image, 8, number, number, 0, 0, start)}))
         steps.append(decision.level - start.level)
     assert steps == pytest.approx([-2.0, 2.0, 0.0])
 

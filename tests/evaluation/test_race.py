@@ -147,7 +147,7 @@ def test_only_the_right_camera_sees_the_lamp() -> None:
     means = {}
     for frame in (first - 5, first):
         stage.go_to(frame)
-        means[frame] = [float(stage.expose(side, setting).mean()) for side in ("left", "right")]
+        means[frame] = [float(stage.expose(camera, setting).mean()) for camera in ("left", "right")]
     assert means[first][0] == pytest.approx(means[first - 5][0], rel=0.01)
     assert means[first][1] > 1.2 * means[first - 5][1]
 

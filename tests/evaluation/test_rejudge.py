@@ -30,7 +30,7 @@ from evaluation.rejudge.sources import read_recording
 from evaluation.stage.camera import DelayedLoop
 from evaluation.stage.rendering import Stage
 from imaging.errors import AutoexposeError, ConfigurationError
-from imaging.frames import StereoPair
+from imaging.frames import FrameSet
 from imaging.geometry import CameraGeometry
 
 FRAMES = 36
@@ -53,8 +53,8 @@ def drive_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for number in range(FRAMES):
         stage.go_to(number)
         pair = delayed.step(stage.take)
-        copies = {side: replace(frame, pixels=frame.pixels.copy()) for side, frame in pair.frames.items()}
-        inputs, geometries = StepInputs(StereoPair(number, copies)), simulated_geometries()
+        copies = {camera: replace(frame, pixels=frame.pixels.copy()) for camera, frame in pair.frames.items()}
+        inputs, geometries = StepInputs(FrameSet(number, copies)), simulated_geometries()
         step = Step(number + 1, 2, inputs, delayed.decisions[-1], calibrations=geometries)
         file.write(step, setup, delayed.loop.state() if number == 0 else None)
     file.close(FRAMES, 0)
@@ -217,10 +217,10 @@ def test_a_folder_of_images_is_judged_as_its_recording_is(drive_file: Path, tmp_
     drive = read_recording(drive_file)
     rows = ["file,side,time_s,exposure_time_us,gain_db"]
     for number, pair in itertools.islice(enumerate(drive.source()), FIRST_STEADY, FIRST_STEADY + 14):
-        for side, frame in pair.frames.items():
-            cv2.imwrite(str(tmp_path / f"{side}{number}.png"), frame.pixels, [cv2.IMWRITE_PNG_COMPRESSION, 1])
+        for camera, frame in pair.frames.items():
+            cv2.imwrite(str(tmp_path / f"{camera}{number}.png"), frame.pixels, [cv2.IMWRITE_PNG_COMPRESSION, 1])
             setting = frame.setting
-            rows.append(f"{side}{number}.png,{side},{number / 60},{setting.exposure_time_us},{setting.gain_db}")
+            rows.append(f"{camera}{number}.png,{camera},{number / 60},{setting.exposure_time_us},{setting.gain_db}")
 
     def write(rows: list[str], right: CameraGeometry = drive.geometries["right"], encoding: str = "utf-8") -> None:
         (tmp_path / "frames.csv").write_text("\n".join(rows), encoding=encoding)

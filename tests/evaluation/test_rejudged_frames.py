@@ -24,7 +24,7 @@ from evaluation.rejudge.drive import ShotGlimpse, Timeline, Watcher, delay_frame
 from evaluation.rejudge.following import CommandFollower
 from imaging.errors import AutoexposeError
 from imaging.exposure import ExposureSetting
-from imaging.frames import Frame, StereoPair
+from imaging.frames import Frame, FrameSet
 from imaging.geometry import CameraGeometry
 from imaging.pixels import Pixels
 from imaging.response import ResponseFunction
@@ -150,12 +150,12 @@ def geometry(centre_x: float, baseline_m: float) -> CameraGeometry:
 
 def test_columns_that_a_calibration_moves_against_each_other_are_no_depth() -> None:
     """What is infinitely far is on both optical axes: column 359.5 of the left picture, 339.5 of the right one."""
-    images = {side: np.zeros((540, 720), np.uint8) for side in ("left", "right")}
+    images = {camera: np.zeros((540, 720), np.uint8) for camera in ("left", "right")}
     images["left"][:, 359:361] = images["right"][:, 339:341] = 200
     setting = ExposureSetting(1000.0, 0.0)
     left, right = (Frame(image, 8, 0, 0, 0, 0, setting) for image in images.values())
     rectifier = Rectifier({"left": geometry(359.5, 0.0), "right": geometry(339.5, 0.08)}, (540, 720))
-    seen_left, seen_right = rectifier.images(StereoPair(0, {"left": left, "right": right}))
+    seen_left, seen_right = rectifier.images(FrameSet(0, {"left": left, "right": right}))
     assert np.array_equal(seen_left, seen_right)
     assert rectifier.camera.centre_px == (359.5, 269.5)
 
@@ -293,7 +293,7 @@ def test_glimpses_tell_still_from_moving_pictures() -> None:
             light = np.roll(scene, shift_px * number, axis=1) * 2.0**setting.level
             grey = np.clip(255 * light + rng.normal(0, 1, light.shape), 0, 255).astype(np.uint8)
             frame = Frame(grey, 8, number, 0, 0, 0, setting)
-            answers.append(watcher.look(StereoPair(number, {"left": frame}), decision, number / 60).repeats)
+            answers.append(watcher.look(FrameSet(number, {"left": frame}), decision, number / 60).repeats)
         return answers
 
     assert watch(0) == [None, None, *[True] * 6]

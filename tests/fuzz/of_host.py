@@ -24,7 +24,7 @@ from starlette.requests import HTTPConnection
 from starlette.responses import PlainTextResponse
 
 from autoexpose_daemon.client.control_client import rows_of
-from autoexpose_daemon.client.pairs import PairAssembler, PairQueue
+from autoexpose_daemon.client.received import PairAssembler, PairQueue
 from autoexpose_daemon.client.top import Sparklines, panel_of
 from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.config.load import load_config
@@ -287,7 +287,7 @@ def received(sent: Iterable[Message]) -> bytes:
     parts = []
     for message in sent:
         if message.topic != "camera_info":
-            kind = (message.topic == "image") | (message.side == "right") << 1
+            kind = (message.topic == "image") | (message.camera == "right") << 1
             parts.append(bytes([kind]) + bytes(message.data))
     return framed(*parts)
 

@@ -19,7 +19,8 @@ from autoexpose_daemon.messages.keys import response_key, rig_key
 from autoexpose_daemon.publish.publisher import Publisher
 from autoexpose_daemon.publish.session import Endpoints, open_session
 from autoexpose_daemon.runtime.inputs import ForetoldLight
-from imaging.frames import SIDES, Frame, StereoPair
+from imaging.frames import Frame, FrameSet
+from imaging.geometry import SIDES
 from imaging.python310 import Self
 from imaging.response import ResponseFunction
 from navigation.drive.robot import Pose
@@ -48,8 +49,10 @@ class SimulatedRobot:
         self._wall = np.clip(128 + 40 * texture(7, 3 * WIDTH), 0, 255).astype(np.uint8)
         self.light = ForetoldLight(1.0 / PERIOD_S)
         texts = {rig_key("rig", "status"): replace(EXPOSING, policy=policy).to_json()}
-        texts |= {response_key("rig", side): response_to_json(ResponseFunction.linear()) for side in SIDES}
-        self._publisher = Publisher(PublishConfig(listen=(daemon_at,)), 2, lambda _last: texts, self.light)
+        texts |= {response_key("rig", camera): response_to_json(ResponseFunction.linear()) for camera in SIDES}
+        self._publisher = Publisher(
+            PublishConfig(listen=(daemon_at,)), ("left", "right"), lambda _last: texts, self.light
+        )
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._live)
 
@@ -90,9 +93,9 @@ class SimulatedRobot:
         if self.joystick is not None:
             session.put(VELOCITY, twist(self.joystick))
 
-    def _seen(self, trigger: int) -> StereoPair:
+    def _seen(self, trigger: int) -> FrameSet:
         first = WIDTH - round(FOCAL_LENGTH_PX * math.tan(self.pose.heading_rad))  # turned left, the wall moves right
         pixels = np.ascontiguousarray(self._wall[:HEIGHT, first : first + WIDTH])
         now_ns = time.monotonic_ns()
         frame = Frame(pixels, 8, trigger, now_ns, now_ns, now_ns, SETTING)
-        return StereoPair(trigger, {"left": frame, "right": frame})
+        return FrameSet(trigger, {"left": frame, "right": frame})

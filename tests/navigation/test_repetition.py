@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from autoexpose_daemon.client import ReceivedPair
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
-from imaging.frames import Frame, Side
+from imaging.frames import CameraName, Frame
 from imaging.response import ResponseFunction
 from navigation.commands import _stop_on_signals, repeat_command
 from navigation.drive.repeat import Repeater
@@ -40,7 +40,7 @@ def view(shift_px: int = 0) -> NDArray[np.uint8]:
 
 def pair(image: NDArray[np.uint8], number: int = 1) -> ReceivedPair:
     left = Frame(image, 8, number, 0, 0, 0, SETTING)
-    responses: dict[Side, ResponseFunction] = {"left": ResponseFunction.linear()}
+    responses: dict[CameraName, ResponseFunction] = {"left": ResponseFunction.linear()}
     return ReceivedPair(left, None, 0, number, number, None, 0, responses)
 
 

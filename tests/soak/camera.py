@@ -15,7 +15,7 @@ from drivers.genicam.timeline import FrameTimeline, LatchedClock
 from drivers.rig.supervision import Slots
 from imaging.errors import CameraLostError, CameraNotFoundError, NodeError
 from imaging.exposure import ExposureLimits, ExposureSetting
-from imaging.frames import Frame, Side
+from imaging.frames import CameraName, Frame
 from tests.soak.clock import MS, Clock
 
 LIMITS = ExposureLimits(20.0, 7500.0, 0.0, 30.0, 1.0, 0.1)
@@ -79,8 +79,8 @@ class Device:
     slots: Slots | None = None
     period_ns: float | None = None
 
-    def __init__(self, side: Side, clock: Clock, seed: int) -> None:
-        self.side = side
+    def __init__(self, camera: CameraName, clock: Clock, seed: int) -> None:
+        self.camera = camera
         self.clock = clock
         self.in_flight: deque[Exposed] = deque()
         self.present = True
@@ -102,7 +102,7 @@ class Device:
         self._last_arrival_ns = 0
         self._setting = ExposureSetting(1000.0, 0.0)
         self._writes: deque[tuple[int, ExposureSetting]] = deque()
-        numbers = random.Random(f"{seed} {side}")
+        numbers = random.Random(f"{seed} {camera}")
         self._jitters_ns = [round(numbers.uniform(0, 0.5 * MS)) for _ in range(_JITTERS)]
         self._durations_ns = [
             round((4.0 if numbers.random() < 0.01 else numbers.uniform(0.3, 0.9)) * MS) for _ in range(_JITTERS)
@@ -167,7 +167,7 @@ class Device:
 
     def schedule(self, device_time_ns: int) -> None:
         """A pulse that the host gives for a time of its clock."""
-        raise NodeError(f"camera {self.side}: it takes no action commands")
+        raise NodeError(f"camera {self.camera}: it takes no action commands")
 
     def ptp_state(self) -> PtpState | None:
         """What it says of its PTP clock, if it has one."""
@@ -188,7 +188,7 @@ class Device:
         started_ns = self.clock.now_ns
         self.clock.now_ns += duration_ns
         if self.refuses:
-            raise NodeError(f"camera {self.side}: {self.refuses}")
+            raise NodeError(f"camera {self.camera}: {self.refuses}")
         self._writes.append((started_ns + duration_ns // 2, ExposureSetting(taken.exposure_time_us, before.gain_db)))
         self._writes.append((self.clock.now_ns, taken))
         return taken
@@ -197,7 +197,7 @@ class Device:
         """Search it, and open it if it is there."""
         self.clock.now_ns += OPENING_NS if self.present else SEARCH_NS
         if not self.present:
-            raise CameraNotFoundError(f"no camera {self.side}")
+            raise CameraNotFoundError(f"no camera {self.camera}")
         self.forget_stream()
         self.halted = False
         self.session += 1
@@ -208,7 +208,7 @@ class VirtualCamera:
     """A session of a device: see `drivers.camera.Camera`. It is lost when the device goes, or is reopened."""
 
     def __init__(self, device: Device) -> None:
-        self.description = CameraDescription("ours", "virtual", device.side)
+        self.description = CameraDescription("ours", "virtual", device.camera)
         self.limits = LIMITS
         self._device = device
         self._session = device.session
@@ -224,7 +224,7 @@ class VirtualCamera:
     def next_frame(self, timeout_s: float) -> Frame | IncompleteFrame | None:
         """What has arrived by now: whoever waits is called when a frame arrives, or when the time is over."""
         if self._lost:
-            raise CameraLostError(f"camera {self._device.side} does not answer any more")
+            raise CameraLostError(f"camera {self._device.camera} does not answer any more")
         in_flight, now_ns = self._device.in_flight, self._device.clock.now_ns
         if not in_flight or in_flight[0].arrival_ns > now_ns:
             return None
@@ -291,4 +291,4 @@ class VirtualCamera:
         if self._lost or not device.present or device.session != self._session:
             device.clock.now_ns += 0 if self._lost else TIMEOUT_NS
             self._lost = True
-            raise CameraLostError(f"camera {device.side} does not answer any more")
+            raise CameraLostError(f"camera {device.camera} does not answer any more")

@@ -88,7 +88,7 @@ class Script:
 
 
 def no_frames(device: Device) -> tuple[str, ...]:
-    return f"no frames from the {device.side} camera", NO_PAIRS
+    return f"no frames from the {device.camera} camera", NO_PAIRS
 
 
 def periods_ns(periods: int) -> int:
@@ -103,7 +103,7 @@ def camera_lost(script: Script) -> Expected:
     device, duration_ns = script.device(), script.duration_ns(0.01, 10.0)
     device.vanish()
     script.after(duration_ns, lambda: setattr(device, "present", True))
-    gone = f"{device.side} camera gone"
+    gone = f"{device.camera} camera gone"
     counts = OVERTAKEN | {"reconnects": (1, 1)}
     return Expected(duration_ns, gone if duration_ns > 2 * SECOND else None, (gone, *no_frames(device)), counts)
 
@@ -164,10 +164,10 @@ def frames_truncated(script: Script) -> Expected:
 def triggers_ignored(script: Script) -> Expected:
     device = script.device()
     device.ignore = triggers = round(script.duration_ns(0.01, 14.0) / SECOND * RATE_HZ) + 1
-    says = f"no frames from the {device.side} camera" if triggers > 2 * RATE_HZ else None
+    says = f"no frames from the {device.camera} camera" if triggers > 2 * RATE_HZ else None
     may_say, counts = no_frames(device), FIRST_PAIRS
     if triggers > STUCK_FRAMES:  # it is reopened, and what it ignored before counts as lost by that
-        may_say = (*may_say, f"{device.side} camera gone")
+        may_say = (*may_say, f"{device.camera} camera gone")
         counts = OVERTAKEN | {"reconnects": (0, 2), "camera_gone": (0, triggers), "trigger_ignored": (-triggers, 0)}
     return Expected(periods_ns(triggers), says, may_say, counts)
 

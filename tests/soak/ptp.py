@@ -9,14 +9,14 @@ from bisect import bisect_right
 from collections.abc import Callable
 
 from drivers.camera import PtpState
-from imaging.frames import Side
+from imaging.frames import CameraName
 from tests.soak.camera import Device
 from tests.soak.clock import SECOND, Actor, Clock
 
 EPOCH_NS = 1_700_000_000 * SECOND
 MASTER_PPM = 40.0
 """How much too fast the master's clock is, by the host's."""
-DRIFTS_PPM: dict[Side, float] = {"left": 80.0, "right": -70.0}
+DRIFTS_PPM: dict[CameraName, float] = {"left": 80.0, "right": -70.0}
 SERVO_NS = SECOND // 2
 ERROR_NS = 500
 """How well a slave keeps the time."""
@@ -44,13 +44,13 @@ class PtpDevice(Device):
     `on_frame` is called when a frame is on its way.
     """
 
-    def __init__(self, side: Side, clock: Clock, seed: int) -> None:
-        super().__init__(side, clock, seed)
+    def __init__(self, camera: CameraName, clock: Clock, seed: int) -> None:
+        super().__init__(camera, clock, seed)
         self.master: Master | None = None
         self.hears = True
         self.on_frame: Callable[[], None] = lambda: None
-        self._numbers = random.Random(f"ptp {seed} {side}")
-        self._lines = [(0, SECOND * self._numbers.randrange(1, 100), DRIFTS_PPM[side])]
+        self._numbers = random.Random(f"ptp {seed} {camera}")
+        self._lines = [(0, SECOND * self._numbers.randrange(1, 100), DRIFTS_PPM[camera])]
         self._offset_ns = 0
         self._heard_since_ns: int | None = None
         self._waiting: list[int] = []
@@ -87,7 +87,7 @@ class PtpDevice(Device):
             self._offset_ns = self.device_ns(now_ns) - master.time_ns(now_ns)
             self._set(now_ns, target_ns, MASTER_PPM)
         else:
-            self._set(now_ns, self.device_ns(now_ns), DRIFTS_PPM[self.side])
+            self._set(now_ns, self.device_ns(now_ns), DRIFTS_PPM[self.camera])
         self.actors[0].plan(now_ns + SERVO_NS)
 
     def _set(self, now_ns: int, device_ns: int, ppm: float) -> None:

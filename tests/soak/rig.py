@@ -18,11 +18,11 @@ from autoexpose_daemon.status.states import Expectation, Health, State, judge
 from drivers.rig.events import RigEvent
 from drivers.rig.supervision import Slots, Supervisor
 from imaging.exposure import ExposureLimits, ExposureSetting
-from imaging.frames import Side, StereoPair
+from imaging.frames import CameraName, FrameSet
 from tests.soak.camera import LIMITS, Device
 from tests.soak.clock import MS, SECOND, Actor, Clock, run
 
-SIDES: tuple[Side, Side] = ("left", "right")
+SIDES: tuple[CameraName, CameraName] = ("left", "right")
 RATE_HZ = 60.0
 PERIOD_NS = SECOND / RATE_HZ * (1 + 20e-6)
 """Of the wire: a crystal is off by some ppm."""
@@ -35,7 +35,7 @@ LONGEST_REST_NS = 3 * SECOND
 
 CONFIG = Config.model_validate(
     {
-        "cameras": {side: {"serial": side} for side in SIDES},
+        "cameras": {camera: {"serial": camera} for camera in SIDES},
         "trigger": {"mode": "external", "line": "Line0", "rate_hz": RATE_HZ},
         "exposure": {"max_time_us": LIMITS.max_time_us},
     }
@@ -47,14 +47,14 @@ class ScriptedLoop:
 
     flicker_hz: float | None = None
     light_belief: float | None = None
-    uncounted: Mapping[Side, str] = MappingProxyType({})
+    uncounted: Mapping[CameraName, str] = MappingProxyType({})
 
     def __init__(self, limits: ExposureLimits, clock: Clock) -> None:
         self.setup = SimpleNamespace(limits=limits)
         self._clock = clock
         self._decision: dict[int, Decision] = {}
 
-    def step(self, inputs: StepInputs | StereoPair) -> Decision:
+    def step(self, inputs: StepInputs | FrameSet) -> Decision:
         pair = StepInputs.of(inputs).pair
         self._clock.now_ns += (1 + pair.trigger % 5) * MS
         tenths = pair.reference.host_time_ns // (100 * MS)
@@ -110,7 +110,7 @@ class Unit:
 
     def __init__(self, device: Device, events: Events, clock: Clock, config: Config) -> None:
         self.device = device
-        self.supervisor = Supervisor(device.side, device.open, silence_s(config), config.start, events, now_ns=clock)
+        self.supervisor = Supervisor(device.camera, device.open, silence_s(config), config.start, events, now_ns=clock)
         self.nodes = Actor(self._serve, clock.now_ns)
         self.frames = Actor(self._take)
         self._clock = clock
@@ -164,16 +164,16 @@ class VirtualRig:
         outlet: Outlet,
         see_health: Callable[[int, Health], None],
         tuning: Tuning | None = None,
-        new_device: Callable[[Side, Clock, int], Device] = Device,
+        new_device: Callable[[CameraName, Clock, int], Device] = Device,
     ) -> None:
         self.clock = Clock()
         self._events = Events(self.clock)
         tuning = tuning or ScriptedTuning(CONFIG, self.clock)
         config = tuning.config
-        self.devices = [new_device(side, self.clock, seed) for side in SIDES]
+        self.devices = [new_device(camera, self.clock, seed) for camera in SIDES]
         for device in self.devices:
             device.period_ns = SECOND / config.trigger.rate_hz
-        self.units = {device.side: Unit(device, self._events, self.clock, config) for device in self.devices}
+        self.units = {device.camera: Unit(device, self._events, self.clock, config) for device in self.devices}
         self.control = RigControl(tuning.config, self, now_ns=self.clock)
         self.control.outlets.append(outlet)
         self.control.tune(tuning)
@@ -213,16 +213,16 @@ class VirtualRig:
             unit.supervisor.request(setting, not_before_ns, command)
             unit.plan_nodes()
 
-    def pace(self, side: Side, slots: Slots) -> None:
+    def pace(self, camera: CameraName, slots: Slots) -> None:
         """See `Rig.pace`."""
-        self.units[side].device.slots = slots
-        self.units[side].supervisor.pace(slots)
-        self.units[side].plan_nodes()
+        self.units[camera].device.slots = slots
+        self.units[camera].supervisor.pace(slots)
+        self.units[camera].plan_nodes()
 
-    def reopen(self, side: Side, why: str) -> None:
+    def reopen(self, camera: CameraName, why: str) -> None:
         """See `Rig.reopen`."""
-        self.units[side].supervisor.reopen(why)
-        self.units[side].plan_nodes()
+        self.units[camera].supervisor.reopen(why)
+        self.units[camera].plan_nodes()
 
     def _take(self) -> None:
         began_ns = self.clock.now_ns

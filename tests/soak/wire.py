@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter, defaultdict
 
-from imaging.frames import Side
+from imaging.frames import CameraName
 from tests.soak.clock import Actor
 from tests.soak.rig import PERIOD_NS, VirtualRig
 
@@ -40,11 +40,11 @@ class Wire:
 
     def lost(self) -> Counter[str]:
         """Why triggers since the last call made no pair, by the fates of their frames."""
-        fates: dict[int, dict[Side, str]] = defaultdict(dict)
+        fates: dict[int, dict[CameraName, str]] = defaultdict(dict)
         for device in self._rig.devices:
             for number, fate in device.fates:
                 if number >= 0:
-                    fates[number][device.side] = fate
+                    fates[number][device.camera] = fate
             device.fates.clear()
         for number in self._left_out:
             fates[number]["left"] = "ignored"
@@ -76,7 +76,7 @@ class Wire:
         self.actors[1].plan(math.inf)
 
 
-def _reason(fates: dict[Side, str]) -> str:
+def _reason(fates: dict[CameraName, str]) -> str:
     for fate, reason in (("gone", "camera_gone"), ("incomplete", "incomplete"), ("ignored", "trigger_ignored")):
         if fate in fates.values():
             return reason

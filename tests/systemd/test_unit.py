@@ -87,7 +87,7 @@ def test_the_daemon_comes_before_the_page_and_may_keep_its_priority() -> None:
 
 def test_the_configuration_it_comes_with_is_valid() -> None:
     config = load_config(FOLDER / "config.yaml")
-    assert list(config.sides) == ["left", "right"]
+    assert list(config.cameras) == ["left", "right"]
     assert config.publish == PublishConfig()  # to this machine only: without it nobody can see how the daemon is
 
 

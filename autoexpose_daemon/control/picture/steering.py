@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from autoexpose_daemon.control.inputs import CELLS, COLUMNS, ROWS, TrackedCells
 from autoexpose_daemon.control.metrics.gradient import ExtremeShares
-from imaging.frames import SIDES, Side
+from imaging.frames import CameraName
 from imaging.response import ResponseFunction
 
 STEERING_SHARE: Final = 0.2
@@ -28,20 +28,20 @@ class Steering:
 
     # by camera, for each of 6 times 8 cells, row by row from the top left one: -1 (features, but none tracked) to 1
     # (many tracked), 0 where nothing is known. A camera that is missing is taken to see what the other one does
-    favours: dict[Side, tuple[float, ...]]
+    favours: dict[CameraName, tuple[float, ...]]
     by: tuple[str, ...]  # names of the consumers
     age_s: float  # time from the frame of the newest report to the one that is decided on
 
     def __post_init__(self) -> None:
         if not self.favours or not self.by:
             raise ValueError("steering of no camera, or by nobody")
-        for side, favours in self.favours.items():
+        for camera, favours in self.favours.items():
             if len(favours) != CELLS or not all(abs(favour) <= 1.0 for favour in favours):
-                raise ValueError(f"steering of the {side} camera is not {CELLS} numbers from -1 to 1")
+                raise ValueError(f"steering of the {camera} camera is not {CELLS} numbers from -1 to 1")
 
-    def weights(self, side: Side, rows: int, columns: int) -> NDArray[np.float64]:
+    def weights(self, camera: CameraName, rows: int, columns: int) -> NDArray[np.float64]:
         """How much each cell of another grid counts for a camera, shape (rows, columns)."""
-        favours = self.favours.get(side) or next(iter(self.favours.values()))
+        favours = self.favours.get(camera) or next(iter(self.favours.values()))
         cells = np.reshape(favours, (ROWS, COLUMNS))
         resized = cv2.resize(cells, (columns, rows), interpolation=cv2.INTER_LINEAR)
         return np.asarray(np.exp2(WEIGHT_STOPS * resized))
@@ -117,7 +117,7 @@ class TrackingMemory:
     """
 
     def __init__(self) -> None:
-        self._known: dict[str, dict[Side, _Known]] = {}
+        self._known: dict[str, dict[CameraName, _Known]] = {}
 
     def has_room(self, consumer: str, now_s: float) -> bool:
         """Whether a consumer is known or may become so; those that have long been silent are forgotten."""
@@ -126,7 +126,7 @@ class TrackingMemory:
 
     def take(self, report: TrackedCells, exposure: CellExposure, time_s: float) -> None:
         """Take in a report on the frame taken at a time, except for cells whose exposure contradicts it."""
-        known = self._known.setdefault(report.consumer, {}).setdefault(report.side, _Known())
+        known = self._known.setdefault(report.consumer, {}).setdefault(report.camera, _Known())
         known.newest_s = max(known.newest_s, time_s)
         inliers = np.where(exposure.readable >= LEAST_READABLE, report.inliers, 0)
         outliers = np.where(exposure.well >= LEAST_WELL_EXPOSED, report.features - report.inliers, 0)
@@ -139,8 +139,9 @@ class TrackingMemory:
     def steering(self, now_s: float) -> Steering | None:
         """What is known at the frame taken at `now_s`; None: nothing."""
         self._forget(now_s)
-        by_side = {side: self._mean(side, now_s) for side in SIDES}
-        known = {side: tuple(mean.ravel().tolist()) for side, mean in by_side.items() if mean.any()}
+        reported = {camera: None for cameras in self._known.values() for camera in cameras}
+        means = {camera: self._mean(camera, now_s) for camera in sorted(reported)}
+        known = {camera: tuple(mean.ravel().tolist()) for camera, mean in means.items() if mean.any()}
         if not known:
             return None
         said_s = {
@@ -150,14 +151,14 @@ class TrackingMemory:
         by = tuple(sorted(consumer for consumer, time_s in said_s.items() if now_s - time_s < FORGOTTEN_S))
         return Steering(known, by, round(max(now_s - max(said_s.values()), 0.0), 3))
 
-    def _mean(self, side: Side, now_s: float) -> NDArray[np.float64]:
+    def _mean(self, camera: CameraName, now_s: float) -> NDArray[np.float64]:
         """Mean over consumers, each as far as it is fresh."""
         total, weight = np.zeros((ROWS, COLUMNS)), np.zeros((ROWS, COLUMNS))
         for cameras in self._known.values():
-            if side in cameras:
-                ages_s = now_s - cameras[side].times_s
+            if camera in cameras:
+                ages_s = now_s - cameras[camera].times_s
                 fresh = np.clip((FORGOTTEN_S - ages_s) / (FORGOTTEN_S - FRESH_S), 0.0, 1.0)
-                total += fresh * cameras[side].favours
+                total += fresh * cameras[camera].favours
                 weight += fresh
         return np.asarray(np.round(total / np.maximum(weight, 1.0), DIGITS))
 

@@ -11,7 +11,7 @@ from autoexpose_daemon.control.policy import Look
 from autoexpose_daemon.control.registration import LightRegistration
 from autoexpose_daemon.control.snapshot import Stateful
 from imaging.exposure import ExposureSetting
-from imaging.frames import Side
+from imaging.frames import CameraName
 from imaging.response import ResponseFunction
 
 MAINS_FLICKER_HZ = (100.0, 120.0)
@@ -69,7 +69,7 @@ class FlickerWatch(Stateful):
     glimpses: list[LightSample]  # of the present window
     suspected: float | None = None  # what the window before said, as `_reading` does
 
-    def __init__(self, responses: dict[Side, ResponseFunction]) -> None:
+    def __init__(self, responses: dict[CameraName, ResponseFunction]) -> None:
         self.registration = LightRegistration(responses)
         self.glimpses = []
 

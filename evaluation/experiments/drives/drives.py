@@ -33,7 +33,7 @@ from evaluation.odometry.stereo import StereoCamera, images, prepared
 from evaluation.odometry.tracking import Light, odometry_stage, outcome, track_entrants
 from evaluation.stage.camera import Entrant
 from imaging.exposure import ExposureLimits, ExposureSetting
-from imaging.frames import StereoPair
+from imaging.frames import FrameSet
 from imaging.response import ResponseFunction
 
 PROXIES: dict[str, float | None] = {
@@ -52,7 +52,7 @@ class Proxies:
         self._gradient, self._quality = GradientMetric(), CombinedQuality()
         self._matcher = StereoMatcher()
 
-    def measure(self, pair: StereoPair) -> list[float]:
+    def measure(self, pair: FrameSet) -> list[float]:
         """One value for each of `PROXIES`; a Lowe ratio of 1 stands for no match."""
         left, right = images(pair)
         image = self._preparation.prepare(left)
@@ -88,12 +88,12 @@ def _fixed_loop(
 
 
 def _looker(
-    seen: list[list[Any]], measure: Callable[[StereoPair], Any], every: int = 1
-) -> Callable[[int, StereoPair], None]:
+    seen: list[list[Any]], measure: Callable[[FrameSet], Any], every: int = 1
+) -> Callable[[int, FrameSet], None]:
     """Adds what is measured of every so many pairs of an entrant to `seen`."""
     shown = [0] * len(seen)
 
-    def look(number: int, pair: StereoPair) -> None:
+    def look(number: int, pair: FrameSet) -> None:
         if shown[number] % every == 0:
             seen[number].append(measure(pair))
         shown[number] += 1
@@ -114,7 +114,7 @@ def measure_policies(
     seen: list[list[float]] = [[] for _ in policies]
     preparation, metric = ImagePreparation(), GradientMetric()
 
-    def measure(pair: StereoPair) -> float:
+    def measure(pair: FrameSet) -> float:
         return metric.measure(preparation.prepare(prepared(pair.reference.grey8())))
 
     runs = track_entrants(stage, [entrant(policy) for policy in policies], in_house, frames, _looker(seen, measure))

@@ -27,7 +27,7 @@ from evaluation.stage.oracle import Oracle
 from evaluation.stage.rendering import Stage
 from fake_camera.world.lighting import Change, LightScript
 from imaging.exposure import ExposureLimits, ExposureSetting
-from imaging.frames import StereoPair
+from imaging.frames import FrameSet
 from imaging.response import ResponseFunction
 from navigation.maps.path import SPREAD_M, LightMemory, LightTrail
 
@@ -54,7 +54,7 @@ class Remembering(ControlLoop):
         super().__init__(DEFAULT_POLICY, response, limits, start)
         self._trail = LightTrail()
 
-    def step(self, inputs: StepInputs | StereoPair) -> Decision:
+    def step(self, inputs: StepInputs | FrameSet) -> Decision:
         """The next decision."""
         decision = super().step(inputs)
         pair = StepInputs.of(inputs).pair
@@ -81,7 +81,7 @@ class Told(ControlLoop):
         super().__init__(DEFAULT_POLICY, response, limits, start)
         self._memory, self._error_m = memory, error_m
 
-    def step(self, inputs: StepInputs | StereoPair) -> Decision:
+    def step(self, inputs: StepInputs | FrameSet) -> Decision:
         """The next decision."""
         inputs = StepInputs.of(inputs)
         pair = inputs.pair
@@ -91,7 +91,7 @@ class Told(ControlLoop):
         return super().step(replace(inputs, light_ahead=inputs.light_ahead or told))
 
 
-def _driven_m(pair: StereoPair) -> float:
+def _driven_m(pair: FrameSet) -> float:
     """How far along the path a pair was taken; triggers count frames from 0."""
     return pair.trigger / RATE_HZ * SPEED_M_S
 

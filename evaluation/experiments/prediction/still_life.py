@@ -322,7 +322,7 @@ def _run(
     run = DelayedLoop(contestant.loop(camera, start), contestant.delay_frames)
     for number in range(WARM_UP_FRAMES + FRAMES):
         stage.go_to(number)
-        run.step(partial(stage.take, sides=("left",)))
+        run.step(partial(stage.take, cameras=("left",)))
     return [setting.level for setting in run.settings], run.metrics
 
 

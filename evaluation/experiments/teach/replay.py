@@ -18,7 +18,7 @@ from evaluation.scenes.views import CAMERA
 from evaluation.stage.camera import LIMITS, Entrant, Image, Radiance, SimulatedCamera, pair_of, time_first
 from fake_camera.world.render.renderer import Renderer, Surface
 from imaging.exposure import ExposureSetting
-from imaging.frames import StereoPair
+from imaging.frames import FrameSet
 from navigation.views.features import Features, OrbPyramid, Part
 from navigation.views.registration import register, vote
 
@@ -123,7 +123,7 @@ class ExposingRobot:
     def step(self, radiance: Radiance) -> dict[str, Image]:
         """One frame, which each entrant takes with its own exposure and decides on; returns the images by entrant."""
 
-        def take(setting: ExposureSetting) -> StereoPair:
+        def take(setting: ExposureSetting) -> FrameSet:
             image = self._camera.expose(radiance, setting, self._frame)
             return pair_of({"left": image}, setting, self._frame, self._frame / self._rate_hz)
 

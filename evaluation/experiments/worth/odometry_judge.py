@@ -89,7 +89,7 @@ class RoomDrive:
     def stage(self) -> Stage:
         """What the cameras see, with the noise that policies see."""
         renderer = Renderer(self._lit(), CAMERA)
-        left, right = (RoomView(renderer, self.path, side) for side in ("left", "right"))
+        left, right = (RoomView(renderer, self.path, camera) for camera in ("left", "right"))
         still = Course(steady(1.0), no_turn, 0)  # the light is baked in
         return Stage({"left": left, "right": right}, still, self.noise_seed(SEEN))
 
@@ -152,7 +152,7 @@ class RunFollower:
     def __init__(self, stage: Stage, drive: RoomDrive, repeat: int) -> None:
         seed = drive.noise_seed(repeat)
         self._stage = stage
-        self._cameras = {side: SimulatedCamera(2 * seed + (side == "right"), seed) for side in BOTH}
+        self._cameras = {camera: SimulatedCamera(2 * seed + (camera == "right"), seed) for camera in BOTH}
         self._truth: list[Floats] = []
         self._odometry = {name: in_house() for name in PREPARATIONS}
         self._estimates: dict[str, list[Floats]] = {name: [] for name in PREPARATIONS}
@@ -164,8 +164,10 @@ class RunFollower:
         if not following:
             return
         left, right = (
-            camera.expose(self._stage.radiance(side, setting.exposure_time_us * 1e-6), setting, self._stage.frame)
-            for side, camera in self._cameras.items()
+            camera.expose(
+                self._stage.radiance(camera_name, setting.exposure_time_us * 1e-6), setting, self._stage.frame
+            )
+            for camera_name, camera in self._cameras.items()
         )
         self._truth.append(true_pose(self._stage, setting))
         for name in following:

@@ -57,3 +57,11 @@ def right_of(pose: NDArray[np.float64]) -> NDArray[np.float64]:
     right = pose.copy()
     right[:3, 3] += BASELINE_M * pose[:3, 0]
     return right
+
+
+def turn_right(yaw_deg: float) -> NDArray[np.float64]:
+    """From the axes of a camera that is turned to the right to those of the one that is not, shape (4, 4)."""
+    turn = np.eye(4)
+    cos, sin = np.cos(np.radians(yaw_deg)), np.sin(np.radians(yaw_deg))
+    turn[0, 0], turn[0, 2], turn[2, 0], turn[2, 2] = cos, sin, -sin, cos
+    return turn

@@ -16,7 +16,7 @@ from evaluation.stage.rendering import Stage
 from fake_camera.world.lighting import Change, LightScript
 from imaging.errors import ConfigurationError
 from imaging.exposure import ExposureSetting
-from imaging.frames import Frame, Side
+from imaging.frames import CameraName, Frame
 from imaging.normalised import Bits
 from imaging.pixels import Pixels
 from imaging.response import ResponseFunction
@@ -33,14 +33,14 @@ def frame(pixels: Pixels, stops: float = 0.0) -> Frame:
     return Frame(pixels, 8, 1, 1, 1, 1, ExposureSetting(TIME_US * 2.0**stops, 0.0))
 
 
-def pair(image: NDArray[np.uint8], stops: float, sides: int = 2) -> ReceivedPair:
-    responses: dict[Side, ResponseFunction] = {"left": LINEAR, "right": LINEAR}
+def pair(image: NDArray[np.uint8], stops: float, cameras: int = 2) -> ReceivedPair:
+    responses: dict[CameraName, ResponseFunction] = {"left": LINEAR, "right": LINEAR}
     one = frame(image, stops)
-    return ReceivedPair(one, one if sides == 2 else None, 0, 1, 1, None, 0, responses)
+    return ReceivedPair(one, one if cameras == 2 else None, 0, 1, 1, None, 0, responses)
 
 
 def test_pairs_are_alike_at_the_brightest_exposure() -> None:
-    dark, bright = alike(pair(ALL_GREYS // 4, -2.0), pair(ALL_GREYS, 0.0, sides=1))
+    dark, bright = alike(pair(ALL_GREYS // 4, -2.0), pair(ALL_GREYS, 0.0, cameras=1))
     assert dark.reference == bright.reference == LEVEL
     assert bright.right is None
     assert dark.right is not None

@@ -33,17 +33,17 @@ from tests.calibration.geometry.written import camchain, ros
 
 @pytest.fixture
 def rig(tmp_path: Path) -> Path:
-    for side in ("left", "right"):
-        (tmp_path / f"{side}.yaml").write_text(yaml.safe_dump(ros(side)))
+    for camera in ("left", "right"):
+        (tmp_path / f"{camera}.yaml").write_text(yaml.safe_dump(ros(camera)))
     (tmp_path / "camchain.yaml").write_text(yaml.safe_dump(camchain()))
     return tmp_path / "rig.yaml"
 
 
 def write(rig: Path, **files: str) -> Path:
     serials = {"left": "A", "right": "B"}
-    cameras = {side: {"serial": serials[side]} for side in serials}
-    for side, file in files.items():
-        cameras[side]["calibration"] = file
+    cameras = {camera: {"serial": serials[camera]} for camera in serials}
+    for camera, file in files.items():
+        cameras[camera]["calibration"] = file
     rig.write_text(yaml.safe_dump({"cameras": cameras}))
     return rig
 
@@ -51,8 +51,8 @@ def write(rig: Path, **files: str) -> Path:
 def test_both_formats_say_the_same_of_a_pair(rig: Path) -> None:
     by_ros = load_config(write(rig, left="left.yaml", right="right.yaml")).calibrations
     by_kalibr = load_config(write(rig, left="camchain.yaml", right="camchain.yaml")).calibrations
-    for side in ("left", "right"):
-        assert by_ros[side].projection == pytest.approx(by_kalibr[side].projection, rel=1e-9)
+    for camera in ("left", "right"):
+        assert by_ros[camera].projection == pytest.approx(by_kalibr[camera].projection, rel=1e-9)
     assert by_ros["right"].baseline_m == pytest.approx(0.0800, abs=1e-4)
 
 
@@ -165,7 +165,7 @@ def test_a_file_is_read_beside_the_configuration_and_refused_for_another_camera(
     files = ", ".join(f"{key}: {key}.yaml" for key in ("gain_calibration", "vignetting", "response"))
     config = load(tmp_path, f"cameras: {{left: {{serial: B, {files}}}, right: {{serial: C}}}}")
     assert config.gain_scales == {"left": scale, "right": None}
-    assert {side: file.vignetting for side, file in config.vignettings.items()} == {"left": lens}
+    assert {name: file.vignetting for name, file in config.vignettings.items()} == {"left": lens}
     for key in ("gain_calibration", "vignetting", "response"):
         said = complaint(tmp_path, f"cameras: {{left: {{serial: A, {key}: {key}.yaml}}}}")
         assert f"cameras.left.{key}" in said and "camera.serial is B, but this is camera A" in said

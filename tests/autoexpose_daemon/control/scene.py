@@ -15,7 +15,8 @@ from autoexpose_daemon.control.policy import ExposurePolicy
 from autoexpose_daemon.control.setup import ControlSetup
 from autoexpose_daemon.control.step import StepInputs
 from imaging.exposure import ExposureLimits, ExposureSetting
-from imaging.frames import SIDES, Frame, StereoPair
+from imaging.frames import Frame, FrameSet
+from imaging.geometry import SIDES
 from imaging.response import ResponseFunction
 
 LIMITS = ExposureLimits(20.0, 7500.0, 0.0, 30.0)
@@ -23,14 +24,16 @@ LINEAR = ResponseFunction.linear()
 START = ExposureSetting(1000.0, 0.0)
 FRAME_NS = 16_666_667
 
-NOTHING_GIVEN = StepInputs(StereoPair(0, {}))
+NOTHING_GIVEN = StepInputs(FrameSet(0, {}))
 """For observations that are made without a loop."""
 
 
 def policy_of(policy_id: str) -> ExposurePolicy:
     """With exposure priority, for linear cameras."""
-    responses, tuning = dict.fromkeys(SIDES, ResponseFunction.linear()), ControlParameters(balance="exposure_priority")
-    return build_policy(ControlSetup(policy_id, responses, LIMITS, ExposureSetting(1000.0, 6.0), tuning))
+    tuning = ControlParameters(balance="exposure_priority")
+    return build_policy(
+        ControlSetup(policy_id, dict.fromkeys(SIDES, LINEAR), LIMITS, ExposureSetting(1000.0, 6.0), tuning)
+    )
 
 
 def radiance(seed: int = 0, spread_stops: float = 1.0, shape: tuple[int, int] = (136, 180)) -> NDArray[np.float64]:
@@ -56,7 +59,7 @@ def at_time(frame: Frame, index: int) -> Frame:
 def drive(
     loop: ControlLoop,
     frames: int,
-    take: Callable[[int, ExposureSetting], StepInputs | StereoPair],
+    take: Callable[[int, ExposureSetting], StepInputs | FrameSet],
     delay: int = 2,
     *,
     start: ExposureSetting = START,
@@ -71,9 +74,9 @@ def drive(
     return decisions
 
 
-def alike(frame: Frame, index: int) -> StereoPair:
+def alike(frame: Frame, index: int) -> FrameSet:
     """The same frame of both cameras."""
-    return StereoPair(index, dict.fromkeys(SIDES, at_time(frame, index)))
+    return FrameSet(index, dict.fromkeys(SIDES, at_time(frame, index)))
 
 
 def run(
@@ -88,7 +91,7 @@ def run(
     """Levels of the frames taken while half scale lies at `lights`; a decision shows `delay` frames later."""
     picture, levels = radiance() if scene is None else scene, []
 
-    def take(index: int, setting: ExposureSetting) -> StereoPair:
+    def take(index: int, setting: ExposureSetting) -> FrameSet:
         levels.append(setting.level)
         return alike(expose(picture, setting, lights[index]), index)
 

@@ -19,7 +19,7 @@ from autoexpose_daemon.control.policies.belief.policy import BRIGHTNESS_LOSS, Pr
 from autoexpose_daemon.control.policies.belief.scene_belief import BIN, NOTHING, Optics, Outlook, SceneBelief
 from evaluation.stage.oracle import Information
 from imaging.exposure import ExposureLimits, ExposureSetting
-from imaging.frames import StereoPair
+from imaging.frames import FrameSet
 
 from .scene import FRAME_NS, LIMITS, LINEAR, START, alike, at_time, drive, expose, radiance, run
 
@@ -158,8 +158,8 @@ def test_each_camera_is_seen_with_its_own_setting() -> None:
     other = ExposureSetting(4000.0, 0.0)
     for index in range(4):
         left, right = (at_time(expose(SCENE, setting, 10.0), index) for setting in (START, other))
-        decision = loop.step(StereoPair(index, {"left": left, "right": right}))
-        expected = same.step(StereoPair(index, {"left": left, "right": left}))
+        decision = loop.step(FrameSet(index, {"left": left, "right": right}))
+        expected = same.step(FrameSet(index, {"left": left, "right": left}))
     assert decision.setting.level == pytest.approx(expected.setting.level, abs=0.6)
 
 
@@ -167,9 +167,9 @@ def test_light_is_measured_by_the_camera_whose_frame_before_was_not_lost() -> No
     loop = make()
     belief: Any = loop._policy
     both = ("left", "right")
-    for index, sides in enumerate([both, both, both, ("right",), both, ("left",), both]):
+    for index, cameras in enumerate([both, both, both, ("right",), both, ("left",), both]):
         frame = at_time(expose(SCENE, START, 10.0 - 0.25 * index), index)
-        loop.step(StereoPair(index, dict.fromkeys(sides, frame)))
+        loop.step(FrameSet(index, dict.fromkeys(cameras, frame)))
     assert list(belief.forecast.changes)[-6:] == pytest.approx([0.25] * 6, abs=0.03)
 
 
@@ -178,13 +178,13 @@ def test_light_is_measured_by_a_camera_at_its_own_setting() -> None:
     loop = make()
     belief: Any = loop._policy
     darker = ExposureSetting(START.exposure_time_us / 2.0, START.gain_db)
-    for index, sides in enumerate(["both", "both", "right", "both"]):
+    for index, cameras in enumerate(["both", "both", "right", "both"]):
         frames = {
-            side: at_time(expose(SCENE, setting, 10.0), index)
-            for side, setting in (("left", START), ("right", darker))
-            if sides in ("both", side)
+            camera: at_time(expose(SCENE, setting, 10.0), index)
+            for camera, setting in (("left", START), ("right", darker))
+            if cameras in ("both", camera)
         }
-        loop.step(StereoPair(index, frames))
+        loop.step(FrameSet(index, frames))
     assert list(belief.forecast.changes)[-3:] == pytest.approx([0.0] * 3, abs=0.03)
 
 
@@ -266,7 +266,7 @@ def test_in_light_that_beats_with_the_frames_each_phase_finds_its_exposure(
     """Exposures of milliseconds see another part of the flash when they get longer."""
     picture, exposed = radiance(scene, 1.0), []
 
-    def take(index: int, setting: ExposureSetting) -> StereoPair:
+    def take(index: int, setting: ExposureSetting) -> FrameSet:
         needed = half_scale_level - np.log2(flash(index, setting.exposure_time_us))
         exposed.append(setting.level - needed)
         return alike(expose(picture, setting, needed), index)
@@ -311,14 +311,14 @@ def test_what_is_decided_refers_to_the_exposure_of_the_frame_itself() -> None:
     """Not to the newest setting: a frame in flight during a write would get the wrong correction."""
     image = expose(SCENE, START, 11.0)
     brighter = replace(image, setting=ExposureSetting(4 * START.exposure_time_us, START.gain_db))
-    target = make().step(StereoPair(0, {"left": image})).level
-    assert make().step(StereoPair(0, {"left": brighter})).level == pytest.approx(target + 2.0, abs=0.3)
+    target = make().step(FrameSet(0, {"left": image})).level
+    assert make().step(FrameSet(0, {"left": brighter})).level == pytest.approx(target + 2.0, abs=0.3)
 
 
 def _last_level(right: NDArray[np.float64]) -> float:
-    def take(index: int, setting: ExposureSetting) -> StereoPair:
+    def take(index: int, setting: ExposureSetting) -> FrameSet:
         left_frame, right_frame = (at_time(expose(scene, setting, 12.0), index) for scene in (SCENE, right))
-        return StereoPair(index, {"left": left_frame, "right": right_frame})
+        return FrameSet(index, {"left": left_frame, "right": right_frame})
 
     return drive(make(), 30, take, delay=1)[-1].setting.level
 

@@ -21,7 +21,7 @@ from autoexpose_daemon.control.policy import Look, Observation
 from autoexpose_daemon.control.registration import LightChange
 from fake_camera.world.lighting import Change, Flicker, LightScript
 from imaging.exposure import ExposureLimits, ExposureSetting
-from imaging.frames import Frame, StereoPair
+from imaging.frames import Frame, FrameSet
 
 from .scene import LINEAR, NOTHING_GIVEN, expose, radiance
 
@@ -73,7 +73,7 @@ def drive(
         lux = light.mean_lux(start_s, setting.exposure_time_us * 1e-6)
         view = scene[:, (np.arange(180) - round(speed_px * index)) % scene.shape[1]] * (lux / DIM)
         frame = expose(view * GRAIN[index % len(GRAIN)], setting, 16.5)
-        asked.append(loop.step(StereoPair(index, {"left": at(frame, index, start_s)})).setting)
+        asked.append(loop.step(FrameSet(index, {"left": at(frame, index, start_s)})).setting)
         seen.append(Seen(setting, lux, loop.flicker_hz))
     return seen
 
@@ -176,7 +176,7 @@ def test_the_loops_own_changes_are_no_flicker() -> None:
     for index in range(8 * FRAMES):
         setting = ExposureSetting(4000.0 * (1 + 0.5 * (index % 3)), 0.0)
         frame = expose(scene * GRAIN[index % len(GRAIN)], setting, 12.5)
-        watched.step(StereoPair(index, {"left": at(frame, index, index / 60)}))
+        watched.step(FrameSet(index, {"left": at(frame, index, index / 60)}))
     assert watched.flicker_hz is None
 
 

@@ -24,7 +24,7 @@ from autoexpose_daemon.control.policies.belief.forecast import (
 )
 from autoexpose_daemon.control.step import StepInputs
 from imaging.exposure import ExposureSetting
-from imaging.frames import StereoPair
+from imaging.frames import FrameSet
 from imaging.response import ResponseFunction
 
 from .scene import LIMITS, run
@@ -231,7 +231,7 @@ class ToldLoop(ControlLoop):
 
     off_frames = 0
 
-    def step(self, inputs: StepInputs | StereoPair) -> Decision:
+    def step(self, inputs: StepInputs | FrameSet) -> Decision:
         pair = StepInputs.of(inputs).pair
         now = pair.trigger + self.off_frames
         there = np.clip(np.arange(now - 70, now + 50), 0, len(WAY) - 1)

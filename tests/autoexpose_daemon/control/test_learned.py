@@ -142,8 +142,8 @@ def test_frames_of_another_camera_are_not_taken_for_earlier_ones() -> None:
     for _ in range(5):
         policy.decide(observe(view(0)))
     assert len(policy.past) == 4
-    policy.decide(replace(observe(view(0)), looks=[replace(look_at(view(1)), side="right")]))
-    assert [sight.side for sight in policy.past] == ["right"]
+    policy.decide(replace(observe(view(0)), looks=[replace(look_at(view(1)), camera="right")]))
+    assert [sight.camera for sight in policy.past] == ["right"]
 
 
 @pytest.mark.parametrize("delay", [1, 3])

@@ -19,7 +19,7 @@ from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY, POLICY_IDS
 from autoexpose_daemon.control.step import StepInputs
 from imaging.errors import ConfigurationError
 from imaging.exposure import ExposureLimits, ExposureSetting
-from imaging.frames import Frame, Side, StereoPair
+from imaging.frames import CameraName, Frame, FrameSet
 from imaging.response import ResponseFunction
 from imaging.vignetting import Vignetting
 
@@ -78,7 +78,7 @@ def test_deeper_pixels_give_the_same_decision(policy_id: str) -> None:
     deep = rng.integers(0, 4096, (136, 180)).astype(np.uint16)
 
     def decide(frame: Frame) -> Decision:
-        return make(policy_id).step(StereoPair(0, {"left": frame}))
+        return make(policy_id).step(FrameSet(0, {"left": frame}))
 
     eight = decide(Frame((deep >> 4).astype(np.uint8), 8, 0, 0, 0, 0, START))
     assert decide(Frame(deep, 12, 0, 0, 0, 0, START)) == eight
@@ -94,7 +94,7 @@ def test_frames_in_flight_are_not_corrected_twice(policy_id: str, stops: float) 
 def test_the_left_frame_decides_even_if_the_right_one_differs() -> None:
     left = expose(radiance(7), START, 12.0)
     right = expose(radiance(8), ExposureSetting(30.0, 20.0), 5.0)
-    both, alone = StereoPair(0, {"left": left, "right": right}), StereoPair(0, {"left": left})
+    both, alone = FrameSet(0, {"left": left, "right": right}), FrameSet(0, {"left": left})
     assert make("begin2022").step(both) == make("begin2022").step(alone)
 
 
@@ -115,7 +115,7 @@ def test_the_balance_can_be_chosen(balance: BalanceId, gain_db: float) -> None:
     setting = ExposureSetting(2.0**11, 0.0)
     loop = ControlLoop("begin2022", LINEAR, LIMITS, setting, ControlParameters(balance=balance))
     black = Frame(np.zeros((136, 180), np.uint8), 8, 0, 0, 0, 0, setting)
-    decision = loop.step(StereoPair(0, {"left": black}))
+    decision = loop.step(FrameSet(0, {"left": black}))
     assert decision.level == pytest.approx(11)
     assert decision.setting.gain_db == pytest.approx(gain_db, abs=0.1)
 
@@ -138,19 +138,19 @@ def test_the_flow_can_be_chosen(policy_id: str, motion: MotionId, flow: type[Mot
         speed = expected.measure(
             preparation.prepare(frame.grey8(), filtered=policy_id != "belief"), 720, START.level, frame.device_time_ns
         )
-        assert loop.step(StereoPair(index, {"left": frame})).motion_px == pytest.approx(speed or 0.0, rel=1e-6)
+        assert loop.step(FrameSet(index, {"left": frame})).motion_px == pytest.approx(speed or 0.0, rel=1e-6)
 
 
 def test_an_angular_rate_replaces_the_flow() -> None:
     loop = ControlLoop("begin2022", LINEAR, LIMITS, START, ControlParameters(focal_length_px=860.0))
     frame = expose(radiance(5), START, 11.0)
     # 30 degrees a second at a focal length of 860 pixels: 450 pixels a second
-    assert loop.step(StepInputs(StereoPair(0, {"left": frame}), -np.pi / 6)).motion_px == pytest.approx(7.505, abs=1e-3)
+    assert loop.step(StepInputs(FrameSet(0, {"left": frame}), -np.pi / 6)).motion_px == pytest.approx(7.505, abs=1e-3)
     for rate in (float("nan"), 101.0):
         with pytest.raises(ConfigurationError, match="give at most 100 rad/s"):
-            loop.step(StepInputs(StereoPair(2, {"left": frame}), rate))
+            loop.step(StepInputs(FrameSet(2, {"left": frame}), rate))
     with pytest.raises(ConfigurationError, match="focal_length_px"):
-        make("begin2022").step(StepInputs(StereoPair(0, {"left": frame}), 0.5))
+        make("begin2022").step(StepInputs(FrameSet(0, {"left": frame}), 0.5))
 
 
 @pytest.mark.parametrize("before", [0, 2])
@@ -169,15 +169,15 @@ def test_where_flow_takes_over_from_angular_rates_the_last_speed_holds_for_a_fra
 
 
 @pytest.mark.parametrize("regions", [{}, {"left": Region("roi", (Rectangle(0, 0, 720, 270, 0.5),), 0.1)}])
-def test_the_steady_state_allocates_no_image(regions: dict[Side, Region]) -> None:
+def test_the_steady_state_allocates_no_image(regions: dict[CameraName, Region]) -> None:
     loop = ControlLoop("begin2022", LINEAR, LIMITS, START, regions=regions)
     frame = expose(radiance(9, 1.0, (540, 720)), START, 11.0)
     for index in range(3):
-        loop.step(StereoPair(index, {"left": at_time(frame, index)}))
+        loop.step(FrameSet(index, {"left": at_time(frame, index)}))
     tracemalloc.start()
     try:
         for index in range(3, 6):
-            loop.step(StereoPair(index, {"left": at_time(frame, index)}))
+            loop.step(FrameSet(index, {"left": at_time(frame, index)}))
         _, peak = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()
@@ -189,14 +189,14 @@ def test_a_vignetting_of_another_size_is_refused() -> None:
     lens = Vignetting(640, 480, (319.5, 239.5), (-0.5,))
     loop = ControlLoop(DEFAULT_POLICY, LINEAR, LIMITS, START, vignettings={"left": lens})
     with pytest.raises(ConfigurationError, match="640x480 pixels, but the left camera sends 180x136"):
-        loop.step(StereoPair(1, {"left": frame}))
+        loop.step(FrameSet(1, {"left": frame}))
 
 
 def test_policies_from_papers_do_not_know_of_vignetting() -> None:
     frame, lens = expose(radiance(1, 1.0), START, 11.0), Vignetting(180, 136, (89.5, 67.5), (-0.5,))
     for policy in ("neves2009", "begin2022", "belief"):
         loops = (ControlLoop(policy, LINEAR, LIMITS, START, vignettings=each) for each in ({}, {"left": lens}))
-        one, other = (loop.step(StereoPair(1, {"left": frame})) for loop in loops)
+        one, other = (loop.step(FrameSet(1, {"left": frame})) for loop in loops)
         assert one == other
 
 
@@ -248,7 +248,7 @@ def test_every_decision_is_finite_and_within_the_limits(policy_id: str, images: 
         left, right = (
             Frame(images[(step + apart) % len(images)], 8, step, time_ns, time_ns, time_ns, setting) for apart in (0, 1)
         )
-        decision = loop.step(StereoPair(step, {"left": left, "right": right} if step % 5 else {"left": left}))
+        decision = loop.step(FrameSet(step, {"left": left, "right": right} if step % 5 else {"left": left}))
         setting = decision.setting
         assert limits.contain(setting)
         steps = np.array([(setting.exposure_time_us - 20.0) / 7.0, setting.gain_db / 0.1])

@@ -18,7 +18,7 @@ from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY, POLICY_IDS
 from autoexpose_daemon.control.step import NO_OVERRIDE, Override, StepInputs
 from imaging.errors import ConfigurationError
 from imaging.exposure import ExposureLimits, ExposureSetting
-from imaging.frames import StereoPair
+from imaging.frames import FrameSet
 
 from .scene import LIMITS, LINEAR, START, at_time, drive, expose, radiance
 
@@ -44,7 +44,7 @@ def run(loop: ControlLoop, lights: Sequence[float], ask: Ask, delay: int = 2) ->
 
     def take(index: int, setting: ExposureSetting) -> StepInputs:
         left, right = (at_time(expose(scene, setting, lights[index]), index) for scene in SCENES)
-        return StepInputs(StereoPair(index, {"left": left, "right": right}), override=ask(index, decisions))
+        return StepInputs(FrameSet(index, {"left": left, "right": right}), override=ask(index, decisions))
 
     return drive(loop, len(lights), take, delay, watch=decisions.append)
 
@@ -150,8 +150,8 @@ def test_a_shot_is_over_even_if_the_next_frame_of_a_camera_is_lost(policy_id: st
     loop = loop_of(policy_id)
     before = run(loop, [11.0] * 100, nothing)[-1]
     left, right = (at_time(expose(scene, before.setting, 11.0), 100) for scene in SCENES)
-    loop.step(StepInputs(StereoPair(100, {"left": left, "right": right}), override=Override(shot=SHOT)))
-    assert loop.step(StereoPair(101, {"right": right})).level == pytest.approx(before.level, abs=0.5)
+    loop.step(StepInputs(FrameSet(100, {"left": left, "right": right}), override=Override(shot=SHOT)))
+    assert loop.step(FrameSet(101, {"right": right})).level == pytest.approx(before.level, abs=0.5)
 
 
 @pytest.mark.parametrize("delay", [1, 3])
@@ -190,7 +190,7 @@ def bracketed(
 
     def take(number: int, setting: ExposureSetting) -> StepInputs:
         frame = expose(SCENE, setting, light(number))
-        return StepInputs(StereoPair(number, {"left": frame}), override=Override(ev_stops=ev_stops))
+        return StepInputs(FrameSet(number, {"left": frame}), override=Override(ev_stops=ev_stops))
 
     return drive(ControlLoop(policy, LINEAR, LIMITS, START, ControlParameters(bracket=bracketing)), frames, take)
 
@@ -240,13 +240,13 @@ def test_a_snapshot_splits_the_policys_frame_as_the_original_does() -> None:
     """By the size of the frames, before the policy of the restored loop has seen one."""
     parameters = ControlParameters(bracket=Bracketing(4, 4.0, keep=True))
     loop, again = (ControlLoop(DEFAULT_POLICY, LINEAR, LIMITS, START, parameters) for _ in range(2))
-    pairs: list[StereoPair] = []
+    pairs: list[FrameSet] = []
 
-    def take(number: int, setting: ExposureSetting) -> StereoPair:
+    def take(number: int, setting: ExposureSetting) -> FrameSet:
         if number == 32:
             again.restore(loop.state())
         seen = at_time(expose(np.roll(SCENE, 8 * number, axis=1), setting, 13.0), number)
-        pairs.append(StereoPair(number, {"left": replace(seen, layout="RGGB")}))
+        pairs.append(FrameSet(number, {"left": replace(seen, layout="RGGB")}))
         return pairs[-1]
 
     decisions = drive(loop, 35, take)

@@ -29,7 +29,7 @@ from fake_camera.world.lighting import Change, LightScript
 from fake_camera.world.simulation import build_image_source
 from imaging.errors import ConfigurationError
 from imaging.exposure import ExposureSetting
-from imaging.frames import Frame, StereoPair
+from imaging.frames import Frame, FrameSet
 from imaging.pixels import MOSAIC_SHARE, Layout, PixelFormat, Pixels
 from imaging.python310 import exp2
 from imaging.response import ResponseFunction
@@ -162,11 +162,11 @@ def test_a_masked_lamp_no_longer_changes_the_decision(policy_id: str) -> None:
 
     def decide(lamp: bool, regions: dict[str, Region]) -> object:
         loop = ControlLoop(policy_id, ResponseFunction.linear(), LIMITS, START, regions=regions)
-        decisions = [loop.step(StereoPair(0, {"left": lamp_frame(lamp), "right": lamp_frame(lamp)})) for _ in range(2)]
+        decisions = [loop.step(FrameSet(0, {"left": lamp_frame(lamp), "right": lamp_frame(lamp)})) for _ in range(2)]
         return [(d.setting, d.level, d.reason, d.metric, d.saturated_share, d.black_share) for d in decisions]
 
-    sides = {"left": region, "right": region}
-    assert decide(True, sides) == decide(False, sides)
+    cameras = {"left": region, "right": region}
+    assert decide(True, cameras) == decide(False, cameras)
     assert decide(True, {}) != decide(False, {})
 
 
@@ -182,7 +182,7 @@ def test_a_masked_lamp_no_longer_changes_the_decision(policy_id: str) -> None:
 def test_a_region_that_does_not_fit_is_named(region: Region, words: list[str]) -> None:
     loop = ControlLoop("begin2022", ResponseFunction.linear(), LIMITS, START, regions={"left": region})
     with pytest.raises(ConfigurationError, match=".*".join(words)):
-        loop.step(StereoPair(0, {"left": lamp_frame(False)}))
+        loop.step(FrameSet(0, {"left": lamp_frame(False)}))
 
 
 LONG = ExposureSetting(2000.0, 0.0)
@@ -197,7 +197,7 @@ def decide(pixels: Pixels, layout: Layout, response: ResponseFunction = LINEAR, 
     frame = Frame(pixels, 8, 0, 0, 0, 0, LONG, layout=layout)
     regions = {} if region is None else {"left": region}
     loop = ControlLoop("belief", response, LIMITS, LONG, regions=regions)
-    return loop.step(StereoPair(0, {"left": frame})).saturated_share
+    return loop.step(FrameSet(0, {"left": frame})).saturated_share
 
 
 def sign(shape: tuple[int, int], red: int) -> Pixels:
@@ -259,13 +259,13 @@ def metric_ratio(pixel_format: PixelFormat) -> float:
     def measured(taken: Frame) -> float:
         return metric.measure(preparation.prepare(taken.grey8()))
 
-    def take(number: int, setting: ExposureSetting) -> StereoPair:
+    def take(number: int, setting: ExposureSetting) -> FrameSet:
         taken = frame(number, setting)
         if (number + 1) % HOLD_FRAMES == 0:
             levels = setting.level + np.arange(-1.5, 1.6, 0.25)
             others = [measured(frame(number, LIMITS.realise(level, exp2(level)))) for level in levels]
             ratios.append(measured(taken) / max(measured(taken), *others))
-        return StereoPair(number, {"left": taken})
+        return FrameSet(number, {"left": taken})
 
     ratios: list[float] = []
     drive(ControlLoop("belief", LINEAR, LIMITS, LONG), len(LUX) * HOLD_FRAMES, take, start=LONG)

@@ -28,7 +28,8 @@ from autoexpose_daemon.control.policy import ExposurePolicy, Look, Observation, 
 from autoexpose_daemon.control.search import way_out
 from imaging.errors import ConfigurationError
 from imaging.exposure import ExposureLimits, ExposureSetting
-from imaging.frames import SIDES, Side, StereoPair
+from imaging.frames import CameraName, FrameSet
+from imaging.geometry import SIDES
 from imaging.response import ResponseFunction, prediction_tables
 
 from .scene import LIMITS, LINEAR, NOTHING_GIVEN, START, at_time, expose, policy_of, radiance, run
@@ -153,13 +154,13 @@ def test_majer_standard_looks_at_the_top_half() -> None:
 
 
 @pytest.mark.parametrize("side", SIDES)
-def test_majer_refuses_a_region_below_the_top_half_of_either_camera_at_once(side: Side) -> None:
+def test_majer_refuses_a_region_below_the_top_half_of_either_camera_at_once(camera: CameraName) -> None:
     """Not only when the first frame of the other camera is lost."""
     weights = np.zeros((68, 90), np.uint8)
     weights[60:] = 1
-    looks = [Look(each, flat(64), LINEAR, weights if each == side else None) for each in SIDES]
+    looks = [Look(each, flat(64), LINEAR, weights if each == camera else None) for each in SIDES]
     observation = replace(observe(flat(64)), looks=looks)
-    with pytest.raises(ConfigurationError, match=f"leaves nothing of the top half of the {side} image"):
+    with pytest.raises(ConfigurationError, match=f"leaves nothing of the top half of the {camera} image"):
         policy_of("majer2018-standard").decide(observation)
 
 
@@ -214,7 +215,7 @@ def reason_at(lights: list[float], then: float) -> str:
     decisions = []
     for index, light in enumerate([*lights, then]):
         setting = START if index < len(lights) else limits.brightest
-        decisions.append(loop.step(StereoPair(index, {"left": at_time(expose(scene, setting, light), index)})))
+        decisions.append(loop.step(FrameSet(index, {"left": at_time(expose(scene, setting, light), index)})))
     assert {decision.setting for decision in decisions} == {limits.brightest}
     return decisions[-1].reason
 

@@ -22,7 +22,8 @@ from autoexpose_daemon.control.setup import ControlSetup
 from autoexpose_daemon.control.snapshot import Plain, Stateful, parse, plain, state_names
 from autoexpose_daemon.recording.file import from_json, to_json
 from imaging.exposure import ExposureLimits, ExposureSetting
-from imaging.frames import SIDES, Side, StereoPair
+from imaging.frames import CameraName, FrameSet
+from imaging.geometry import SIDES
 from imaging.response import ResponseFunction
 
 from .scene import LIMITS, LINEAR, START, alike, at_time, drive, expose, radiance, run
@@ -31,7 +32,7 @@ STEPPED = ExposureLimits(20.0, 7500.0, 0.0, 30.0, 1.0, 0.1)
 REGION = Region("control.roi.left", (Rectangle(0, 0, 160, 100, 0.5), Rectangle(8, 8, 100, 80, 1.0)), 0.1)
 
 
-def regions_for(shape: tuple[int, int]) -> dict[Side, Region]:
+def regions_for(shape: tuple[int, int]) -> dict[CameraName, Region]:
     mask = np.full(shape, 200, np.uint8)
     mask[:, :40] = 0
     return {"left": REGION, "right": Region("control.roi.right", (), 0.0, mask)}
@@ -55,23 +56,23 @@ class Course:
     parameters: ControlParameters = field(default_factory=ControlParameters)
     shape: tuple[int, int] = (136, 180)
 
-    def takes(self) -> Callable[[int, ExposureSetting], StereoPair]:
+    def takes(self) -> Callable[[int, ExposureSetting], FrameSet]:
         """Pairs of a scene whose light and place change."""
         rng = np.random.default_rng(self.seed)
-        scenes = {side: radiance(self.seed + i, 1.2 - 0.4 * i, self.shape) for i, side in enumerate(SIDES)}
+        scenes = {camera: radiance(self.seed + i, 1.2 - 0.4 * i, self.shape) for i, camera in enumerate(SIDES)}
         light = float(rng.uniform(8, 18))
 
-        def take(index: int, setting: ExposureSetting) -> StereoPair:
+        def take(index: int, setting: ExposureSetting) -> FrameSet:
             nonlocal light
             light += float(rng.choice([0.0, 0.0, 0.0, 0.15, rng.normal(0, 2)]))
             shift = index * 3 if self.moving else 0
             frames = {
-                side: at_time(expose(np.roll(scene, shift, axis=1), setting, light), index)
-                for side, scene in scenes.items()
+                camera: at_time(expose(np.roll(scene, shift, axis=1), setting, light), index)
+                for camera, scene in scenes.items()
             }
             if rng.random() < 0.1:
                 del frames["right"]
-            return StereoPair(index, frames)
+            return FrameSet(index, frames)
 
         return take
 
@@ -100,9 +101,9 @@ def test_a_restored_loop_decides_bit_for_bit_the_same(policy_id: str, course: Co
     regions, take = regions_for(course.shape) if course.region else {}, course.takes()
     loop = ControlLoop(policy_id, ResponseFunction.linear(2), STEPPED, START, course.parameters, regions=regions)
     other = ControlLoop(parse(through_json(plain(loop.setup)), ControlSetup))
-    shown: list[StereoPair] = []
+    shown: list[FrameSet] = []
 
-    def show(index: int, setting: ExposureSetting) -> StereoPair:
+    def show(index: int, setting: ExposureSetting) -> FrameSet:
         if index == course.before:
             other.restore(through_json(loop.state()))
         shown.append(take(index, setting))

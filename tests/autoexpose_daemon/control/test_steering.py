@@ -41,7 +41,7 @@ from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY, POLICY_IDS
 from autoexpose_daemon.control.step import NO_OVERRIDE, Override, StepInputs
 from evaluation.stage.oracle import Information
 from imaging.exposure import ExposureSetting
-from imaging.frames import Side
+from imaging.frames import CameraName
 
 from .scene import LIMITS, LINEAR, START, alike, drive, expose, radiance
 
@@ -63,9 +63,9 @@ def report(
     inliers: NDArray[np.uint16],
     features: NDArray[np.uint16] | None = None,
     consumer: str = "slam",
-    side: Side = "left",
+    camera: CameraName = "left",
 ) -> TrackedCells:
-    return TrackedCells(consumer, 0, side, inliers if features is None else features, inliers)
+    return TrackedCells(consumer, 0, camera, inliers if features is None else features, inliers)
 
 
 def remembered(*reports: TrackedCells, exposure: CellExposure = WELL, age_s: float = 0.0) -> NDArray[np.float64]:
@@ -217,10 +217,10 @@ def test_impossible_counts_are_no_report(features: NDArray[np.uint16], inliers: 
 @pytest.mark.parametrize(
     ("stamp", "side", "why"), [(10, "middle", "give left or right"), (1.5, "left", r"stamp of 1\.5: give the pair's")]
 )
-def test_counts_may_be_lists_but_sides_and_stamps_are_those_of_frames(stamp: Any, side: Any, why: str) -> None:
+def test_counts_may_be_lists_but_sides_and_stamps_are_those_of_frames(stamp: Any, camera: Any, why: str) -> None:
     TrackedCells("slam", 10, "left", NOWHERE.tolist(), NOWHERE.tolist())
     with pytest.raises(ValueError, match=why):
-        TrackedCells("slam", stamp, side, NOWHERE, NOWHERE)
+        TrackedCells("slam", stamp, camera, NOWHERE, NOWHERE)
 
 
 def test_points_are_counted_in_the_cell_they_lie_in() -> None:

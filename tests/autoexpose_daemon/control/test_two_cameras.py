@@ -15,7 +15,8 @@ from autoexpose_daemon.control.metrics.gradient import GradientMetric
 from autoexpose_daemon.control.picture.image import ImagePreparation, Region
 from autoexpose_daemon.control.policies.ids import POLICY_IDS
 from imaging.exposure import ExposureSetting
-from imaging.frames import SIDES, Frame, Side, StereoPair
+from imaging.frames import CameraName, Frame, FrameSet
+from imaging.geometry import SIDES
 from imaging.response import ResponseFunction
 
 from .scene import FRAME_NS, LIMITS, LINEAR, START, at_time, drive, expose, radiance
@@ -28,7 +29,7 @@ SEARCHES = ["lu2010", "kim2018", "shin2019"]
 
 LOST = "held: a camera's frame is lost"
 SHAPE = (136, 180)
-SCENES: dict[Side, NDArray[np.float32]] = {
+SCENES: dict[CameraName, NDArray[np.float32]] = {
     "left": radiance(1, 1.2, SHAPE).astype(np.float32),
     "right": radiance(2, 1.0, SHAPE).astype(np.float32),
 }
@@ -43,7 +44,7 @@ FRAMES = 60
 SETTLED = 45
 """From here on everything must be in order; a camera that is white is given half a second before that."""
 
-CLOCKS_NS: dict[Side, int] = {"left": 0, "right": 40_000_000_000}
+CLOCKS_NS: dict[CameraName, int] = {"left": 0, "right": 40_000_000_000}
 """Each camera has its own clock, which began when it got power."""
 
 Image = NDArray[np.uint8]
@@ -64,7 +65,7 @@ class Rig:
         self.loop = ControlLoop(policy_id, ResponseFunction.linear(), LIMITS, start)
         self.loop.metric_asked = True
         self.decisions: list[Decision] = []
-        self.images: dict[Side, list[Image]] = {side: [] for side in SIDES}
+        self.images: dict[CameraName, list[Image]] = {camera: [] for camera in SIDES}
         self.settings = [start] * DELAY
         self._speed_px = 3 if moving else 0
         self._preparation, self._metric = ImagePreparation(), GradientMetric()
@@ -72,12 +73,12 @@ class Rig:
     def run(
         self,
         frames: int,
-        side: Side = "right",
+        camera: CameraName = "right",
         *,
         fault: Fault = lambda first, now: now,
         darker: float = 0.0,
         light: float = LIGHT,
-        only: Side | None = None,
+        only: CameraName | None = None,
     ) -> None:
         """So many frames with a fault of one camera, or one that sees everything so many stops darker."""
         for _ in range(frames):
@@ -85,31 +86,31 @@ class Rig:
             setting = self.settings[number]
             pair = {}
             for each in SIDES:
-                image = self._expose(each, setting, light + darker * (each == side), number)
+                image = self._expose(each, setting, light + darker * (each == camera), number)
                 self.images[each].append(image)
-                pixels = fault(self.images[each][0], image) if each == side else image
+                pixels = fault(self.images[each][0], image) if each == camera else image
                 if only in (None, each):
                     pair[each] = Frame(pixels, 8, number, number * FRAME_NS + CLOCKS_NS[each], 0, 0, setting)
-            self.decisions.append(self.loop.step(StereoPair(number, pair)))
+            self.decisions.append(self.loop.step(FrameSet(number, pair)))
             self.settings.append(self.decisions[-1].setting)
 
-    def metrics(self, side: Side, since: int, until: int | None = None) -> list[float]:
+    def metrics(self, camera: CameraName, since: int, until: int | None = None) -> list[float]:
         """M_g of what a camera saw, whether or not that is what it sent, in some of the frames."""
-        images = self.images[side][since:until]
+        images = self.images[camera][since:until]
         return [self._metric.measure(self._preparation.prepare(image)) for image in images]
 
-    def _expose(self, side: Side, setting: ExposureSetting, light: float, number: int) -> Image:
-        grey = np.roll(SCENES[side], self._speed_px * number, axis=1) * (127.5 * 2.0 ** (setting.level - light))
-        noise = NOISE[(2 * number + SIDES.index(side)) % len(NOISE)] * (0.5 + 0.1 * 10 ** (setting.gain_db / 20))
+    def _expose(self, camera: CameraName, setting: ExposureSetting, light: float, number: int) -> Image:
+        grey = np.roll(SCENES[camera], self._speed_px * number, axis=1) * (127.5 * 2.0 ** (setting.level - light))
+        noise = NOISE[(2 * number + SIDES.index(camera)) % len(NOISE)] * (0.5 + 0.1 * 10 ** (setting.gain_db / 20))
         return np.clip(np.rint(grey + noise), 0, 255).astype(np.uint8)
 
 
-def other_of(side: Side) -> Side:
-    return "left" if side == "right" else "right"
+def other_of(camera: CameraName) -> CameraName:
+    return "left" if camera == "right" else "right"
 
 
 @cache
-def healthy(moving: bool, light: float = LIGHT, only: Side | None = None) -> Rig:
+def healthy(moving: bool, light: float = LIGHT, only: CameraName | None = None) -> Rig:
     """A rig without a fault, settled; or one camera of it."""
     rig = Rig(POLICY, moving)
     rig.run(30, light=light, only=only)
@@ -117,10 +118,10 @@ def healthy(moving: bool, light: float = LIGHT, only: Side | None = None) -> Rig
 
 
 @cache
-def healthy_metric(side: Side, moving: bool, light: float = LIGHT) -> float:
+def healthy_metric(camera: CameraName, moving: bool, light: float = LIGHT) -> float:
     """M_g of a camera in a healthy pair; or alone, if that is less, since it is not what the policy goes by."""
-    rigs = (healthy(moving, light, only) for only in (None, side))
-    return min(float(np.mean(rig.metrics(side, -10))) for rig in rigs)
+    rigs = (healthy(moving, light, only) for only in (None, camera))
+    return min(float(np.mean(rig.metrics(camera, -10))) for rig in rigs)
 
 
 moving_or_still = pytest.mark.parametrize("moving", [False, True], ids=["still", "moving"])
@@ -130,42 +131,44 @@ moving_or_still = pytest.mark.parametrize("moving", [False, True], ids=["still",
 @pytest.mark.parametrize("side", SIDES)
 @pytest.mark.parametrize("fault", FAULTS)
 def test_the_good_camera_is_exposed_as_beside_a_healthy_one_and_follows_steps_of_light_alone(
-    fault: str, side: Side, moving: bool
+    fault: str, camera: CameraName, moving: bool
 ) -> None:
-    good = other_of(side)
+    good = other_of(camera)
     wanted = 0.9 * healthy_metric(good, moving)
     rig = Rig(POLICY, moving, BRIGHTEST if moving else START)
-    rig.run(FRAMES, side, fault=FAULTS[fault])
+    rig.run(FRAMES, camera, fault=FAULTS[fault])
     assert np.mean(rig.metrics(good, SETTLED)) > wanted
     assert np.mean(rig.metrics(good, 8, 28)) > wanted
     for light in (LIGHT + 4.0, LIGHT - 3.0):
-        rig.run(20, side, fault=FAULTS[fault], light=light)
+        rig.run(20, camera, fault=FAULTS[fault], light=light)
         assert np.mean(rig.metrics(good, -5)) > 0.9 * healthy_metric(good, moving, light)
 
 
 @moving_or_still
 @pytest.mark.parametrize("side", SIDES)
-def test_of_two_cameras_8_stops_apart_the_brighter_is_exposed_well(side: Side, moving: bool) -> None:
+def test_of_two_cameras_8_stops_apart_the_brighter_is_exposed_well(camera: CameraName, moving: bool) -> None:
     """From any start: from above, the brighter one is white at first, and the other well exposed."""
-    good = other_of(side)
+    good = other_of(camera)
     wanted = 0.9 * healthy_metric(good, moving)
     for start in (START, BRIGHTEST):
         rig = Rig(POLICY, moving, start)
-        rig.run(FRAMES, side, darker=8.0)
+        rig.run(FRAMES, camera, darker=8.0)
         assert np.mean(rig.metrics(good, SETTLED)) > wanted
 
 
 @moving_or_still
 @pytest.mark.parametrize("side", SIDES)
 @pytest.mark.parametrize("fault", FAULTS)
-def test_a_camera_that_recovers_is_counted_again_and_disturbs_nothing(fault: str, side: Side, moving: bool) -> None:
-    rig, good = Rig(POLICY, moving), other_of(side)
+def test_a_camera_that_recovers_is_counted_again_and_disturbs_nothing(
+    fault: str, camera: CameraName, moving: bool
+) -> None:
+    rig, good = Rig(POLICY, moving), other_of(camera)
     rig.run(10)
-    rig.run(FRAMES, side, fault=FAULTS[fault])
+    rig.run(FRAMES, camera, fault=FAULTS[fault])
     if fault == "frozen":  # found when exposure moves
-        rig.run(20, side, fault=FAULTS[fault], light=LIGHT - 1.0)
-    assert set(rig.loop.uncounted) == {side}
-    assert f"{side} camera" in rig.decisions[-1].reason
+        rig.run(20, camera, fault=FAULTS[fault], light=LIGHT - 1.0)
+    assert set(rig.loop.uncounted) == {camera}
+    assert f"{camera} camera" in rig.decisions[-1].reason
     before = len(rig.decisions)
     wanted = 0.9 * np.mean(rig.metrics(good, -5))
     rig.run(33, light=LIGHT - 1.0 if fault == "frozen" else LIGHT)
@@ -193,7 +196,7 @@ def test_a_dead_reference_gives_its_place_to_the_other_camera() -> None:
 
 
 @pytest.mark.parametrize("only", SIDES)
-def test_lone_frames_in_between_change_nothing(only: Side) -> None:
+def test_lone_frames_in_between_change_nothing(only: CameraName) -> None:
     rig = Rig(POLICY, moving=False)
     rig.run(20, "right", fault=FAULTS["black"])
     rig.run(5, "right", fault=FAULTS["black"], only=only)
@@ -203,7 +206,7 @@ def test_lone_frames_in_between_change_nothing(only: Side) -> None:
 
 @moving_or_still
 @pytest.mark.parametrize("only", SIDES)
-def test_a_lost_frame_of_one_camera_moves_nothing(only: Side, moving: bool) -> None:
+def test_a_lost_frame_of_one_camera_moves_nothing(only: CameraName, moving: bool) -> None:
     """What is known of that camera is as good as before; nothing is looked at again."""
     rig, undisturbed = Rig(POLICY, moving), Rig(POLICY, moving)
     undisturbed.run(70)
@@ -216,7 +219,7 @@ def test_a_lost_frame_of_one_camera_moves_nothing(only: Side, moving: bool) -> N
 
 
 @pytest.mark.parametrize("only", SIDES)
-def test_a_camera_that_is_gone_is_not_waited_for(only: Side) -> None:
+def test_a_camera_that_is_gone_is_not_waited_for(only: CameraName) -> None:
     rig = Rig(POLICY, moving=False)
     rig.run(20)
     rig.run(40, light=LIGHT + 3.0, only=only)
@@ -263,51 +266,51 @@ GAMMA = ResponseFunction(2.0 * np.log2(np.arange(256).clip(1) / 255), 16, 255)
 """Grey levels follow the root of the light, above a black level of 16."""
 
 
-def half_masked(side: Side, columns: slice, shape: tuple[int, int] = SHAPE) -> Region:
+def half_masked(camera: CameraName, columns: slice, shape: tuple[int, int] = SHAPE) -> Region:
     mask = np.zeros(shape, np.uint8)
     mask[:, columns] = 255
-    return Region(f"control.roi.{side}", mask=mask)
+    return Region(f"control.roi.{camera}", mask=mask)
 
 
 def test_a_lone_right_frame_is_judged_in_its_own_region() -> None:
     """The left camera looks at the left half only, the right one at the right half, where nothing is saturated."""
-    regions: dict[Side, Region] = {
+    regions: dict[CameraName, Region] = {
         "left": half_masked("left", slice(0, 80)),
         "right": half_masked("right", slice(100, 180)),
     }
     loop = ControlLoop("belief", LINEAR, LIMITS, START, regions=regions)
     light = radiance(1, 0.8, SHAPE)
     light[:, :90] = 1000.0
-    alone = loop.step(StereoPair(0, {"right": expose(light, START, START.level)}))
+    alone = loop.step(FrameSet(0, {"right": expose(light, START, START.level)}))
     assert alone.saturated_share < 0.1
     assert alone.setting.level > START.level - 2.0
 
 
 def test_a_lone_right_frame_may_have_another_size_than_the_left_mask() -> None:
-    regions: dict[Side, Region] = {"left": half_masked("left", slice(0, 80), (270, 360))}
+    regions: dict[CameraName, Region] = {"left": half_masked("left", slice(0, 80), (270, 360))}
     loop = ControlLoop("belief", LINEAR, LIMITS, START, regions=regions)
-    loop.step(StereoPair(0, {"right": expose(radiance(1), START, START.level)}))
+    loop.step(FrameSet(0, {"right": expose(radiance(1), START, START.level)}))
 
 
 def test_motion_is_not_measured_between_two_cameras() -> None:
     """Left and right see different things: flow between them would be large, and the exposure time cut."""
     loop = ControlLoop("belief", LINEAR, LIMITS, START)
-    scenes: dict[Side, Frame] = {
+    scenes: dict[CameraName, Frame] = {
         "left": expose(radiance(1), START, START.level),
         "right": expose(radiance(2), START, START.level),
     }
-    shown: list[tuple[Side, ...]] = [("left", "right")] * 6 + [("right",), ("right",), ("left",)]
-    for index, sides in enumerate(shown):
-        pair = StereoPair(index, {side: at_time(scenes[side], index) for side in sides})
+    shown: list[tuple[CameraName, ...]] = [("left", "right")] * 6 + [("right",), ("right",), ("left",)]
+    for index, cameras in enumerate(shown):
+        pair = FrameSet(index, {camera: at_time(scenes[camera], index) for camera in cameras})
         assert loop.step(pair).motion_px < 1
 
 
 def test_a_camera_that_takes_over_inherits_the_last_speed() -> None:
     loop, scene = ControlLoop("belief", LINEAR, LIMITS, START), radiance(3, 1.0, SHAPE)
 
-    def speed_px(index: int, *sides: Side) -> float:
+    def speed_px(index: int, *cameras: CameraName) -> float:
         moved = at_time(expose(np.roll(scene, 2 * index, axis=1), START, START.level), index)
-        return loop.step(StereoPair(index, dict.fromkeys(sides, moved))).motion_px
+        return loop.step(FrameSet(index, dict.fromkeys(cameras, moved))).motion_px
 
     speeds_px = [speed_px(index, "left", "right") for index in range(5)]
     assert speeds_px[0] == 0.0 and speeds_px[4] > 1.0
@@ -318,10 +321,10 @@ def test_a_camera_that_takes_over_inherits_the_last_speed() -> None:
 def test_a_lone_right_frame_is_predicted_by_its_own_response(policy_id: str) -> None:
     frame = expose(radiance(1, 1.5, SHAPE), START, START.level + 1.5)
 
-    def decide(responses: dict[Side, ResponseFunction], side: Side) -> float:
-        return ControlLoop(policy_id, responses, LIMITS, START).step(StereoPair(0, {side: frame})).level
+    def decide(responses: dict[CameraName, ResponseFunction], camera: CameraName) -> float:
+        return ControlLoop(policy_id, responses, LIMITS, START).step(FrameSet(0, {camera: frame})).level
 
-    other: dict[Side, ResponseFunction] = {"left": GAMMA, "right": LINEAR}
+    other: dict[CameraName, ResponseFunction] = {"left": GAMMA, "right": LINEAR}
     assert decide(other, "right") == decide({"left": LINEAR, "right": LINEAR}, "left")
     assert decide(other, "left") == decide({"left": GAMMA, "right": GAMMA}, "right")
     assert decide(other, "left") != decide(other, "right")
@@ -333,7 +336,7 @@ def test_in_a_pair_the_right_frame_is_predicted_by_its_own_response() -> None:
     def decide(response: ResponseFunction) -> float:
         loop = ControlLoop("belief", {"left": LINEAR, "right": response}, LIMITS, START)
         left, right = (expose(light, START, START.level) for light in (dim * 2, dim))
-        return loop.step(StereoPair(0, {"left": left, "right": right})).level
+        return loop.step(FrameSet(0, {"left": left, "right": right})).level
 
     assert decide(LINEAR) != decide(GAMMA)
 
@@ -341,11 +344,11 @@ def test_in_a_pair_the_right_frame_is_predicted_by_its_own_response() -> None:
 @pytest.mark.parametrize("policy_id", POLICY_IDS)
 def test_equal_frames_lead_to_equal_decisions_whichever_camera_took_them(policy_id: str) -> None:
     scene, settings = radiance(4, 1.0, SHAPE), []
-    for side in SIDES:
+    for camera in SIDES:
 
-        def take(index: int, setting: ExposureSetting, side: Side = side) -> StereoPair:
+        def take(index: int, setting: ExposureSetting, camera: CameraName = camera) -> FrameSet:
             frame = expose(np.roll(scene, 2 * index, axis=1), setting, START.level + 2.0)
-            return StereoPair(index, {side: at_time(frame, index)})
+            return FrameSet(index, {camera: at_time(frame, index)})
 
         decisions = drive(ControlLoop(policy_id, LINEAR, LIMITS, START), 12, take, delay=1)
         settings.append([decision.setting for decision in decisions])

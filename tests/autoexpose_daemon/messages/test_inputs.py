@@ -146,7 +146,7 @@ def test_a_series_is_read_as_it_was_written() -> None:
 def test_a_report_is_read_as_it_was_written() -> None:
     data = tracked_cells(TrackedCells("slam", 7_000_000_123, "right", FEATURES, INLIERS))
     read = read_tracked_cells(data)
-    assert (read.consumer, read.stamp_ns, read.side) == ("slam", 7_000_000_123, "right")
+    assert (read.consumer, read.stamp_ns, read.camera) == ("slam", 7_000_000_123, "right")
     assert (read.features == FEATURES).all() and (read.inliers == INLIERS).all()
     assert len(data) < LARGEST_TRACKING_BYTES / 2
 
@@ -175,7 +175,7 @@ def test_what_is_no_series_is_refused(data: bytes, why: str) -> None:
     [
         (b"garbage" * 60, "not a autoexpose_msgs/msg/TrackedCells"),
         (message(consumer="not/a name"), "whose consumer is not 1 to 64 letters"),
-        (message(side="middle"), "of a camera named 'middle'"),
+        (message(camera="middle"), "of a camera named 'middle'"),
         (message(rows=8, columns=6), "of 8 rows and 6 columns"),
         (message(inliers=INLIERS.ravel()[1:]), "of 48 and 47 counts"),
         (message(features=np.zeros(0, np.uint16), inliers=np.zeros(0, np.uint16)), "of 0 and 0 counts"),

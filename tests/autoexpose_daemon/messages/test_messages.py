@@ -31,10 +31,10 @@ from autoexpose_daemon.messages.frames import (
     read_image,
     realtime_offset_ns,
 )
-from autoexpose_daemon.messages.keys import frame_key, last_but, side_of
+from autoexpose_daemon.messages.keys import camera_of, frame_key, last_but
 from autoexpose_daemon.messages.types import EXPOSURE_INFO, TYPESTORE, definition
 from imaging.exposure import ExposureSetting
-from imaging.frames import Frame, Side, StereoPair
+from imaging.frames import CameraName, Frame, FrameSet
 from imaging.geometry import CameraGeometry
 from imaging.pixels import SAMPLES, PixelFormat
 from tests import REPOSITORY
@@ -60,16 +60,16 @@ def frames(draw: st.DrawFn) -> Frame:
 
 
 def written(
-    pair: StereoPair,
+    pair: FrameSet,
     decision: Decision | None = DECISION,
     sequence: int = 0,
     *,
     offset_ns: int = 0,
     cameras: int = 2,
     stamp: Stamp = "middle",
-) -> dict[tuple[Side, str], Message]:
+) -> dict[tuple[CameraName, str], Message]:
     messages = MessageWriter("robot", cameras, stamp).messages(pair, decision, sequence, offset_ns)
-    return {(message.side, message.topic): message for message in messages}
+    return {(message.camera, message.topic): message for message in messages}
 
 
 def parsed(message: Message) -> Any:
@@ -84,11 +84,11 @@ def facts(frame: Frame) -> list[Any]:
 def test_what_is_written_is_read_back_to_the_bit(
     left: Frame, right: Frame, decision: Decision | None, trigger: int, sequence: int
 ) -> None:
-    messages = written(StereoPair(trigger, {"left": left, "right": right}), decision, sequence)
-    sides: dict[Side, Frame] = {"left": left, "right": right}
-    for side, frame in sides.items():
-        info = read_exposure_info(bytes(messages[side, "exposure"].data))
-        _, image = read_image(bytes(messages[side, "image"].data))
+    messages = written(FrameSet(trigger, {"left": left, "right": right}), decision, sequence)
+    cameras: dict[CameraName, Frame] = {"left": left, "right": right}
+    for camera, frame in cameras.items():
+        info = read_exposure_info(bytes(messages[camera, "exposure"].data))
+        _, image = read_image(bytes(messages[camera, "image"].data))
         again = frame_of(info, image)
         assert not again.pixels.flags.writeable
         assert facts(again) == facts(frame)
@@ -104,13 +104,13 @@ def test_all_messages_of_a_pair_have_one_stamp_and_the_frame_of_their_camera(
     left: Frame, right: Frame, moment: tuple[Stamp, float]
 ) -> None:
     offset_ns, (stamp, share) = 1_600_000_000_000_000_000, moment
-    messages = written(StereoPair(1, {"left": left, "right": right}), offset_ns=offset_ns, stamp=stamp)
+    messages = written(FrameSet(1, {"left": left, "right": right}), offset_ns=offset_ns, stamp=stamp)
     headers = {key: parsed(message).header for key, message in messages.items()}
     assert len(headers) == 6
     at_ns = left.host_time_ns + round(1e3 * share * left.setting.exposure_time_us) + offset_ns
-    for (side, _), header in headers.items():
+    for (camera, _), header in headers.items():
         assert header.stamp.sec * 10**9 + header.stamp.nanosec == min(at_ns, LAST_STAMP_NS)
-        assert header.frame_id == f"robot_{side}_optical_frame"
+        assert header.frame_id == f"robot_{camera}_optical_frame"
 
 
 @pytest.mark.parametrize(
@@ -127,7 +127,7 @@ def test_encodings_are_those_of_ros_and_deep_samples_reach_full_scale(row: Pixel
     frame = Frame(
         np.full(shape, full, row.dtype), row.bit_depth, 1, 2, 3, 4, ExposureSetting(1.0, 0.0), layout=row.layout
     )
-    image = parsed(written(StereoPair(1, {"left": frame}), cameras=1)["left", "image"])
+    image = parsed(written(FrameSet(1, {"left": frame}), cameras=1)["left", "image"])
     assert (image.encoding, image.height, image.width, image.step) == (encoding, 2, 4, frame.pixels.nbytes // 2)
     assert image.data.view(row.dtype).max() >= 0.998 * np.iinfo(row.dtype).max
 
@@ -135,7 +135,7 @@ def test_encodings_are_those_of_ros_and_deep_samples_reach_full_scale(row: Pixel
 def test_samples_that_are_not_at_full_scale_are_damaged() -> None:
     """As an earlier daemon sends them."""
     low = Frame(np.full((2, 4), 9, np.uint16), 12, 1, 2, 3, 4, ExposureSetting(1.0, 0.0))
-    info = read_exposure_info(bytes(written(StereoPair(1, {"left": low}), cameras=1)["left", "exposure"].data))
+    info = read_exposure_info(bytes(written(FrameSet(1, {"left": low}), cameras=1)["left", "exposure"].data))
     with pytest.raises(DamagedMessageError, match="not 12 bits shifted to full scale"):
         frame_of(info, ReceivedImage(low.pixels, "grey"))
     assert np.array_equal(frame_of(info, ReceivedImage(low.pixels, "grey"), full_scale=False).pixels, low.pixels)
@@ -151,8 +151,8 @@ def test_camera_info_is_what_a_calibration_of_frames_of_this_size_says() -> None
     k, p = (8.0, 0.0, 2.0, 0.0, 8.0, 1.0, 0.0, 0.0, 1.0), (7.0, 0.0, 2.0, -0.56, 0.0, 7.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0)
     r = (0.0, 1.0, 0.0, -1.0, 0.0, 0.0, 0.0, 0.0, 1.0)
     right = CameraGeometry(5, 3, "equidistant", (0.1, 0.2, 0.3, 0.4), k, r, p)
-    pair = StereoPair(1, {"left": frame(), "right": frame()})
-    calibrations: dict[Side, CameraGeometry] = {"left": replace(right, width=6), "right": right}
+    pair = FrameSet(1, {"left": frame(), "right": frame()})
+    calibrations: dict[CameraName, CameraGeometry] = {"left": replace(right, width=6), "right": right}
     made = MessageWriter("robot", 2).messages(pair, None, 0, 0, calibrations=calibrations)
     left_info, info = (parsed(message) for message in made if message.topic == "camera_info")
     assert (left_info.height, left_info.width, left_info.k.any()) == (3, 5, False)
@@ -162,10 +162,10 @@ def test_camera_info_is_what_a_calibration_of_frames_of_this_size_says() -> None
 
 
 def test_a_lone_frame_keeps_its_side() -> None:
-    messages = written(StereoPair(1, {"right": frame()}))
+    messages = written(FrameSet(1, {"right": frame()}))
     assert set(messages) == {("right", topic) for topic in TOPICS}
     assert parsed(messages["right", "exposure"]).alone
-    assert not parsed(written(StereoPair(1, {"left": frame()}), cameras=1)["left", "exposure"]).alone
+    assert not parsed(written(FrameSet(1, {"left": frame()}), cameras=1)["left", "exposure"]).alone
 
 
 def test_the_definition_names_all_that_it_is_made_of() -> None:
@@ -182,7 +182,7 @@ def test_the_offset_of_the_clocks_leads_to_the_time_of_day() -> None:
 
 @given(st.integers(0, 200))
 def test_a_truncated_message_is_refused(length: int) -> None:
-    messages = written(StereoPair(1, {"left": frame(), "right": frame()}))
+    messages = written(FrameSet(1, {"left": frame(), "right": frame()}))
     whole = bytes(messages["left", "image"].data)
     with pytest.raises(DamagedMessageError):
         read_image(whole[: min(length, len(whole) - 1)])
@@ -192,26 +192,26 @@ def test_a_truncated_message_is_refused(length: int) -> None:
 def test_a_frame_without_a_pixel_is_refused(shape: tuple[int, int]) -> None:
     empty = replace(frame(), pixels=np.empty(shape, np.uint8))
     with pytest.raises(DamagedMessageError, match="pixels"):
-        read_image(bytes(written(StereoPair(1, {"left": empty}), cameras=1)["left", "image"].data))
+        read_image(bytes(written(FrameSet(1, {"left": empty}), cameras=1)["left", "image"].data))
 
 
 @pytest.mark.parametrize("exposure", [(0.0, 0.0), (-1.0, 0.0), (1e300, 0.0), (math.nan, 0.0), (1.0, math.inf)])
 def test_an_exposure_that_no_camera_takes_is_refused_applied_or_decided(exposure: tuple[float, float]) -> None:
     impossible = ExposureSetting(*exposure)
-    taken = written(StereoPair(1, {"left": replace(frame(), setting=ExposureSetting(1.0, 0.0))}), cameras=1)
+    taken = written(FrameSet(1, {"left": replace(frame(), setting=ExposureSetting(1.0, 0.0))}), cameras=1)
     info = read_exposure_info(bytes(taken["left", "exposure"].data))
     info.exposure_time_us, info.gain_db = exposure
     with pytest.raises(DamagedMessageError, match="an exposure of"):
         frame_of(info, ReceivedImage(frame().pixels, "grey"))
-    decided = written(StereoPair(1, {"left": frame()}), replace(DECISION, setting=impossible), cameras=1)
+    decided = written(FrameSet(1, {"left": frame()}), replace(DECISION, setting=impossible), cameras=1)
     with pytest.raises(DamagedMessageError, match="an exposure of"):
         decision_of(read_exposure_info(bytes(decided["left", "exposure"].data)))
 
 
 def test_only_what_is_wanted_is_made() -> None:
-    wanted: set[tuple[Side, str]] = {("left", "exposure"), ("right", "image")}
-    made = MessageWriter("robot", 2).messages(StereoPair(1, {"left": frame(), "right": frame()}), None, 0, 0, wanted)
-    assert {(message.side, message.topic) for message in made} == wanted
+    wanted: set[tuple[CameraName, str]] = {("left", "exposure"), ("right", "image")}
+    made = MessageWriter("robot", 2).messages(FrameSet(1, {"left": frame(), "right": frame()}), None, 0, 0, wanted)
+    assert {(message.camera, message.topic) for message in made} == wanted
 
 
 @pytest.mark.parametrize(("parts", "name"), [(0, "image"), (1, "left"), (3, "autoexpose"), (4, "")])
@@ -221,7 +221,7 @@ def test_a_part_of_a_key_is_counted_from_its_end(parts: int, name: str) -> None:
 
 @pytest.mark.parametrize("key", ["**", "*/**", "autoexpose/**", "**/response"])
 def test_a_key_that_is_sent_to_all_names_no_camera(key: str) -> None:
-    assert side_of(key) is None
+    assert camera_of(key) is None
 
 
 PACKAGE = REPOSITORY / "ros/autoexpose_msgs"

@@ -28,7 +28,7 @@ from autoexpose_daemon.page.pair_views import MOST_VIEWERS
 from autoexpose_daemon.publish.publisher import Publisher
 from autoexpose_daemon.status.document import CameraStatus, DurationStatus, Fault, PublishStatus, RecorderStatus, Status
 from autoexpose_daemon.status.states import State
-from imaging.frames import StereoPair
+from imaging.frames import FrameSet
 from imaging.response import ResponseFunction
 from tests.autoexpose_daemon.page.browser import SHRUNK, Tab, browser
 from tests.autoexpose_daemon.page.server import PageProcess, running_page
@@ -107,7 +107,7 @@ SHOWN = {
 
 def published(at: str, status: Status) -> Publisher:
     response = response_to_json(ResponseFunction.linear())
-    return telling(at, told(status, **{response_key("rig", side): response for side in status.cameras}))
+    return telling(at, told(status, **{response_key("rig", camera): response for camera in status.cameras}))
 
 
 def test_it_tells_state_reasons_and_counts_in_words(tab: Tab, page: PageProcess, at: str) -> None:
@@ -142,8 +142,8 @@ def test_a_daemon_that_leaves_says_so_and_a_new_one_is_found(tab: Tab, page: Pag
         with publishing(PublishConfig(listen=(at,)), tell=tell):
             tab.wait_for(f"{STATE} === 'exposing'", "the daemon")
             tab.wait_for("!document.querySelector('.stale')", "pictures")
-            for side in ("left", "right"):
-                assert max(tab.value(f"{SHRUNK}('#{side} canvas', 4, 3)")) > 0
+            for camera in ("left", "right"):
+                assert max(tab.value(f"{SHRUNK}('#{camera} canvas', 4, 3)")) > 0
         tab.wait_for(f"{STATE} === 'ended'", "the end of the daemon")
         tab.wait_for("document.querySelectorAll('figure.stale').length === 2", "stale pictures")
     assert tab.complaints == []
@@ -200,7 +200,7 @@ def test_a_belief_is_drawn_in_place_of_the_prediction(tab: Tab, page: PageProces
 def test_a_pair_that_control_skipped_comes_without_the_decision_before(tab: Tab, page: PageProcess, at: str) -> None:
     tab.open(page.url)
     numbers = itertools.count(1)
-    with Publisher(PublishConfig(listen=(at,)), 2, nothing) as publisher:
+    with Publisher(PublishConfig(listen=(at,)), ("left", "right"), nothing) as publisher:
 
         def shown(decision: Decision | None, reason: str) -> bool:
             publisher(ControlStep(StepInputs(pair(next(numbers))), decision))
@@ -298,7 +298,7 @@ def test_what_is_shown_is_what_was_published(tab: Tab, page: PageProcess, at: st
         assert "Traceback" not in page.log
 
 
-def compare(tab: Tab, run: Sequence[tuple[StereoPair, Decision | None]]) -> None:
+def compare(tab: Tab, run: Sequence[tuple[FrameSet, Decision | None]]) -> None:
     """A pair on the page, picture and numbers, with that of control; one that was decided on, while there is light."""
     seen: dict[int, Any] = {}
     while (shown := look(tab))["trigger"] not in seen:
@@ -309,10 +309,10 @@ def compare(tab: Tab, run: Sequence[tuple[StereoPair, Decision | None]]) -> None
         assert words in shown["decision"]
     assert decision.reason in shown["decision"]
     assert f"metric {decision.metric:.4f}" in shown["left"]
-    for side, frame in (("left", pair.frames["left"]), ("right", pair.frames["right"])):
-        assert f"gain {frame.setting.gain_db:.1f} dB" in shown[side]
+    for camera, frame in (("left", pair.frames["left"]), ("right", pair.frames["right"])):
+        assert f"gain {frame.setting.gain_db:.1f} dB" in shown[camera]
         taken = cv2.resize(frame.pixels, SHAPE[::-1], interpolation=cv2.INTER_AREA).ravel()
-        drawn = np.array(shown[f"{side} pixels"])
+        drawn = np.array(shown[f"{camera} pixels"])
         assert np.corrcoef(taken, drawn)[0, 1] > 0.9
 
 
@@ -323,8 +323,8 @@ def look(tab: Tab) -> dict[str, Any]:
       const words = (selector) => document.querySelector(selector).innerText.replaceAll("\\n", " ");
       const shown = {{ trigger: Number(document.body.dataset.trigger), decision: words("#decision") }};
       for (const side of ["left", "right"]) {{
-        shown[side] = words(`#${{side}} figcaption`);
-        shown[`${{side}} pixels`] = {SHRUNK}(`#${{side}} canvas`, {width}, {height});
+        shown[camera] = words(`#${{camera}} figcaption`);
+        shown[`${{camera}} pixels`] = {SHRUNK}(`#${{camera}} canvas`, {width}, {height});
       }}
       return shown;
     }})()"""

@@ -33,7 +33,7 @@ from autoexpose_daemon.page.pair_views import (
     PictureMaker,
 )
 from imaging.exposure import ExposureLimits, ExposureSetting
-from imaging.frames import Frame, StereoPair
+from imaging.frames import Frame, FrameSet
 from imaging.pixels import Layout, Pixels
 from imaging.response import ResponseFunction
 from tests.autoexpose_daemon.control.scene import expose, radiance
@@ -255,7 +255,7 @@ def test_saturated_is_red_and_black_is_blue_and_the_rest_is_as_it_was() -> None:
 def test_it_measures_what_control_measures() -> None:
     frame = expose(radiance(spread_stops=3.0, shape=(540, 720)), SETTING, half_scale_level=10.0)
     limits = ExposureLimits(20.0, 7500.0, 0.0, 30.0)
-    decision = ControlLoop("fixed", LINEAR, limits, SETTING).step(StereoPair(0, {"left": frame, "right": frame}))
+    decision = ControlLoop("fixed", LINEAR, limits, SETTING).step(FrameSet(0, {"left": frame, "right": frame}))
     picture = PictureMaker(LINEAR).picture(frame)
     shares = picture.saturated_share, picture.black_share
     assert picture.metric > 0

@@ -19,7 +19,7 @@ from autoexpose_daemon.publish.publisher import Explain, Publisher, Tell
 from autoexpose_daemon.status.document import Status
 from autoexpose_daemon.status.telemetry import DropReason
 from imaging.exposure import ExposureSetting
-from imaging.frames import Frame, StereoPair
+from imaging.frames import Frame, FrameSet
 from tests.fakes import loopback_address
 from tests.meanwhile import meanwhile
 
@@ -35,11 +35,11 @@ def wait_until(condition: Callable[[], object], what: str) -> None:
         threading.Event().wait(0.005)
 
 
-def pair(number: int, shape: tuple[int, int] = (540, 720)) -> StereoPair:
+def pair(number: int, shape: tuple[int, int] = (540, 720)) -> FrameSet:
     """The pair of trigger `number`; its pixels all have that number, modulo 256."""
     now_ns = time.monotonic_ns()
     frame = Frame(np.full(shape, number % 256, np.uint8), 8, number, now_ns, now_ns, now_ns, SETTING)
-    return StereoPair(number, {"left": frame, "right": frame})
+    return FrameSet(number, {"left": frame, "right": frame})
 
 
 def nothing(_last: bool) -> dict[str, str]:
@@ -60,7 +60,9 @@ def telling(
     at: str, tell: Tell, rig: str = "rig", connect: Sequence[str] = (), explain: Explain | None = None
 ) -> Publisher:
     """A publisher without pairs."""
-    return Publisher(PublishConfig(rig=rig, listen=(at,), connect=tuple(connect)), 2, tell, explain=explain)
+    return Publisher(
+        PublishConfig(rig=rig, listen=(at,), connect=tuple(connect)), ("left", "right"), tell, explain=explain
+    )
 
 
 def answering(told: Callable[[], Grounds | None]) -> Explain:
@@ -86,7 +88,7 @@ def publishing(
                 return
             publisher(ControlStep(StepInputs(pair(number)), DECISION))
 
-    with Publisher(config, 2, tell, explain=explain) as publisher, meanwhile(run):
+    with Publisher(config, ("left", "right"), tell, explain=explain) as publisher, meanwhile(run):
         yield publisher
     tally = publisher.tally
     assert tally.offered == tally.sent + tally.dropped.total()

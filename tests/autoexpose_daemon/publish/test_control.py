@@ -182,7 +182,7 @@ def test_control_that_does_not_respond_is_named_and_what_it_did_not_begin_is_wit
         return waiting[-1]
 
     with (
-        Publisher(PublishConfig(listen=(at,)), 2, nothing, ask=ask) as publisher,
+        Publisher(PublishConfig(listen=(at,)), ("left", "right"), nothing, ask=ask) as publisher,
         ControlClient(connect=[_opened(publisher, at)]) as control,
     ):
         with pytest.raises(AutoexposeError, match="control does not respond: nothing has changed"):
@@ -253,7 +253,7 @@ def test_a_daemon_that_stops_answers_who_still_waits() -> None:
             control.lock()
         said.append(str(refused.value))
 
-    with Publisher(PublishConfig(listen=(at,)), 2, nothing, ask=ask) as publisher:
+    with Publisher(PublishConfig(listen=(at,)), ("left", "right"), nothing, ask=ask) as publisher:
         _opened(publisher, at)
         asking = threading.Thread(target=lock)
         asking.start()

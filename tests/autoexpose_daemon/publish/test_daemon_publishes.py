@@ -65,14 +65,14 @@ def test_a_consumer_gets_what_control_saw_and_decided() -> None:
 def test_camera_info_of_both_cameras_follows_their_files_and_reloads(tmp_path: Path) -> None:
     at, (height, width) = endpoint(), SHAPE
     cameras = {}
-    for side, serial in (("left", "L"), ("right", "R")):
-        cameras[side] = {"serial": serial, "calibration": tmp_path / f"{side}.yaml"}
-        (tmp_path / f"{side}.yaml").write_text(yaml.safe_dump(small_ros(side, width, height)))
+    for camera, serial in (("left", "L"), ("right", "R")):
+        cameras[camera] = {"serial": serial, "calibration": tmp_path / f"{camera}.yaml"}
+        (tmp_path / f"{camera}.yaml").write_text(yaml.safe_dump(small_ros(camera, width, height)))
     infos: dict[str, Any] = {}
 
     def take(sample: zenoh.Sample) -> None:
-        side = str(sample.key_expr).split("/")[2]
-        infos[side] = TYPESTORE.deserialize_cdr(sample.payload.to_bytes(), CAMERA_INFO)
+        camera = str(sample.key_expr).split("/")[2]
+        infos[camera] = TYPESTORE.deserialize_cdr(sample.payload.to_bytes(), CAMERA_INFO)
 
     with scripted_daemon(control=CONTROL, publish={"listen": [at]}, cameras=cameras) as (daemon, _, _):
         wait_until(lambda: daemon.telemetry.publishing and daemon.telemetry.publishing.sent, "frames")
@@ -109,7 +109,7 @@ def test_the_status_is_told_once_a_second_and_at_the_end() -> None:
             wait_until(lambda: latest(client).state is State.EXPOSING and latest(client).counts.pairs > 0, "pairs")
             status = latest(client)
             assert (status.rig, status.policy, status.ending) == ("scout", "neves2009", False)
-            assert {side: camera.camera for side, camera in status.cameras.items()} == daemon.telemetry.cameras.names
+            assert {name: camera.camera for name, camera in status.cameras.items()} == daemon.telemetry.cameras.names
             wait_until(lambda: latest(client).command_to_effect_ms.count > 0, "an effect")
             wait_until(lambda: latest(client).rate_hz > 0, "a second pair")
             wait_until(lambda: set(client.responses) == {"left", "right"}, "the responses")
@@ -143,7 +143,7 @@ def test_all_that_is_told_last_arrives() -> None:
         def tell(is_last: bool) -> dict[str, str]:
             return last if is_last else {"autoexpose/rig/first": "x"}
 
-        with Publisher(PublishConfig(connect=(at,)), 2, tell):
+        with Publisher(PublishConfig(connect=(at,)), ("left", "right"), tell):
             wait_until(lambda: got, "the first")
         wait_until(lambda: got >= set(last), "all")
 

@@ -12,15 +12,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from autoexpose_daemon.client import StereoClient, pairs
-from autoexpose_daemon.client.pairs import PairAssembler, PairQueue, ReceivedPair
+from autoexpose_daemon.client.received import PairAssembler, PairQueue, ReceivedPair
 from autoexpose_daemon.messages.client import ConsumerTally
 from autoexpose_daemon.messages.frames import DamagedMessageError, Message, MessageWriter, moment_ns
 from imaging.exposure import ExposureSetting
-from imaging.frames import SIDES, Frame, Side, StereoPair
+from imaging.frames import CameraName, Frame, FrameSet
+from imaging.geometry import SIDES
 from tests.autoexpose_daemon.publish.steps import DECISION, SETTING
 
 PERIOD_NS = 16_666_667
-LONE: dict[str, Side] = {"left": "left", "right": "right"}
+LONE: dict[str, CameraName] = {"left": "left", "right": "right"}
 
 
 def frame(number: int) -> Frame:
@@ -28,11 +29,11 @@ def frame(number: int) -> Frame:
 
 
 def messages(
-    number: int, *, cameras: int = 2, lone_side: Side | None = None, sequence: int | None = None
+    number: int, *, cameras: int = 2, lone_side: CameraName | None = None, sequence: int | None = None
 ) -> list[Message]:
     """Those of one step that a client asks for: exposure and image of each frame, by turns."""
-    sides = SIDES[:cameras] if lone_side is None else (lone_side,)
-    step = StereoPair(number, {side: frame(number) for side in sides})
+    cameras = SIDES[:cameras] if lone_side is None else (lone_side,)
+    step = FrameSet(number, {camera: frame(number) for camera in cameras})
     made = MessageWriter("rig", cameras).messages(step, DECISION, number if sequence is None else sequence, 0)
     return [message for message in made if message.topic != "camera_info"]
 
@@ -46,7 +47,7 @@ class Receiver:
     def receive(self, *messages: Message) -> None:
         for message in messages:
             take = self.assembler.image if message.topic == "image" else self.assembler.exposure
-            pair = take(message.side, bytes(message.data), 0)
+            pair = take(message.camera, bytes(message.data), 0)
             if pair is not None:
                 self.queue.put(pair)
 
@@ -73,12 +74,12 @@ def test_whatever_is_lost_is_counted(arriving: set[int], data: st.DataObject) ->
 @given(st.lists(st.sampled_from(["pair", "pair", "left", "right", "lost"]), max_size=40), st.randoms())
 def test_messages_of_the_cameras_may_overtake_each_other(steps: list[str], order: random.Random) -> None:
     receiver = Receiver()
-    queues: dict[Side, list[Message]] = {"left": [], "right": []}
+    queues: dict[CameraName, list[Message]] = {"left": [], "right": []}
     kinds = ["pair", *steps, "pair"]
     for number, kind in enumerate(kinds, start=1):
         for message in messages(number, lone_side=LONE.get(kind)):
             if kind != "lost":
-                queues[message.side].append(message)
+                queues[message.camera].append(message)
     while waiting := [queue for queue in queues.values() if queue]:
         receiver.receive(order.choice(waiting).pop(0))
     assert [pair.sequence for pair in receiver.drain()] == [n for n, kind in enumerate(kinds, 1) if kind == "pair"]
@@ -137,7 +138,7 @@ def test_a_count_that_jumps_out_of_sight_is_another_count(jump: int) -> None:
     receiver = Receiver()
     for number in (1, 2, jump, 3, 4, 6):
         counted = replace(frame(2), frame_id=number, host_time_ns=number % 10**15)
-        step = StereoPair(number, dict.fromkeys(SIDES, counted))
+        step = FrameSet(number, dict.fromkeys(SIDES, counted))
         for message in MessageWriter("rig", 2).messages(step, DECISION, number, 0):
             if message.topic != "camera_info":
                 receiver.receive(message)
@@ -149,7 +150,7 @@ def test_a_pair_that_is_refused_counts_as_lost() -> None:
     receiver = Receiver()
     for number in (1, 2, 3):
         taken = frame(number) if number != 2 else replace(frame(2), setting=ExposureSetting(1e12, 0.0))
-        step = StereoPair(number, dict.fromkeys(SIDES, taken))
+        step = FrameSet(number, dict.fromkeys(SIDES, taken))
         made = MessageWriter("rig", 2).messages(step, DECISION, number, 0)
         *others, last = [message for message in made if message.topic != "camera_info"]
         receiver.receive(*others)
@@ -162,7 +163,7 @@ def test_a_pair_that_is_refused_counts_as_lost() -> None:
 def test_a_client_says_once_why_it_refuses_pairs(caplog: pytest.LogCaptureFixture) -> None:
     client = StereoClient()
     for message in messages(1):
-        client._inbox.receive(f"autoexpose/rig/{message.side}/{message.topic}", bytes(message.data)[:-1])
+        client._inbox.receive(f"autoexpose/rig/{message.camera}/{message.topic}", bytes(message.data)[:-1])
     (said,) = caplog.messages
     assert said.startswith("pairs are refused, and lost: not a ")
 

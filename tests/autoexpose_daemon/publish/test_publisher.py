@@ -106,7 +106,7 @@ def test_a_client_of_normalised_frames_gets_no_pair_without_the_responses_of_its
     ):
         pair = client.next_pair(PATIENCE_S)
         assert pair is not None
-        assert {side: response.black_level for side, response in pair.responses.items()} == {"left": 0, "right": 8}
+        assert {camera: response.black_level for camera, response in pair.responses.items()} == {"left": 0, "right": 8}
         assert pair.vignettings == {"left": lens}
         brighter = pair.normalised(pair.level + 1.0)
         assert np.all(brighter.left == min(2 * (pair.trigger % 256), 255))
@@ -196,7 +196,7 @@ def cost_to_others(end: signal.Signals) -> int:
 
 
 def test_all_that_control_offers_is_accounted_for() -> None:
-    with Publisher(PublishConfig(listen=(endpoint(),)), 2, nothing) as publisher:
+    with Publisher(PublishConfig(listen=(endpoint(),)), ("left", "right"), nothing) as publisher:
         wait_until(lambda: offer(publisher).sent, "the session")
         for number in range(1000):  # much faster than zenoh takes them
             publisher(ControlStep(StepInputs(pair(number, (4, 4))), DECISION))

@@ -27,8 +27,8 @@ pytestmark = pytest.mark.wire
 
 OUR_NODE = ("%rig", "autoexpose")
 GRAPH = {("NN", "%", *OUR_NODE)} | {
-    ("MP", "%", *OUR_NODE, f"%rig%{side}%{topic}")
-    for side in ("left", "right")
+    ("MP", "%", *OUR_NODE, f"%rig%{camera}%{topic}")
+    for camera in ("left", "right")
     for topic in ("image", "camera_info", "exposure")
 }
 

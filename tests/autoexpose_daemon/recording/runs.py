@@ -20,7 +20,7 @@ from autoexpose_daemon.recording.read import Recording
 from autoexpose_daemon.recording.recorder import ContinuousRecorder, Recorder
 from autoexpose_daemon.recording.replay import Replay, Replayed
 from imaging.exposure import ExposureLimits, ExposureSetting
-from imaging.frames import Frame, Side, StereoPair
+from imaging.frames import CameraName, Frame, FrameSet
 from imaging.response import ResponseFunction
 from imaging.vignetting import Vignetting
 from tests.autoexpose_daemon.control.scene import FRAME_NS, expose, radiance
@@ -39,7 +39,7 @@ class VirtualRun:
     imu: bool = False
     driven_before: bool = False
     steered: bool = False
-    vignettings: dict[Side, Vignetting] = field(default_factory=dict)
+    vignettings: dict[CameraName, Vignetting] = field(default_factory=dict)
     tracked: bool = False
     loop: ControlLoop = field(init=False)
     decisions: dict[int, Decision] = field(default_factory=dict)
@@ -55,17 +55,15 @@ class VirtualRun:
         self._light = 13.0
         self._settings = [START, START]
 
-    def pairs(self) -> Iterator[StereoPair]:
+    def pairs(self) -> Iterator[FrameSet]:
         """One pair after another, each taken with the decision on the pair before the last."""
         while True:
             self.trigger += 1
             self._light += float(self._rng.choice([0.0, 0.0, 0.1, self._rng.normal(0, 1.5)]))
             left, right = (self._frame(scene) for scene in self._scenes)
-            yield StereoPair(self.trigger, {"left": left, "right": right})
+            yield FrameSet(self.trigger, {"left": left, "right": right})
 
-    def feed(
-        self, recorder: Recorder, steps: int, shape: Callable[[StereoPair], StereoPair] = lambda pair: pair
-    ) -> None:
+    def feed(self, recorder: Recorder, steps: int, shape: Callable[[FrameSet], FrameSet] = lambda pair: pair) -> None:
         """Have the recorder see so many steps, of pairs that `shape` may change first."""
         for _, pair in zip(range(steps), self.pairs(), strict=False):
             shaped = shape(pair)

@@ -32,12 +32,17 @@ from autoexpose_daemon.recording.file import METADATA, RESERVE_BYTES, Item, Reco
 from autoexpose_daemon.recording.read import Recording
 from autoexpose_daemon.recording.recorder import ContinuousRecorder, LastSecondsRecorder, new_recorder
 from autoexpose_daemon.recording.replay import Replay, report_replay
-from imaging.frames import SIDES, Frame, Side, StereoPair
+from imaging.frames import CameraName, Frame, FrameSet
+from imaging.geometry import SIDES
 from imaging.pixels import SAMPLES, PixelFormat
 from tests.autoexpose_daemon.recording.runs import VirtualRun, record, replayed
 
 TOPICS = {
-    *(f"/autoexpose/rig/{side}/{what}" for side in ("left", "right") for what in ("image", "camera_info", "exposure")),
+    *(
+        f"/autoexpose/rig/{camera}/{what}"
+        for camera in ("left", "right")
+        for what in ("image", "camera_info", "exposure")
+    ),
     "/autoexpose/rig/control/setup",
     "/autoexpose/rig/control/state",
 }
@@ -376,18 +381,18 @@ def frames_of(path: Path) -> list[Frame]:
 )
 def test_every_layout_is_read_back_to_the_bit_and_replayed(tmp_path: Path, row: PixelFormat) -> None:
     """Of both cameras, and of either one alone."""
-    kept: list[StereoPair] = []
+    kept: list[FrameSet] = []
 
-    def in_this_format(pair: StereoPair) -> StereoPair:
+    def in_this_format(pair: FrameSet) -> FrameSet:
         rng = np.random.default_rng(pair.trigger)
         shape = (136, 180, SAMPLES[row.layout]) if row.layout in SAMPLES else (136, 180)
         pixels = rng.integers(0, 1 << row.bit_depth, shape).astype(row.dtype)
-        sides: tuple[Side, ...] = ("left", "right") if pair.trigger % 4 > 1 else (SIDES[pair.trigger % 4],)
+        cameras: tuple[CameraName, ...] = ("left", "right") if pair.trigger % 4 > 1 else (SIDES[pair.trigger % 4],)
         frames = {
-            side: replace(pair.frames[side], pixels=pixels, bit_depth=row.bit_depth, layout=row.layout)
-            for side in sides
+            camera: replace(pair.frames[camera], pixels=pixels, bit_depth=row.bit_depth, layout=row.layout)
+            for camera in cameras
         }
-        kept.append(StereoPair(pair.trigger, frames))
+        kept.append(FrameSet(pair.trigger, frames))
         return kept[-1]
 
     path = tmp_path / "run.mcap"

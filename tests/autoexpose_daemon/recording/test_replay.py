@@ -25,7 +25,8 @@ from autoexpose_daemon.recording.file import LoopState, RecordingFile, Setup, St
 from autoexpose_daemon.recording.read import Recording, upgraded_light, upgraded_setup, upgraded_state
 from autoexpose_daemon.recording.recorder import ContinuousRecorder, LastSecondsRecorder
 from autoexpose_daemon.recording.replay import report_replay
-from imaging.frames import SIDES, Side, StereoPair
+from imaging.frames import CameraName, FrameSet
+from imaging.geometry import SIDES
 from imaging.response import ResponseFunction
 from imaging.vignetting import Vignetting
 from tests.autoexpose_daemon.recording.runs import LIMITS, SHAPE, START, VirtualRun, record, replayed
@@ -71,7 +72,7 @@ def test_decisions_by_inputs_that_come_and_go_are_replayed_bit_for_bit(tmp_path:
 
 def test_decisions_by_vignetting_are_replayed_bit_for_bit_from_what_the_recording_holds(tmp_path: Path) -> None:
     height, width = SHAPE
-    lenses: dict[Side, Vignetting] = {
+    lenses: dict[CameraName, Vignetting] = {
         "left": Vignetting(width, height, (90.0, 60.5), (-0.7, 0.1)),
         "right": Vignetting(width, height, (89.5, 67.5), (), ((0.4, 0.8, 0.5), (0.7, 1.0, 0.6))),
     }
@@ -215,7 +216,7 @@ def test_the_last_seconds_are_kept_and_begin_with_a_snapshot(tmp_path: Path) -> 
     run = VirtualRun()
     recorder = LastSecondsRecorder(tmp_path / "run.mcap", rate_hz=30, frames=PublishConfig(), last_s=1.0)
 
-    def unhurried(pair: StereoPair) -> StereoPair:
+    def unhurried(pair: FrameSet) -> FrameSet:
         """As cameras are: nothing is dropped because the recorder's thread had no turn."""
         while recorder._queue.qsize() > 20:
             threading.Event().wait(0.001)
@@ -248,7 +249,7 @@ def test_a_recording_by_a_policy_that_is_no_longer_here_is_shown_and_can_be_repl
     assert len([each for each in replayed(path, "belief") if each.decision]) == 60
 
 
-def begun(policy_id: str, bracket: Bracketing | None = None) -> tuple[ControlLoop, list[StereoPair]]:
+def begun(policy_id: str, bracket: Bracketing | None = None) -> tuple[ControlLoop, list[FrameSet]]:
     """A loop after eight pairs, and four that follow."""
     pairs = list(itertools.islice(VirtualRun(policy_id).pairs(), 12))
     loop = ControlLoop(policy_id, ResponseFunction.linear(), LIMITS, START, ControlParameters(bracket=bracket))

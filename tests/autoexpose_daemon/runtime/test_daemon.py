@@ -100,14 +100,14 @@ def test_a_shot_is_found_by_what_its_frames_say_while_the_exposure_is_locked() -
         seen = [pair for pair, _ in run.seen if pair.trigger > taken.trigger - 5]
         run.wait_until(lambda: run.seen[-1][0].reference.setting.agrees_with(locked), "the lock to go on")
         assert run.seen[-1][1].reason == "locked"
-    sides = {
-        pair.trigger: {side for side, frame in pair.frames.items() if frame.setting.agrees_with(setting)}
+    cameras = {
+        pair.trigger: {camera for camera, frame in pair.frames.items() if frame.setting.agrees_with(setting)}
         for pair in seen
     }
-    whole = [trigger for trigger, shown in sides.items() if len(shown) == 2]
-    of_left = [trigger for trigger, shown in sides.items() if "left" in shown]
+    whole = [trigger for trigger, shown in cameras.items() if len(shown) == 2]
+    of_left = [trigger for trigger, shown in cameras.items() if "left" in shown]
     assert taken.trigger == (whole or of_left)[0]  # a whole pair, even where one camera had shown it before
-    assert sum(map(bool, sides.values())) <= 4
+    assert sum(map(bool, cameras.values())) <= 4
 
 
 @pytest.mark.gige_only  # the right camera's trigger input is independent of the transport
@@ -131,15 +131,17 @@ def test_a_camera_that_comes_back_is_set_again() -> None:
     """It comes back in its power-on state, after its plug was pulled."""
     with stereo_cameras("--still") as cameras:
         left, right, _ = cameras
-        sides = {"left": {"serial": left.serial, "features": FEATURES}, "right": {"serial": right.serial}}
-        settings = {"cameras": sides, "control": {"policy": "fixed"}}
+        named = {"left": {"serial": left.serial, "features": FEATURES}, "right": {"serial": right.serial}}
+        settings = {"cameras": named, "control": {"policy": "fixed"}}
         with running_daemon(cameras, settings) as run:
             run.wait_for_pairs(5)
             left.inject(Fault.VANISH, count=20)
             run.wait_until(lambda: run.daemon.telemetry.counts.reconnects == 1, "the left camera's return")
             run.wait_for_pairs(5)
             pairs = [pair for pair, _ in run.seen if len(pair.frames) == 2]
-        shapes = [{side: frame.pixels.shape for side, frame in pair.frames.items()} for pair in (pairs[0], pairs[-1])]
+        shapes = [
+            {camera: frame.pixels.shape for camera, frame in pair.frames.items()} for pair in (pairs[0], pairs[-1])
+        ]
         assert shapes == [{"left": (200, 320), "right": (540, 720)}] * 2
         with open_nodes(left.serial) as nodes:
             assert differing(nodes, parse_features(FEATURES[2:])) == []

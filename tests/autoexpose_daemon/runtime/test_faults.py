@@ -18,7 +18,7 @@ from drivers.triggers.account import TriggerAccount
 from drivers.triggers.outcomes import LossReason
 from imaging.errors import ConfigurationError
 from imaging.exposure import ExposureSetting
-from imaging.frames import Frame, Side
+from imaging.frames import CameraName, Frame
 from imaging.response import ResponseFunction
 from tests import REPOSITORY
 from tests.autoexpose_daemon.virtual import VirtualRun
@@ -43,7 +43,7 @@ def test_camera_lost_and_back(run: VirtualRun) -> None:
     alone = len(run.pairs)
     run.let_pass(120)
     assert len(run.pairs) >= alone + 100
-    assert {pair.reference_side for pair in run.pairs[alone:]} == {"right"}
+    assert {pair.reference_camera for pair in run.pairs[alone:]} == {"right"}
     run.ask(1000)
     run.left.present = True
     counted = run.counted()
@@ -106,8 +106,8 @@ def test_a_short_pause_of_the_trigger_looks_like_ignored_triggers(run: VirtualRu
 
 def test_trigger_doubled(run: VirtualRun) -> None:
     run.wire.doubled = 70
-    for side in ("left", "right"):
-        run.wait_for_state(f"{side} camera: starts 120.0 frames a second where trigger.rate_hz is 60: check")
+    for camera in ("left", "right"):
+        run.wait_for_state(f"{camera} camera: starts 120.0 frames a second where trigger.rate_hz is 60: check")
     assert run.counted() == {"surplus_frames": 140}
 
 
@@ -270,10 +270,10 @@ class Lie:
     stamp: Callable[[int], int] = same
     latch: Callable[[int], int] = same
 
-    def device(self, side: Side, clock: Clock, seed: int) -> Device:
+    def device(self, camera: CameraName, clock: Clock, seed: int) -> Device:
         """The left camera tells it from the start; the right one is sound."""
-        device = Device(side, clock, seed)
-        if side == "left":
+        device = Device(camera, clock, seed)
+        if camera == "left":
             self.tell(device)
         return device
 

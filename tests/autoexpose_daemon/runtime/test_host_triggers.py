@@ -9,7 +9,7 @@ import pytest
 from autoexpose_daemon.control.step import ControlStep
 from drivers.triggers.host import PATIENCE_NS
 from drivers.triggers.outcomes import LossReason
-from imaging.frames import StereoPair
+from imaging.frames import FrameSet
 from tests.autoexpose_daemon.virtual import EXACT_NS, HELD_NS, HostRun, PtpRun, tuning
 from tests.soak import ptp as virtual_ptp
 from tests.soak import rig as virtual_rig
@@ -24,7 +24,7 @@ class SoftwareRun(HostRun):
     """After its first second."""
 
     def __init__(self) -> None:
-        self.pairs: list[StereoPair] = []
+        self.pairs: list[FrameSet] = []
         super().__init__("software", RATE_HZ)
         self.left, self.right = self.rig.devices
         self.let_pass(2.0)
@@ -137,16 +137,16 @@ def test_a_camera_without_a_master_is_left_waiting_and_the_other_one_exposes() -
 
 
 @pytest.mark.parametrize("side", ["left", "both"])
-def test_a_clock_that_is_no_longer_synchronised_is_named_and_its_frames_still_pair(side: str) -> None:
+def test_a_clock_that_is_no_longer_synchronised_is_named_and_its_frames_still_pair(camera: str) -> None:
     """For so long that the clocks drift apart by more than half a period."""
     run = PtpRun()
     run.begin()
-    deaf = [device for device in (run.left, run.right) if side in (device.side, "both")]
+    deaf = [device for device in (run.left, run.right) if camera in (device.camera, "both")]
     for device in deaf:
         device.hears = False
     run.let_pass(200.0)
     for device in deaf:
-        named = f"{device.side} camera: its clock is no longer synchronised: check the PTP master"
+        named = f"{device.camera} camera: its clock is no longer synchronised: check the PTP master"
         assert named in run.said[-1]
     assert len(run.apart_ns) == pytest.approx(200 * run.rate_hz, abs=2)
     assert max(run.apart_ns) < HELD_NS

@@ -31,7 +31,7 @@ from autoexpose_daemon.runtime.inputs import (
 )
 from autoexpose_daemon.status.counters import Counts
 from imaging.exposure import ExposureSetting
-from imaging.frames import Frame, Side, StereoPair
+from imaging.frames import CameraName, Frame, FrameSet
 
 STEP_NS = 16_666_666
 BEGINS = "image speed comes from optical flow: "
@@ -219,16 +219,16 @@ WELL = CellExposure(np.ones((ROWS, COLUMNS), np.float32), np.ones((ROWS, COLUMNS
 class Run:
     """Two seconds of frames, the newest now."""
 
-    def __init__(self, sides: tuple[Side, ...] = ("left", "right")) -> None:
+    def __init__(self, cameras: tuple[CameraName, ...] = ("left", "right")) -> None:
         self.now_ns = NOW_NS
-        self.tracking = Tracking(sides, 60.0, now_ns=lambda: self.now_ns)
+        self.tracking = Tracking(cameras, 60.0, now_ns=lambda: self.now_ns)
         for number in range(120, -1, -1):
-            self.tracking.saw(NOW_NS - number * PERIOD_NS, dict.fromkeys(sides, WELL))
+            self.tracking.saw(NOW_NS - number * PERIOD_NS, dict.fromkeys(cameras, WELL))
 
-    def report(self, taken_ns: int = NOW_NS, consumer: str = "slam", side: Side = "left") -> str | None:
+    def report(self, taken_ns: int = NOW_NS, consumer: str = "slam", camera: CameraName = "left") -> str | None:
         """Why a report is refused."""
         before = dict(self.tracking.tally.refused)
-        self.tracking.take(TrackedCells(consumer, 0, side, CELLS, CELLS), taken_ns)
+        self.tracking.take(TrackedCells(consumer, 0, camera, CELLS, CELLS), taken_ns)
         self.tracking(self.now_ns)
         refused = [name for name, count in self.tracking.tally.refused.items() if count != before[name]]
         return refused[0] if refused else None
@@ -241,7 +241,7 @@ def test_a_report_on_a_frame_that_control_has_seen_steers() -> None:
     steering = run.tracking(NOW_NS)
     assert steering is not None and (steering.by, steering.age_s) == (("slam",), 0.5)
     assert run.tracking.tally.reports == 1
-    pair = StereoPair(0, {"left": Frame(np.zeros((1, 1), np.uint8), 8, 0, NOW_NS, NOW_NS, NOW_NS, SETTING)})
+    pair = FrameSet(0, {"left": Frame(np.zeros((1, 1), np.uint8), 8, 0, NOW_NS, NOW_NS, NOW_NS, SETTING)})
     loop: Any = SimpleNamespace(steered=True, cell_exposures={"left": WELL})
     run.tracking.decided(StepInputs(pair, steering=steering), loop)
     assert str(run.tracking.tally) == "by slam, age 0.5 s   reports: 1, refused: none"
@@ -267,7 +267,7 @@ def test_a_stamp_must_be_that_of_a_frame_of_late(taken_ns: int, why: str | None)
 
 def test_a_report_before_any_frame_or_on_a_camera_that_was_missing_is_refused() -> None:
     tracking = Tracking(("left", "right"), 60.0, now_ns=lambda: NOW_NS)
-    seen: tuple[dict[Side, CellExposure], ...] = ({}, {"right": WELL})
+    seen: tuple[dict[CameraName, CellExposure], ...] = ({}, {"right": WELL})
     for frames in seen:
         tracking.take(TrackedCells("slam", 0, "left", CELLS, CELLS), NOW_NS)
         assert tracking(NOW_NS) is None
@@ -280,7 +280,7 @@ def test_a_report_before_any_frame_or_on_a_camera_that_was_missing_is_refused() 
 def test_a_camera_that_the_rig_does_not_have_cannot_be_reported_on(caplog: pytest.LogCaptureFixture) -> None:
     run = Run(("left",))
     with caplog.at_level(logging.WARNING):
-        assert [run.report(side="right") for _ in range(3)] == ["no_camera"] * 3
+        assert [run.report(camera="right") for _ in range(3)] == ["no_camera"] * 3
     assert caplog.messages == ["a report of consumer slam on its tracking is ignored: the rig has no right camera"]
 
 

@@ -20,7 +20,8 @@ from drivers.camera import CameraDescription
 from drivers.rig.events import CameraReady
 from imaging.errors import AutoexposeError, ConfigurationError
 from imaging.exposure import ExposureLimits, ExposureSetting
-from imaging.frames import SIDES, Frame, Side, StereoPair
+from imaging.frames import CameraName, Frame, FrameSet
+from imaging.geometry import SIDES
 from imaging.pixels import PixelFormat
 from tests.autoexpose_daemon import virtual
 from tests.autoexpose_daemon.virtual import START_US, SteadyLoop, SteadyTuning, VirtualRun, tuning
@@ -39,7 +40,7 @@ class ObedientLoop(SteadyLoop):
         if ev_stops > 2:
             raise ConfigurationError("too bright")
 
-    def step(self, inputs: StepInputs | StereoPair) -> Decision:
+    def step(self, inputs: StepInputs | FrameSet) -> Decision:
         override = StepInputs.of(inputs).override
         self._overrides.append(override)
         asked = override.shot or override.held
@@ -97,7 +98,7 @@ def test_a_shot_is_one_pair_which_the_policy_is_not_shown_and_the_account_is_rig
     (pair,) = [pair for pair in run.pairs[since:] if SHOT in {frame.setting for frame in pair.frames.values()}]
     assert {frame.setting for frame in pair.frames.values()} == {SHOT}
     assert (taken.trigger, taken.setting) == (pair.trigger, SHOT)
-    assert taken.frame_ids == {side: frame.frame_id for side, frame in pair.frames.items()}
+    assert taken.frame_ids == {camera: frame.frame_id for camera, frame in pair.frames.items()}
     assert [override.shot for override in run.overrides if override.shot] == [SHOT]
     (unseen,) = [override for override in run.overrides if override.unseen]
     assert unseen.held == ExposureSetting(START_US, 0.0)
@@ -155,7 +156,7 @@ def test_a_shot_of_which_a_frame_is_lost_is_the_next_pair(run: Rig, lost: str) -
     taken = answer.result().shot
     assert taken is not None
     (pair,) = [pair for pair in run.pairs if pair.trigger == taken.trigger]
-    assert taken.frame_ids == {side: frame.frame_id for side, frame in pair.frames.items()}
+    assert taken.frame_ids == {camera: frame.frame_id for camera, frame in pair.frames.items()}
     assert {frame.setting for frame in pair.frames.values()} == {SHOT}
 
 
@@ -250,9 +251,9 @@ def test_a_region_is_not_taken_for_a_camera_that_was_never_open_or_is_not_there(
     active.ready(OPENED)
     requests = Requests(active, RequestTally(), ExposureSetting(START_US, 0.0), 1e9 / 60)
     region: dict[str, Any] = {"rectangles": [{"box": [0, 0, 1000, 1000]}]}
-    for side, why in (("left", r"reaches to pixel \(1000, 1000\)"), ("right", "not every camera has been open yet")):
+    for camera, why in (("left", r"reaches to pixel \(1000, 1000\)"), ("right", "not every camera has been open yet")):
         answer: Future[Answer] = Future()
-        requests.ask(new_request({"by": "user", "region": {side: region}}), answer, 0)
+        requests.ask(new_request({"by": "user", "region": {camera: region}}), answer, 0)
         with pytest.raises(ConfigurationError, match=why):
             answer.result(0)
     alone = Config.model_validate({"cameras": {"left": {"serial": "1"}}})
@@ -301,28 +302,30 @@ def test_every_change_is_logged_with_who_asked(run: Rig, caplog: pytest.LogCaptu
     assert len(caplog.messages) == 1
 
 
-def pair_of(trigger: int, *shown: Side, sides: Sequence[Side] = SIDES) -> StereoPair:
+def pair_of(trigger: int, *shown: CameraName, cameras: Sequence[CameraName] = SIDES) -> FrameSet:
     """A pair whose frames of the sides in `shown` are of the shot."""
     pixels, other = np.zeros((1, 1), np.uint8), ExposureSetting(START_US, 0.0)
-    settings = {side: SHOT if side in shown else other for side in sides}
-    return StereoPair(trigger, {side: Frame(pixels, 8, trigger, 0, 0, 0, it) for side, it in settings.items()})
+    settings = {camera: SHOT if camera in shown else other for camera in cameras}
+    return FrameSet(trigger, {camera: Frame(pixels, 8, trigger, 0, 0, 0, it) for camera, it in settings.items()})
 
 
-def pending_shot(*sides: Side) -> PendingShot:
-    pending = PendingShot(SHOT, 10**9, Future())
-    pending.decided([], sides)
+def pending_shot(*cameras: CameraName) -> PendingShot:
+    pending = PendingShot(SHOT, 10**9, Future(), SIDES)
+    pending.decided([], cameras)
     return pending
 
 
 def test_a_shot_in_a_pair_that_control_had_no_time_for_is_found() -> None:
     pending = pending_shot("left")
-    assert pending.is_in(pair_of(6, "left", sides=["left"])) and not pending.is_in(pair_of(7, sides=["left"]))
+    assert pending.is_in(pair_of(6, "left", cameras=["left"])) and not pending.is_in(pair_of(7, cameras=["left"]))
     found = pending.found()
     assert found is not None and (found.trigger, found.frame_ids) == (6, {"left": 6})
 
 
 @pytest.mark.parametrize(("first", "late"), [("left", "right"), ("right", "left")])
-def test_a_shot_that_is_split_over_two_pairs_has_the_trigger_of_its_left_frame(first: Side, late: Side) -> None:
+def test_a_shot_that_is_split_over_two_pairs_has_the_trigger_of_its_left_frame(
+    first: CameraName, late: CameraName
+) -> None:
     pending = pending_shot(*SIDES)
     assert pending.is_in(pair_of(6, first)) and pending.is_in(pair_of(7, late))
     found = pending.found()
@@ -332,8 +335,8 @@ def test_a_shot_that_is_split_over_two_pairs_has_the_trigger_of_its_left_frame(f
 
 def test_a_shot_whose_cameras_are_all_gone_fails_in_a_whole_sentence() -> None:
     pending = pending_shot(*SIDES)
-    pending.is_in(pair_of(6, "left", sides=["left"]))
+    pending.is_in(pair_of(6, "left", cameras=["left"]))
     assert pending.why_late.startswith("no frame of the right camera was taken")
-    for side in SIDES:
-        pending.gone(side)
+    for camera in SIDES:
+        pending.gone(camera)
     assert pending.why_late.startswith("no frame was taken with it in time")

@@ -22,7 +22,8 @@ from drivers.rig import Rig
 from drivers.rig.events import CameraGone, CameraReady
 from imaging.errors import CameraLostError
 from imaging.exposure import ExposureSetting
-from imaging.frames import SIDES, Frame, SettingSource, Side, StereoPair
+from imaging.frames import CameraName, Frame, FrameSet, SettingSource
+from imaging.geometry import SIDES
 from imaging.pixels import PixelFormat
 from imaging.response import ResponseFunction
 from tests.autoexpose_daemon.scripted import TriggeredCamera
@@ -31,8 +32,8 @@ from tests.calibration.sweeps import true_response
 
 @pytest.fixture
 def config_file(tmp_path: Path) -> Path:
-    for side in ("left", "right"):
-        ResponseFile(ResponseFunction.linear()).save(tmp_path / f"{side}.yaml")
+    for camera in ("left", "right"):
+        ResponseFile(ResponseFunction.linear()).save(tmp_path / f"{camera}.yaml")
     file = tmp_path / "rig.yaml"
     file.write_text("cameras: {left: {serial: L, response: left.yaml}, right: {serial: R, response: right.yaml}}")
     return file
@@ -67,10 +68,10 @@ def test_cameras_that_come_back_and_reloads_read_nothing_on_the_control_thread(
     control = RigControl(config, Rig(opened, 1.0, config.start))
     reads.clear()
     for _ in range(2):
-        for side, open_camera in opened.items():
+        for name, open_camera in opened.items():
             camera = open_camera()
-            control.take([CameraReady(side, camera.description, camera.limits)])
-            control.take([CameraGone(side, CameraLostError("unplugged"), final=False)])
+            control.take([CameraReady(name, camera.description, camera.limits)])
+            control.take([CameraGone(name, CameraLostError("unplugged"), final=False)])
     assert reads == []
     tuning = Tuning(load_config(config_file))
     assert reads == ["left.yaml", "right.yaml"]
@@ -106,7 +107,7 @@ def show(
             exact = response.intensity(scene_stops + setting.level - np.log2(1000.0))
             pixels = np.rint(exact + numbers.normal(0.0, 0.7, exact.shape)).clip(0, 255).astype(np.uint8)
             frames.append(Frame(pixels, 8, index, index, index, index, setting, source))
-        drift.see(StereoPair(index * stride, dict(zip(SIDES, frames, strict=False))))
+        drift.see(FrameSet(index * stride, dict(zip(SIDES, frames, strict=False))))
 
 
 def finish_refining() -> None:
@@ -143,7 +144,7 @@ def test_a_response_that_drifted_is_reported_and_refined_in_a_copy(
 
 
 def test_files_of_one_name_have_copies_of_their_own(monkeypatch: pytest.MonkeyPatch) -> None:
-    files: dict[Side, Path] = {side: Path("/etc/rig", side, "response.yaml") for side in SIDES}
+    files: dict[CameraName, Path] = {camera: Path("/etc/rig", camera, "response.yaml") for camera in SIDES}
     monkeypatch.delenv("STATE_DIRECTORY", raising=False)
     assert refined_paths(files)["left"] == Path("/etc/rig/left/response.refined.yaml")
     monkeypatch.setenv("STATE_DIRECTORY", "/var/lib/rig")
@@ -166,7 +167,7 @@ def test_a_copy_that_cannot_be_written_is_logged(
 def test_pairs_without_a_frame_are_skipped(config: Config) -> None:
     drift = ResponseDrift(config)
     frame = Frame(np.zeros((8, 8), np.uint8), 8, 0, 0, 0, 0, ExposureSetting(1000.0, 0.0))
-    drift.see(StereoPair(0, {"left": frame}))
+    drift.see(FrameSet(0, {"left": frame}))
     assert drift.residual_grey == {}
 
 

@@ -34,19 +34,20 @@ from drivers.rig.events import CameraGone, CameraReady, CameraSilent, FrameArriv
 from drivers.rig.supervision import Slots
 from imaging.errors import CameraLostError, NodeError, UnsupportedCameraError
 from imaging.exposure import ExposureLimits, ExposureSetting
-from imaging.frames import SIDES, Frame, Side, StereoPair
+from imaging.frames import CameraName, Frame, FrameSet
+from imaging.geometry import SIDES
 from imaging.pixels import PixelFormat
 from tests.autoexpose_daemon.virtual import SteadyLoop, tuning
 
 PERIOD_NS = 20_000_000
 SETTING = ExposureSetting(1000.0, 0.0)
 READY = {
-    side: CameraReady(
-        side,
-        CameraDescription("ours", "scripted", side, pixel_format=PixelFormat.MONO8, size=(90, 68)),
+    camera: CameraReady(
+        camera,
+        CameraDescription("ours", "scripted", camera, pixel_format=PixelFormat.MONO8, size=(90, 68)),
         ExposureLimits(20.0, 15_000.0, 0.0, 30.0),
     )
-    for side in SIDES
+    for camera in SIDES
 }
 
 
@@ -56,21 +57,21 @@ class NoCameras:
     def write(self, setting: ExposureSetting, not_before_ns: int, command: int) -> None:
         pass
 
-    def pace(self, side: Side, slots: Slots) -> None:
+    def pace(self, camera: CameraName, slots: Slots) -> None:
         raise AssertionError("triggered from outside")
 
-    def reopen(self, side: Side, why: str) -> None:
+    def reopen(self, camera: CameraName, why: str) -> None:
         raise AssertionError("not silent for long")
 
 
-def arrived(side: Side, trigger: int) -> FrameArrived:
+def arrived(camera: CameraName, trigger: int) -> FrameArrived:
     time_ns = trigger * PERIOD_NS
-    return FrameArrived(side, Frame(np.full((68, 90), 99, np.uint8), 8, trigger, time_ns, time_ns, time_ns, SETTING))
+    return FrameArrived(camera, Frame(np.full((68, 90), 99, np.uint8), 8, trigger, time_ns, time_ns, time_ns, SETTING))
 
 
 def rig_of_two() -> RigControl:
     """Control of two cameras that are ready."""
-    cameras = {side: {"serial": side} for side in SIDES}
+    cameras = {camera: {"serial": camera} for camera in SIDES}
     config = Config.model_validate({"cameras": cameras, "trigger": {"rate_hz": 50}, "control": {"policy": "fixed"}})
     control = RigControl(config, NoCameras(), now_ns=lambda: 3 * PERIOD_NS)
     control.take(list(READY.values()))
@@ -83,7 +84,7 @@ def test_a_pair_of_which_one_frame_was_decided_on_alone_is_counted_and_goes_out_
     control.outlets.append(
         lambda step: seen.append((step.pair.trigger, len(step.pair.frames), step.decision is not None))
     )
-    control.take([arrived(side, 1) for side in SIDES])
+    control.take([arrived(camera, 1) for camera in SIDES])
     control.take([arrived("left", 2), CameraSilent("right")])
     control.take([arrived("right", 2)])
     first = seen[0][0]
@@ -94,13 +95,13 @@ def test_a_pair_of_which_one_frame_was_decided_on_alone_is_counted_and_goes_out_
 
 def test_pairs_of_which_one_frame_was_decided_on_before_the_other_camera_was_there_are_no_anomaly() -> None:
     control = rig_of_two()
-    control.take([arrived(side, 1) for side in SIDES])
+    control.take([arrived(camera, 1) for camera in SIDES])
     control.take([CameraGone("right", CameraLostError("unplugged"), final=False), arrived("left", 2)])
     control.take([arrived("left", 3), READY["right"]])
     control.take([arrived("right", 3)])  # its first frame comes when the other one's has been used
     assert control.record.tally.pairs == 2
     assert control.telemetry.counts.pairs_without_decision == 0
-    control.take([arrived(side, 4) for side in SIDES])
+    control.take([arrived(camera, 4) for camera in SIDES])
     control.take([arrived("left", 5), CameraSilent("right")])
     control.take([arrived("right", 5)])
     assert control.telemetry.counts.pairs_without_decision == 1
@@ -108,7 +109,7 @@ def test_pairs_of_which_one_frame_was_decided_on_before_the_other_camera_was_the
 
 def test_the_exposure_that_is_shown_is_not_that_of_a_camera_which_is_gone() -> None:
     control = rig_of_two()
-    control.take([arrived(side, 1) for side in SIDES])
+    control.take([arrived(camera, 1) for camera in SIDES])
     control.take([CameraGone("left", CameraLostError("unplugged"), final=False)])
     alone = ExposureSetting(2 * SETTING.exposure_time_us, SETTING.gain_db)
     event = arrived("right", 60)
@@ -166,7 +167,7 @@ def test_a_camera_that_cannot_be_driven_ends_the_start_but_not_what_runs_for_lon
 
 
 TENTH_NS = 100_000_000
-CAMERAS: dict[Side, str] = {"left": "A 1", "right": "B 2"}
+CAMERAS: dict[CameraName, str] = {"left": "A 1", "right": "B 2"}
 
 
 def attempts_s(
@@ -174,15 +175,15 @@ def attempts_s(
 ) -> list[float]:
     """When the right camera is reopened, which sent its last frame at 0."""
     stuck = StuckStreams(period_s, needs_pulses=True)
-    cameras: dict[Side, str] = {"left": "A 1", "right": right}
-    for side in cameras:
-        stuck.arrived(side, 0)
+    cameras: dict[CameraName, str] = {"left": "A 1", "right": right}
+    for camera in cameras:
+        stuck.arrived(camera, 0)
     attempts = []
     for now_ns in range(0, 100_000_000_000, TENTH_NS):
         if left_flows:
             stuck.arrived("left", now_ns)
-        for side, why in stuck.reasons(cameras, now_ns).items():
-            assert (side, why) == ("right", BESIDE_ANOTHER)
+        for camera, why in stuck.reasons(cameras, now_ns).items():
+            assert (camera, why) == ("right", BESIDE_ANOTHER)
             attempts.append(now_ns * 1e-9)
     return attempts
 
@@ -207,8 +208,8 @@ def test_with_a_slow_trigger_it_waits_for_many_periods() -> None:
 def test_once_it_sends_again_the_pause_is_reset() -> None:
     stuck = StuckStreams(1 / 60, needs_pulses=True)
     for start_ns in (0, 10 * FIRST_PAUSE_NS):
-        for side in CAMERAS:
-            stuck.arrived(side, start_ns)
+        for camera in CAMERAS:
+            stuck.arrived(camera, start_ns)
         assert stuck.reasons(CAMERAS, start_ns) == {}
         stuck.arrived("left", start_ns + 2 * FIRST_PAUSE_NS)
         assert stuck.reasons(CAMERAS, start_ns + FIRST_PAUSE_NS) == {}
@@ -217,8 +218,8 @@ def test_once_it_sends_again_the_pause_is_reset() -> None:
 
 def test_where_no_pulses_are_needed_all_silent_cameras_are_reopened() -> None:
     stuck = StuckStreams(1 / 60, needs_pulses=False)
-    for side in CAMERAS:
-        stuck.arrived(side, 0)
+    for camera in CAMERAS:
+        stuck.arrived(camera, 0)
     assert stuck.reasons(CAMERAS, FIRST_PAUSE_NS // 2) == {}
     assert stuck.reasons(CAMERAS, 2 * FIRST_PAUSE_NS) == {"left": LIKE_ALL, "right": LIKE_ALL}
     assert stuck.reasons({"left": "A 1"}, 2 * FIRST_PAUSE_NS + 1, untriggered=["left"]) == {}
@@ -262,9 +263,9 @@ def test_a_verdict_is_logged_when_it_changes(troubles: Troubles, caplog: pytest.
 
 
 def test_a_cameras_troubles_go_with_it_and_no_others(troubles: Troubles) -> None:
-    for side in ("left", "right"):
+    for camera in ("left", "right"):
         for kind in ("refused", "rate"):
-            troubles.begin(side, kind, "wrong")  # type: ignore[arg-type]
+            troubles.begin(camera, kind, "wrong")  # type: ignore[arg-type]
     troubles.end_all("left")
     assert troubles.present.keys() == {("right", "refused"), ("right", "rate")}
 
@@ -276,13 +277,13 @@ class LoopUnderLamps(SteadyLoop):
         super().__init__(ExposureLimits(20.0, 7500.0, 0.0, 30.0), ExposureSetting(2000.0, 0.0))
         self._found_hz = list(found_hz)
 
-    def step(self, inputs: StepInputs | StereoPair) -> Decision:
+    def step(self, inputs: StepInputs | FrameSet) -> Decision:
         self.flicker_hz = self._found_hz.pop(0)
         return super().step(inputs)
 
 
 def test_the_log_says_once_that_the_light_flickers_or_no_longer_does(caplog: pytest.LogCaptureFixture) -> None:
-    active, pair = ActiveLoop(tuning(2000.0)), StereoPair(0, {})
+    active, pair = ActiveLoop(tuning(2000.0)), FrameSet(0, {})
     active.loop = cast(ControlLoop, LoopUnderLamps(None, 100.0, 100.0, None))
     with caplog.at_level("INFO"):
         for _ in range(4):

@@ -28,7 +28,7 @@ from autoexpose_daemon.status.states import State
 from drivers.camera import Camera
 from imaging.errors import ConfigurationError
 from imaging.exposure import ExposureSetting
-from imaging.frames import Frame, Side
+from imaging.frames import CameraName, Frame
 from tests.autoexpose_daemon.scripted import LONG_S, SHAPE, ScriptedRig, Session, TriggeredCamera, config
 from tests.autoexpose_daemon.service.service_process import PATIENCE_S, Notifications, running_service, service_manager
 from tests.autoexpose_daemon.stereo import stereo_cameras
@@ -66,8 +66,8 @@ class RunningService:
         self._files.put(file)
 
     def _build(self, wanted: Config, start: ExposureSetting | None) -> Daemon:
-        cameras: dict[Side, TriggeredCamera] = {"left": self.rig.left, "right": self.rig.right}
-        return Daemon(wanted, {side: partial(_open, it, wanted) for side, it in cameras.items()}, start=start)
+        cameras: dict[CameraName, TriggeredCamera] = {"left": self.rig.left, "right": self.rig.right}
+        return Daemon(wanted, {camera: partial(_open, it, wanted) for camera, it in cameras.items()}, start=start)
 
     def _new_config(self) -> Config | None:
         if self._files.empty():
@@ -308,7 +308,7 @@ def opener_that_dies() -> Camera:
 
 
 def build(right: Callable[[], Camera]) -> Service:
-    openers: dict[Side, Callable[[], Camera]] = {"left": ScriptedCamera, "right": right}
+    openers: dict[CameraName, Callable[[], Camera]] = {"left": ScriptedCamera, "right": right}
     return Service(CONFIG, lambda config, start: Daemon(config, openers, start=start))
 
 

@@ -29,7 +29,8 @@ from autoexpose_daemon.status.telemetry import (
     PublishTally,
     Telemetry,
 )
-from imaging.frames import SIDES, Side
+from imaging.frames import CameraName
+from imaging.geometry import SIDES
 from tests.autoexpose_daemon.samples import EXPOSING
 
 NOW_NS = 100_000_000_000
@@ -41,7 +42,7 @@ STEREO = Expectation(("left", "right"), 1 / 60, True, since_ns=0)
 def telemetry(left: str = "A 1", right: str = "B 2", silent: str = "") -> Telemetry:
     """Cameras by name; of those in `silent`, and of pairs if it has them, the last came long ago."""
     last_ns = {what: LONG_AGO_NS if what in silent else JUST_NS for what in ("left", "right", "pairs")}
-    frames: dict[Side, int] = {side: last_ns[side] for side in SIDES}
+    frames: dict[CameraName, int] = {camera: last_ns[camera] for camera in SIDES}
     return Telemetry(cameras=CameraTally({"left": left, "right": right}, frames), last_pair_ns=last_ns["pairs"])
 
 

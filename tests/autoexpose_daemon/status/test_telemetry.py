@@ -28,7 +28,7 @@ from drivers.rig.events import Written
 from drivers.triggers import RigRecord
 from drivers.triggers.writes import Command
 from imaging.exposure import ExposureLimits, ExposureSetting
-from imaging.frames import Frame, StereoPair
+from imaging.frames import Frame, FrameSet
 from tests import REPOSITORY
 from tests.soak import camera
 from tests.soak.clock import MS, SECOND
@@ -151,7 +151,7 @@ def test_the_rate_holds_between_slow_triggers_and_after_a_pause(rate_hz: float, 
     for number in triggers:
         start_ns = round(number * 1e9 / rate_hz)
         frame = Frame(np.zeros((2, 2), np.uint8), 8, number, start_ns, start_ns, start_ns, ExposureSetting(1e3, 0.0))
-        telemetry.delivered(StereoPair(number, {"left": frame}), record, 0, complete=True)
+        telemetry.delivered(FrameSet(number, {"left": frame}), record, 0, complete=True)
     soon_ns = start_ns + round(1.05e9 / rate_hz)  # when the next pair is in memory
     assert telemetry.rate_hz(soon_ns) == pytest.approx(rate_hz)
     assert telemetry.rate_hz(soon_ns + 10_000_000_000) == 0.0

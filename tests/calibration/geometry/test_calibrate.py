@@ -24,7 +24,8 @@ from fake_camera.world.scene.board import BoardPath, board_on_a_wall
 from fake_camera.world.sensor import Sensor, SensorModel
 from fake_camera.world.simulation import RoomView, SimulatedCamera
 from imaging.exposure import ExposureSetting
-from imaging.frames import SIDES, Frame, Side
+from imaging.frames import Frame
+from imaging.geometry import SIDES, Side
 
 SIZE = (720, 540)
 FOCAL_PX, CENTRE_PX, BASELINE_M = 860.0, (359.5, 269.5), 0.08

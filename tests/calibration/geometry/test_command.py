@@ -17,7 +17,7 @@ from calibration.geometry import board
 from calibration.geometry.board import Board, BoardFinder
 from calibration.geometry.file import check_pair, load_geometry
 from fake_camera.world.scene.board import BoardPath
-from imaging.frames import SIDES
+from imaging.geometry import SIDES
 from tests.calibration.command_line import done, refused
 from tests.calibration.geometry.test_calibrate import BASELINE_M, FOCAL_PX, shown
 from tests.fakes import fake_camera, unique

@@ -19,8 +19,7 @@ from calibration.geometry.file import check_camera, check_pair, load_geometry
 from calibration.geometry.opencv import read_camera, ros_yaml
 from calibration.geometry.slam import read_camchain
 from imaging.errors import ConfigurationError
-from imaging.frames import SIDES, Side
-from imaging.geometry import CameraGeometry
+from imaging.geometry import SIDES, CameraGeometry, Side
 from tests.calibration.geometry.written import LENSES, camchain, matrices, of_chain, of_ros, ros, show
 
 NUMBERS = st.floats(-0.3, 0.3)

@@ -20,8 +20,7 @@ from calibration.geometry.numbers import baseline_note
 from calibration.geometry.opencv import ros_yaml
 from calibration.geometry.slam import camchain_yaml
 from imaging.errors import ConfigurationError
-from imaging.frames import SIDES
-from imaging.geometry import CameraGeometry
+from imaging.geometry import SIDES, CameraGeometry
 from tests.calibration.geometry.written import (
     WRITERS,
     MadeRig,

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from calibration.geometry.opencv import read_camera, ros_yaml
 from calibration.geometry.slam import read_camchain
-from imaging.frames import SIDES, Side
-from imaging.geometry import CameraGeometry
+from imaging.geometry import SIDES, CameraGeometry, Side
 
 Array = NDArray[np.float64]
 

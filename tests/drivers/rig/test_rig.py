@@ -17,7 +17,7 @@ from drivers.rig import Rig
 from drivers.rig.events import CameraGone, CameraReady, FrameArrived, RigEvent, WriteFailed, Written
 from imaging.errors import CameraLostError, NodeError
 from imaging.exposure import ExposureLimits, ExposureSetting
-from imaging.frames import Frame, Side
+from imaging.frames import CameraName, Frame
 
 START = ExposureSetting(1000.0, 0.0)
 LONG_S = 10.0
@@ -78,7 +78,7 @@ class ScriptedCamera:
 
 
 @contextmanager
-def running(openers: dict[Side, Callable[[], Camera]], silence_s: float = LONG_S) -> Iterator[Rig]:
+def running(openers: dict[CameraName, Callable[[], Camera]], silence_s: float = LONG_S) -> Iterator[Rig]:
     rig = Rig(openers, silence_s, START)
     rig.start()
     try:
@@ -128,10 +128,10 @@ def test_a_lost_camera_is_reopened_with_the_last_wanted_setting_and_does_not_dis
         while left.written[-1].exposure_time_us != 4000.0:
             wait_for(rig, Written)
         left.lost = True
-        assert wait_for(rig, CameraGone).side == "left"
-        assert wait_for(rig, CameraReady).side == "left"
+        assert wait_for(rig, CameraGone).camera == "left"
+        assert wait_for(rig, CameraReady).camera == "left"
         right.expose()
-        assert wait_for(rig, FrameArrived).side == "right"
+        assert wait_for(rig, FrameArrived).camera == "right"
     assert left.closed.is_set()
     assert fresh.written[0].exposure_time_us == 4000.0
     assert len(right.written) == 2
@@ -172,4 +172,6 @@ def test_frames_that_nobody_takes_are_marked_stale_and_drop_their_pixels() -> No
 def test_a_hanging_camera_does_not_keep_the_process_alive() -> None:
     with running({"left": ScriptedCamera, "right": ScriptedCamera}):
         threads = {thread.name: thread.daemon for thread in threading.enumerate()}
-        assert [threads[f"{work}-{side}"] for work in ("nodes", "frames") for side in ("left", "right")] == [True] * 4
+        assert [threads[f"{work}-{camera}"] for work in ("nodes", "frames") for camera in ("left", "right")] == [
+            True
+        ] * 4

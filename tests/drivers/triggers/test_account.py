@@ -15,7 +15,7 @@ from drivers.camera import IncompleteFrame
 from drivers.triggers.account import TriggerAccount
 from drivers.triggers.outcomes import LossReason
 from imaging.exposure import ExposureSetting
-from imaging.frames import Frame, Side, StereoPair
+from imaging.frames import CameraName, Frame, FrameSet
 
 PERIOD_NS = 16_666_667
 OPENED_NS = 5_000_000_000
@@ -30,40 +30,40 @@ def frame(frame_id: int, time_ns: int) -> Frame:
 class FakeRig:
     """Plays triggers to an account; at each one, every camera follows the script."""
 
-    sides: tuple[Side, ...] = ("left", "right")
+    cameras: tuple[CameraName, ...] = ("left", "right")
     period_ns: float = PERIOD_NS
     numbered_by: str = "time"
     trigger: int = 0
-    frame_ids: Counter[Side] = field(default_factory=Counter)
-    released: list[StereoPair] = field(default_factory=list)
+    frame_ids: Counter[CameraName] = field(default_factory=Counter)
+    released: list[FrameSet] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        self.account = TriggerAccount(self.sides, PERIOD_NS, OPENED_NS, self.numbered_by)  # type: ignore[arg-type]
+        self.account = TriggerAccount(self.cameras, PERIOD_NS, OPENED_NS, self.numbered_by)  # type: ignore[arg-type]
 
     @property
     def time_ns(self) -> int:
         return round(PHASE_NS + self.trigger * self.period_ns)
 
     def pulse(self, **does: str) -> None:
-        for side in self.sides:
-            match does.get(side, "frame"):
+        for camera in self.cameras:
+            match does.get(camera, "frame"):
                 case "frame":
-                    self.frame_ids[side] += 1
-                    self.released += self.account.frame(side, frame(self.frame_ids[side], self.time_ns))
+                    self.frame_ids[camera] += 1
+                    self.released += self.account.frame(camera, frame(self.frame_ids[camera], self.time_ns))
                 case "missing":
-                    self.frame_ids[side] += 1
+                    self.frame_ids[camera] += 1
                 case "incomplete":
-                    self.frame_ids[side] += 1
-                    lost = IncompleteFrame(self.frame_ids[side], None)
-                    self.released += self.account.incomplete(side, lost)
+                    self.frame_ids[camera] += 1
+                    lost = IncompleteFrame(self.frame_ids[camera], None)
+                    self.released += self.account.incomplete(camera, lost)
                 case "stale":
-                    self.frame_ids[side] += 1
-                    self.released += self.account.stale(side, frame(self.frame_ids[side], self.time_ns))
+                    self.frame_ids[camera] += 1
+                    self.released += self.account.stale(camera, frame(self.frame_ids[camera], self.time_ns))
                 case "goes":
-                    self.frame_ids[side] = 0
-                    self.released += self.account.gone(side)
+                    self.frame_ids[camera] = 0
+                    self.released += self.account.gone(camera)
                 case "silent":
-                    self.released += self.account.silent(side)
+                    self.released += self.account.silent(camera)
                 case "ignored" | "absent":
                     pass
         self.trigger += 1
@@ -76,9 +76,9 @@ class FakeRig:
         """Steps of so many triggers, with what the left and the right camera do at each."""
         for count, left, right in steps:
             if "ready" in (left, right):  # from now on, or from so many triggers on
-                for side in self.sides:
-                    if {"left": left, "right": right}[side] == "ready":
-                        self.account.ready(side, self.time_ns + count * PERIOD_NS)
+                for camera in self.cameras:
+                    if {"left": left, "right": right}[camera] == "ready":
+                        self.account.ready(camera, self.time_ns + count * PERIOD_NS)
             else:
                 self.pulses(count, left=left, right=right)
         return self
@@ -93,10 +93,10 @@ def test_triggers_that_were_not_given_have_their_own_reason() -> None:
     """Frames of triggers before the pause may arrive after its end."""
     rig = FakeRig()
     rig.pulses(3)
-    for count, side in ((4, "left"), (40, "right"), (4, "right")):
-        rig.account.not_given("left" if side == "left" else "right", count)
+    for count, camera in ((4, "left"), (40, "right"), (4, "right")):
+        rig.account.not_given("left" if camera == "left" else "right", count)
         rig.pulse()
-        rig.pulses(count, **{side: "absent"})
+        rig.pulses(count, **{camera: "absent"})
     rig.pulses(3, left="missing")
     rig.pulses(3, right="ignored")
     rig.pulse()
@@ -144,8 +144,8 @@ STOP = (100, X, X)
 def test_what_no_pair_was_made_of_is_lost_for_one_reason(
     steps: tuple[tuple[int, str, str], ...], lost: dict[str, int], pairs: int
 ) -> None:
-    for sides in (("left", "right"), ("right", "left")):
-        rig = FakeRig(sides).play(*steps)  # type: ignore[arg-type]
+    for cameras in (("left", "right"), ("right", "left")):
+        rig = FakeRig(cameras).play(*steps)  # type: ignore[arg-type]
         assert (rig.close(), rig.account.tally.pairs) == (lost, pairs)
 
 
@@ -201,8 +201,8 @@ def test_an_outage_is_counted_by_the_clock_as_it_runs(rate_error: float, apart_n
     """Of cameras that start apart by as much as a reading of their clocks may be off, too."""
     rig = FakeRig(period_ns=PERIOD_NS * (1 + rate_error))
     for trigger in range(600):
-        for side, later_ns in (("left", 0), ("right", apart_ns)):
-            rig.account.frame(side, frame(trigger + 1, rig.time_ns + later_ns))  # type: ignore[arg-type]
+        for camera, later_ns in (("left", 0), ("right", apart_ns)):
+            rig.account.frame(camera, frame(trigger + 1, rig.time_ns + later_ns))  # type: ignore[arg-type]
         rig.trigger += 1
     rig.play((1, G, G), (1200, A, A), (5, F, F))
     assert rig.close() == {"camera_gone": 1201}
@@ -227,7 +227,7 @@ def test_a_trigger_that_resumes_in_another_phase_is_followed_at_once() -> None:
 
 
 def test_a_single_free_running_camera_is_counted_by_its_frame_ids() -> None:
-    rig = FakeRig(sides=("left",), period_ns=PERIOD_NS * 1.3, numbered_by="frame_id")
+    rig = FakeRig(cameras=("left",), period_ns=PERIOD_NS * 1.3, numbered_by="frame_id")
     rig.play((50, F, F), (3, M, F), (50, F, F))
     assert (rig.close()["left_missing"], rig.account.tally.pairs) == (3, 100)
 
@@ -287,12 +287,12 @@ def test_the_first_frames_are_not_paired_if_they_are_of_different_instants() -> 
 def test_a_doubled_trigger_pairs_no_instants_of_a_camera_whose_frames_arrive_late() -> None:
     """A lost frame moves the grid while frames of the camera that lags behind are on their way."""
     account = TriggerAccount(("left", "right"), PERIOD_NS, OPENED_NS)
-    pairs: list[StereoPair] = []
+    pairs: list[FrameSet] = []
     for number in range(200):
-        for side, shown in (("right", number), ("left", number - 4)):
-            if shown < 0 or (side, shown % 50) in (("right", 20), ("left", 16)):
+        for camera, shown in (("right", number), ("left", number - 4)):
+            if shown < 0 or (camera, shown % 50) in (("right", 20), ("left", 16)):
                 continue
-            pairs += account.frame(side, frame(shown, PHASE_NS + shown * PERIOD_NS // 2))  # type: ignore[arg-type]
+            pairs += account.frame(camera, frame(shown, PHASE_NS + shown * PERIOD_NS // 2))  # type: ignore[arg-type]
     complete = [pair for pair in pairs if len(pair.frames) == 2]
     assert len(complete) > 30
     assert all(pair.frames["left"].frame_id == pair.frames["right"].frame_id for pair in complete)
@@ -302,8 +302,8 @@ def test_a_doubled_trigger_pairs_no_instants_of_a_camera_whose_frames_arrive_lat
 def test_cameras_that_wait_for_an_absent_trigger_lose_nothing(periods: int) -> None:
     account = TriggerAccount(("left", "right"), PERIOD_NS, OPENED_NS)
     account.gone("left")
-    for side in ("left", "right"):
-        account.ready(side, OPENED_NS + 20 * PERIOD_NS)  # type: ignore[arg-type]
+    for camera in ("left", "right"):
+        account.ready(camera, OPENED_NS + 20 * PERIOD_NS)  # type: ignore[arg-type]
     account.close(OPENED_NS + (20 + periods) * PERIOD_NS)
     assert account.tally.triggers == 0
 
@@ -312,7 +312,7 @@ def test_cameras_that_wait_for_an_absent_trigger_lose_nothing(periods: int) -> N
 def test_a_free_run_goes_on_after_a_frame_id_that_comes_twice_or_a_counter_that_restarts(
     newest: int, goes_on_after: int
 ) -> None:
-    rig = FakeRig(sides=("left",), numbered_by="frame_id")
+    rig = FakeRig(cameras=("left",), numbered_by="frame_id")
     rig.pulses(newest)
     rig.frame_ids["left"] = goes_on_after
     rig.pulses(10)
@@ -353,8 +353,8 @@ def test_whatever_happens_the_account_balances(
 def test_triggers_that_no_camera_had_time_to_show_are_lost_at_startup() -> None:
     """Cameras that were ready for a tenth of a second do not show whether there were triggers."""
     rig = FakeRig()
-    for side in rig.sides:
-        rig.account.ready(side, OPENED_NS + 4 * PERIOD_NS)
+    for camera in rig.cameras:
+        rig.account.ready(camera, OPENED_NS + 4 * PERIOD_NS)
     rig.account.close(OPENED_NS + 10 * PERIOD_NS + PERIOD_NS // 3)
     tally = rig.account.tally
     assert dict(tally.lost) == {LossReason.STARTUP: 10}

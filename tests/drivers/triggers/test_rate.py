@@ -19,7 +19,8 @@ from drivers.triggers.rate import (
     wrong_rate,
 )
 from imaging.exposure import ExposureSetting
-from imaging.frames import SIDES, Frame, Side
+from imaging.frames import CameraName, Frame
+from imaging.geometry import SIDES
 
 MS = 1_000_000
 PERIOD_NS = 20 * MS
@@ -111,9 +112,9 @@ def test_one_frame_a_second_too_few_or_too_many_is_a_wrong_rate(rate_hz: float, 
 
 
 def test_triggers_that_the_host_gives_may_be_left_out_but_not_every_second_one() -> None:
-    sides: tuple[Side, ...] = ("left", "right")
-    assert feed(RateWatch(50.0, sides, HOST_RATE_TOLERANCE), PERIOD_NS * 23 // 20) is None
-    assert "fit into one period" in (feed(RateWatch(50.0, sides, HOST_RATE_TOLERANCE), 2 * PERIOD_NS) or "")
+    cameras: tuple[CameraName, ...] = ("left", "right")
+    assert feed(RateWatch(50.0, cameras, HOST_RATE_TOLERANCE), PERIOD_NS * 23 // 20) is None
+    assert "fit into one period" in (feed(RateWatch(50.0, cameras, HOST_RATE_TOLERANCE), 2 * PERIOD_NS) or "")
 
 
 @pytest.mark.parametrize("apart_ns", [100_000, 5_000_000])
@@ -131,16 +132,16 @@ def test_cameras_that_start_apart_do_not_change_the_period(apart_ns: int, first:
 
 def check(rate_hz: float = 50.0) -> StartCheck:
     judge = StartCheck(dict.fromkeys(SIDES, "Line0"), rate_hz)
-    for side in SIDES:
-        judge.ready(side, 0)
+    for camera in SIDES:
+        judge.ready(camera, 0)
     return judge
 
 
 def show(
-    judge: StartCheck, side: Side, period_ns: int = 20 * MS, offset_ns: int = 0, frames: int = JUDGED_FRAMES
+    judge: StartCheck, camera: CameraName, period_ns: int = 20 * MS, offset_ns: int = 0, frames: int = JUDGED_FRAMES
 ) -> None:
     for number in range(frames):
-        judge.frame(side, offset_ns + number * period_ns)
+        judge.frame(camera, offset_ns + number * period_ns)
 
 
 def the_finding(judge: StartCheck, now_ns: int, *words: str) -> None:
@@ -179,12 +180,12 @@ def test_one_camera_without_pulses_is_named_unless_its_frames_have_holes() -> No
     judge = check()
     show(judge, "left")
     the_finding(judge, PATIENCE_NS + 1, "the right camera gets no trigger pulse")
-    for sides in (("right",), SIDES):
+    for cameras in (("right",), SIDES):
         judge = check()
-        if "left" not in sides:
+        if "left" not in cameras:
             show(judge, "left")
-        for side in sides:
-            judge.frame(side, None)
+        for camera in cameras:
+            judge.frame(camera, None)
         assert judge.findings(PATIENCE_NS + 1) == []
 
 
@@ -221,14 +222,14 @@ def test_cameras_at_another_rate_or_in_step_are_not_apart() -> None:
     show(judge, "right", 25 * MS, 7 * MS)
     assert judge.findings(0) == []
     judge = check()
-    for side in SIDES:  # the difference counts, not when each began
-        show(judge, side, offset_ns=6 * MS)
+    for camera in SIDES:  # the difference counts, not when each began
+        show(judge, camera, offset_ns=6 * MS)
     assert judge.findings(0) == []
     judge, period_ns = check(), 20 * MS + 2_000  # 100 ppm, and one begins a minute later
     show(judge, "left", period_ns, frames=3000)
     for number in range(3000, 3000 + JUDGED_FRAMES):
-        for side in SIDES:
-            judge.frame(side, number * period_ns)
+        for camera in SIDES:
+            judge.frame(camera, number * period_ns)
     assert judge.findings(PATIENCE_NS) == []
 
 
@@ -242,8 +243,8 @@ def test_cameras_on_a_grid_of_milliseconds_are_judged() -> None:
 
 def test_cameras_that_the_host_triggers_are_sent_to_no_wire() -> None:
     judge = StartCheck(dict.fromkeys(SIDES, "Software"), 50.0, by_host=True)
-    for side in SIDES:
-        judge.ready(side, 0)
+    for camera in SIDES:
+        judge.ready(camera, 0)
     the_finding(judge, PATIENCE_NS + 1, "no frame for 3 s", "network")
     show(judge, "left")
     the_finding(judge, PATIENCE_NS + 2, "no frame from the right camera", "cable")
@@ -254,8 +255,8 @@ def test_cameras_that_the_host_triggers_are_sent_to_no_wire() -> None:
 def test_cameras_that_run_freely_have_no_pulses_to_miss() -> None:
     """In the mode "primary" that is the left one."""
     judge = StartCheck({"right": "Line0"}, 50.0)
-    for side in SIDES:
-        judge.ready(side, 0)
+    for camera in SIDES:
+        judge.ready(camera, 0)
     show(judge, "left", 40 * MS)
     the_finding(judge, PATIENCE_NS + 1, "no trigger pulse on Line0")
 

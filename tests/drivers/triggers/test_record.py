@@ -14,7 +14,8 @@ from drivers.triggers.outcomes import LossReason
 from drivers.triggers.rate import JUDGED_FRAMES, PATIENCE_NS
 from imaging.errors import CameraLostError, NodeError
 from imaging.exposure import ExposureLimits, ExposureSetting
-from imaging.frames import SIDES, Frame, Side
+from imaging.frames import CameraName, Frame
+from imaging.geometry import SIDES
 
 MS = 1_000_000
 PERIOD_NS = 20 * MS
@@ -30,16 +31,16 @@ def frame(trigger: int, setting: ExposureSetting = OLD) -> Frame:
 def opened_record() -> RigRecord:
     """Of two cameras that hold `OLD`, and have made a pair of trigger 0."""
     record = RigRecord(SIDES, dict.fromkeys(SIDES, "Line0"), 50.0, -PERIOD_NS // 2)
-    for side in SIDES:
-        assert record.written(Written(side, OLD, OLD, -9 * MS, -8 * MS)) is None  # no command is behind it
-        assert record.take(CameraReady(side, CameraDescription("V", "M", side), LIMITS), -7 * MS) == []
+    for camera in SIDES:
+        assert record.written(Written(camera, OLD, OLD, -9 * MS, -8 * MS)) is None  # no command is behind it
+        assert record.take(CameraReady(camera, CameraDescription("V", "M", camera), LIMITS), -7 * MS) == []
     arrive(record, 0)
     return record
 
 
-def arrive(record: RigRecord, trigger: int, *sides: Side, setting: ExposureSetting = OLD) -> list[int]:
+def arrive(record: RigRecord, trigger: int, *cameras: CameraName, setting: ExposureSetting = OLD) -> list[int]:
     """Frames of a trigger; the triggers of the pairs that are returned."""
-    events = [FrameArrived(side, frame(trigger, setting)) for side in sides or SIDES]
+    events = [FrameArrived(camera, frame(trigger, setting)) for camera in cameras or SIDES]
     return [pair.trigger for event in events for pair in record.take(event, trigger * PERIOD_NS + 5 * MS)]
 
 
@@ -57,8 +58,8 @@ def test_frames_that_control_cannot_use_and_lost_cameras_say_nothing_against_the
     gone = CameraGone("left", CameraLostError("unplugged"), final=False)
     for event, stale in ((FrameArrived("left", IncompleteFrame(1, None)), True), (gone, False)):
         record = RigRecord(SIDES, dict.fromkeys(SIDES, "Line0"), 50.0, 0)
-        for side in SIDES:
-            record.take(CameraReady(side, CameraDescription("V", "M", side), LIMITS), 0)
+        for camera in SIDES:
+            record.take(CameraReady(camera, CameraDescription("V", "M", camera), LIMITS), 0)
         record.take(event, MS)
         for trigger in range(JUDGED_FRAMES):
             record.take(FrameArrived("right", frame(trigger), stale=stale), PERIOD_NS)
@@ -77,8 +78,8 @@ def test_a_command_is_followed_from_its_decision_to_the_frame_that_shows_it() ->
     record = opened_record()
     command = record.command(NEW, arrival_ns=5 * MS, decided_ns=8 * MS)
     assert (command.due_ns, command.held) == (8 * MS, False)
-    for side in SIDES:
-        assert record.written(Written(side, NEW, NEW, 8 * MS, 9 * MS, command.number)) is command
+    for camera in SIDES:
+        assert record.written(Written(camera, NEW, NEW, 8 * MS, 9 * MS, command.number)) is command
     assert record.late_writes == 0
     shown = frame(1, NEW)
     assert record.history("left").first_effect_ns(shown) == PERIOD_NS - 8 * MS
@@ -108,8 +109,8 @@ def test_a_mismatch_is_explained_while_only_one_camera_has_the_new_setting() -> 
     record.written(Written("left", NEW, NEW, 8 * MS, 9 * MS, command.number))
     (pair,) = (
         pair
-        for side, setting in (("left", NEW), ("right", OLD))
-        for pair in record.take(FrameArrived(side, frame(1, setting)), 25 * MS)
+        for camera, setting in (("left", NEW), ("right", OLD))
+        for pair in record.take(FrameArrived(camera, frame(1, setting)), 25 * MS)
     )
     assert record.mismatched(pair)
     assert record.explains_mismatch(pair)
@@ -124,25 +125,27 @@ class Readings:
     def __init__(self) -> None:
         self.sync = Synchronisation(10.0)
         self.now_ns = 100 * S
-        self.slots: dict[Side, Slots] = {}
-        for side in ("left", "right"):
-            self.sync.ready(side, 10, self.now_ns)
+        self.slots: dict[CameraName, Slots] = {}
+        for camera in ("left", "right"):
+            self.sync.ready(camera, 10, self.now_ns)
 
-    def read(self, side: Side, status: str = "Slave", off_ns: int | None = 0, host_ns: int = PTP_OFFSET_NS) -> None:
+    def read(
+        self, camera: CameraName, status: str = "Slave", off_ns: int | None = 0, host_ns: int = PTP_OFFSET_NS
+    ) -> None:
         self.now_ns += S // 2
-        self.slots |= self.sync.read(side, ClockReading(host_ns, PtpState(status, off_ns)), self.now_ns)
+        self.slots |= self.sync.read(camera, ClockReading(host_ns, PtpState(status, off_ns)), self.now_ns)
 
     def synchronised(self) -> Readings:
-        for side in ("left", "right", "left", "right"):
-            self.read(side)
+        for camera in ("left", "right", "left", "right"):
+            self.read(camera)
         assert self.slots.keys() == {"left", "right"}
         return self
 
 
 def test_triggers_begin_with_a_whole_second_when_both_clocks_have_been_good_twice() -> None:
     readings = Readings()
-    for side in ("left", "right", "left"):
-        readings.read(side)
+    for camera in ("left", "right", "left"):
+        readings.read(camera)
     assert readings.slots == {}
     readings.read("right", off_ns=None)
     left, right = readings.slots["left"], readings.slots["right"]
@@ -200,8 +203,8 @@ def test_slots_go_on_where_they_are_when_the_master_is_set() -> None:
     readings = Readings().synchronised()
     before = readings.slots["left"]
     jumped_ns = PTP_OFFSET_NS - 37 * S
-    for side in ("left", "right"):
-        readings.read(side, host_ns=jumped_ns)
+    for camera in ("left", "right"):
+        readings.read(camera, host_ns=jumped_ns)
     after = readings.slots["left"]
     assert readings.slots["right"] == after
     assert after.first_ns == before.first_ns

@@ -24,7 +24,8 @@ from drivers.triggers.writes import (
 from fake_camera.device.acquisition import Acquisition
 from fake_camera.device.features import Features
 from imaging.exposure import ExposureSetting
-from imaging.frames import SIDES, Frame, Side, StereoPair
+from imaging.frames import CameraName, Frame, FrameSet
+from imaging.geometry import SIDES
 
 MS = 1_000_000
 PERIOD_NS = 16 * MS
@@ -35,13 +36,13 @@ NO_PIXELS = np.zeros((1, 1), np.uint8)
 class VirtualCamera:
     """A camera without images whose clock is set by the test."""
 
-    side: Side
+    camera: CameraName
     now_ns: int = 0
     features: Features = field(init=False)
     acquisition: Acquisition = field(init=False)
 
     def __post_init__(self) -> None:
-        self.features = Features(self.side, 720, 540, lambda: self.now_ns, lambda: self.now_ns)
+        self.features = Features(self.camera, 720, 540, lambda: self.now_ns, lambda: self.now_ns)
         for name in ("ExposureAuto", "GainAuto"):
             self.features.set(name, "Off")
         self.features.set("TriggerSource", "Line0")
@@ -88,7 +89,7 @@ def outcome(write_ms: tuple[float, float], triggers: int, seed: int, seldom_ms: 
             at_ns, camera, node, value = writes.popleft()
             camera.now_ns = at_ns
             camera.features.set(node, value)
-        pair = StereoPair(trigger, {side: camera.frame(trigger) for side, camera in zip(SIDES, cameras, strict=True)})
+        pair = FrameSet(trigger, {name: camera.frame(trigger) for name, camera in zip(SIDES, cameras, strict=True)})
         if kept.mismatched(pair) and trigger > 2:  # before that the setting was never written
             seen.mismatched += 1
             seen.unexplained += not kept.explains(pair)
@@ -106,7 +107,7 @@ def outcome(write_ms: tuple[float, float], triggers: int, seed: int, seldom_ms: 
             window.took(gain_ns - start_ns)
             writes.append((time_ns, camera, "ExposureTime", asked.exposure_time_us))
             writes.append((gain_ns, camera, "Gain", asked.gain_db))
-            kept.write(Written(camera.side, asked, asked, start_ns, gain_ns, command=seen.written), grid)
+            kept.write(Written(camera.camera, asked, asked, start_ns, gain_ns, command=seen.written), grid)
         writes = deque(sorted(writes, key=lambda write: write[0]))
     return seen
 

@@ -19,21 +19,22 @@ from drivers.triggers.writes import (
     WriteHistory,
 )
 from imaging.exposure import ExposureSetting
-from imaging.frames import SIDES, Frame, SettingSource, Side, StereoPair
+from imaging.frames import CameraName, Frame, FrameSet, SettingSource
+from imaging.geometry import SIDES
 
 MS = 1_000_000
 GRID = TriggerGrid(20 * MS, 0)
 DIM, BRIGHT = ExposureSetting(1000.0, 0.0), ExposureSetting(4000.0, 6.0)
 
 
-def wrote(side: Side, setting: ExposureSetting, start_ms: int, end_ms: int) -> Written:
-    return Written(side, setting, setting, start_ms * MS, end_ms * MS, command=id(setting))
+def wrote(camera: CameraName, setting: ExposureSetting, start_ms: int, end_ms: int) -> Written:
+    return Written(camera, setting, setting, start_ms * MS, end_ms * MS, command=id(setting))
 
 
-def pair(trigger: int, left: ExposureSetting, right: ExposureSetting, taken_ms: int = 0) -> StereoPair:
+def pair(trigger: int, left: ExposureSetting, right: ExposureSetting, taken_ms: int = 0) -> FrameSet:
     black = np.zeros((2, 2), np.uint8)
     settings = zip(SIDES, (left, right), strict=True)
-    return StereoPair(trigger, {side: Frame(black, 8, 0, 0, taken_ms * MS, 0, setting) for side, setting in settings})
+    return FrameSet(trigger, {camera: Frame(black, 8, 0, 0, taken_ms * MS, 0, setting) for camera, setting in settings})
 
 
 def test_a_write_between_two_exposures_is_in_time() -> None:
@@ -58,8 +59,8 @@ def test_a_setting_that_an_exposure_cuts_in_two_is_late_once(spans: tuple[tuple[
 
 def both_written() -> RigWrites:
     writes = RigWrites(SIDES)
-    for side in ("left", "right"):
-        writes.write(wrote(side, BRIGHT, -19, -18), GRID)
+    for camera in ("left", "right"):
+        writes.write(wrote(camera, BRIGHT, -19, -18), GRID)
     return writes
 
 
@@ -89,8 +90,8 @@ def test_a_write_that_takes_longer_than_frames_do_explains_a_mismatch_meanwhile(
     half = ExposureSetting(DIM.exposure_time_us, BRIGHT.gain_db)
     assert not writes.explains(pair(1, half, half, 20))
     assert writes.explains(pair(2, half, half, 40))
-    for side in SIDES:
-        writes.write(wrote(side, DIM, 25, 36), GRID)
+    for camera in SIDES:
+        writes.write(wrote(camera, DIM, 25, 36), GRID)
     assert not writes.explains(pair(2, half, half, 40))
 
 
@@ -104,8 +105,8 @@ def test_a_camera_that_refuses_all_writes_since_it_is_back_explains_mismatches()
     assert writes.explains(pair(1, BRIGHT, DIM, 20))
     newer = replace(DIM)
     writes.command(Command(id(newer), newer, 0, 21 * MS, 21 * MS))
-    for side in SIDES:
-        writes.write(wrote(side, newer, 21, 23), GRID)
+    for camera in SIDES:
+        writes.write(wrote(camera, newer, 21, 23), GRID)
     assert not writes.explains(pair(1 + EFFECT_TRIGGERS + 1, BRIGHT, DIM, 120))
 
 
@@ -124,9 +125,9 @@ def test_a_setting_overtaken_on_its_way_to_a_camera_is_late() -> None:
 
 def test_cameras_that_differ_or_hold_half_a_setting_are_mismatched() -> None:
     writes = RigWrites(SIDES)
-    for side in ("left", "right"):
-        writes.write(wrote(side, DIM, 1, 2), GRID)
-        writes.write(wrote(side, BRIGHT, 3, 4), GRID)
+    for camera in ("left", "right"):
+        writes.write(wrote(camera, DIM, 1, 2), GRID)
+        writes.write(wrote(camera, BRIGHT, 3, 4), GRID)
     half = ExposureSetting(BRIGHT.exposure_time_us, DIM.gain_db)
     assert writes.mismatched(pair(1, DIM, BRIGHT))
     assert writes.mismatched(pair(1, half, half))

@@ -32,7 +32,7 @@ from autoexpose_daemon.control.registration import LightChange, LightRegistratio
 from autoexpose_daemon.control.setup import ControlSetup
 from autoexpose_daemon.control.snapshot import Built
 from imaging.exposure import ExposureLimits, linear_gain
-from imaging.frames import Side
+from imaging.frames import CameraName
 
 Array = NDArray[np.float64]
 
@@ -117,24 +117,24 @@ class Belief(ExposurePolicy):
     STEERED: ClassVar[bool] = True
     FILTERED: ClassVar[bool] = False
     compensated = "targets"
-    registrations: dict[Side, LightRegistration]
+    registrations: dict[CameraName, LightRegistration]
     forecast: Forecast
     foresight: Foresight
     cadence: Cadence
     latency: LoopDelay
-    beliefs: dict[Side, SceneBelief]
-    seen_ns: dict[Side, int]
+    beliefs: dict[CameraName, SceneBelief]
+    seen_ns: dict[CameraName, int]
     _planned_for: Built[tuple[float, Prospects, Array] | None] = None
 
     def __init__(self, setup: ControlSetup) -> None:
         noise = SensorNoise(setup.parameters.full_well_e, setup.parameters.read_noise_e)
         self.balance = setup.balance(BlurPhotonBalance(noise))
-        self.registrations = {side: LightRegistration({side: each}) for side, each in setup.responses.items()}
+        self.registrations = {camera: LightRegistration({camera: each}) for camera, each in setup.responses.items()}
         self.forecast = Forecast()
         self.foresight = Foresight()
         self.cadence = Cadence()
         self.latency = LoopDelay()
-        self.beliefs = {side: SceneBelief(Optics(each, noise)) for side, each in setup.responses.items()}
+        self.beliefs = {camera: SceneBelief(Optics(each, noise)) for camera, each in setup.responses.items()}
         self.seen_ns = {}
 
     def balance_for(self, look: Look) -> Balance:
@@ -147,9 +147,9 @@ class Belief(ExposurePolicy):
         return self.foresight.belief
 
     @property
-    def uncounted(self) -> dict[Side, str]:
+    def uncounted(self) -> dict[CameraName, str]:
         """The cameras that show nothing, unless that is all of them."""
-        found = {side: reason for side, belief in self.beliefs.items() if (reason := belief.why_uncounted())}
+        found = {camera: reason for camera, belief in self.beliefs.items() if (reason := belief.why_uncounted())}
         return found if len(found) < len(self.beliefs) else {}
 
     @property
@@ -158,7 +158,7 @@ class Belief(ExposurePolicy):
         if self._planned_for is None:
             return None
         level, prospects, promised = self._planned_for
-        scenes = {side: scene for side, belief in self.beliefs.items() if (scene := belief.histogram()) is not None}
+        scenes = {camera: scene for camera, belief in self.beliefs.items() if (scene := belief.histogram()) is not None}
         taken = slice(prospects.beyond, prospects.beyond + promised.size)
         return Grounds(
             scenes, level, prospects.levels[taken].tolist(), prospects.worth[taken].tolist(), promised.tolist()
@@ -174,14 +174,14 @@ class Belief(ExposurePolicy):
     def _see(self, observation: Observation) -> None:
         """Take in what the frames show."""
         seen = [
-            (look, contrast(look.unfiltered, self.beliefs[look.side].optics.bins, look.weights))
+            (look, contrast(look.unfiltered, self.beliefs[look.camera].optics.bins, look.weights))
             for look in observation.looks
         ]
-        news = [(look, each) for look, each in seen if self.beliefs[look.side].is_news(each)]
+        news = [(look, each) for look, each in seen if self.beliefs[look.camera].is_news(each)]
         since_s = self._since_before_s(observation.looks)
         seconds = min(since_s.values())
         showing = [(look, each) for look, each in news if shows(each.count)] or seen[:1]
-        unbroken = min(showing, key=lambda one: since_s[one[0].side] > LOST_AFTER * seconds)
+        unbroken = min(showing, key=lambda one: since_s[one[0].camera] > LOST_AFTER * seconds)
         light = self._light_change(*unbroken, observation)
         self.forecast.add(light.stops, self.cadence.frames(seconds))
         if not light.measured and abs(light.stops) > LARGE_CHANGE:
@@ -191,24 +191,24 @@ class Belief(ExposurePolicy):
             belief.pass_time(seconds, _moved_cells(observation, seconds), light.stops)
         for look, each in news:
             setting = look.setting or observation.setting
-            self.beliefs[look.side].see(
+            self.beliefs[look.camera].see(
                 each, setting.level, linear_gain(setting.gain_db), look.averaged, look.relative_light
             )
 
-    def _since_before_s(self, looks: Sequence[Look]) -> dict[Side, float]:
+    def _since_before_s(self, looks: Sequence[Look]) -> dict[CameraName, float]:
         """The time since each camera's frame before, by its own clock; 0 for its first, and if the clock restarts."""
-        now_ns = {look.side: look.device_time_ns for look in looks}
-        since_ns = {side: time_ns - self.seen_ns.get(side, time_ns) for side, time_ns in now_ns.items()}
+        now_ns = {look.camera: look.device_time_ns for look in looks}
+        since_ns = {camera: time_ns - self.seen_ns.get(camera, time_ns) for camera, time_ns in now_ns.items()}
         self.seen_ns |= now_ns
-        return {side: max(interval_ns, 0) * 1e-9 for side, interval_ns in since_ns.items()}
+        return {camera: max(interval_ns, 0) * 1e-9 for camera, interval_ns in since_ns.items()}
 
     def _light_change(self, look: Look, seen: Contrast, observation: Observation) -> LightChange:
         """By how much the light has changed for a camera."""
-        levels = {each.side: (each.setting or observation.setting).level for each in observation.looks}
-        light = self.registrations[look.side].change(look, levels[look.side]) or LightChange(0.0, measured=False)
+        levels = {each.camera: (each.setting or observation.setting).level for each in observation.looks}
+        light = self.registrations[look.camera].change(look, levels[look.camera]) or LightChange(0.0, measured=False)
         for other in observation.looks:
             if other is not look:
-                self.registrations[other.side].remember(other, levels[other.side])
+                self.registrations[other.camera].remember(other, levels[other.camera])
         if not light.measured:  # no less than that if the picture is white, no more if it is black
             white = seen.count[:, -1].sum() > seen.count[:, 0].sum()
             return LightChange(max(light.stops, 0.0) if white else min(light.stops, 0.0), measured=False)
@@ -227,7 +227,7 @@ class Belief(ExposurePolicy):
         best = int(values.argmax())
         wanted = min(float(levels[beyond + best]), observation.limits.brightest.level)
         reason = _reason(wanted - before, looks[best]) + ("" if observation.inputs.steering is None else "; steered")
-        faults = "".join(f"; {side} camera {fault}" for side, fault in self.uncounted.items())
+        faults = "".join(f"; {camera} camera {fault}" for camera, fault in self.uncounted.items())
         return Target(wanted, reason + faults)
 
     def _prospects(self, levels: Array, observation: Observation) -> tuple[Array, Array]:
@@ -241,11 +241,11 @@ class Belief(ExposurePolicy):
         gains, sharp = np.empty((2, levels.size))
         _native.split_levels(reachable, times_us, observation.motion_px * PER_US / scale, now_us, gains, sharp)
         steering = observation.inputs.steering
-        beliefs = {side: belief for side, belief in self.beliefs.items() if belief.by_cell.any()}
+        beliefs = {name: belief for name, belief in self.beliefs.items() if belief.by_cell.any()}
         information, favoured, revealed = np.empty((3, len(beliefs), HYPOTHESES, levels.size))
         probability = np.empty((len(beliefs), HYPOTHESES))
-        for camera, (side, belief) in enumerate(beliefs.items()):
-            favours = None if steering is None else steering.weights(side, CELLS, CELLS)
+        for camera, (name, belief) in enumerate(beliefs.items()):
+            favours = None if steering is None else steering.weights(name, CELLS, CELLS)
             outlook = Outlook(probability[camera], information[camera], favoured[camera], revealed[camera])
             belief.look_out(levels, gains, favours, outlook)
         served = SERVED_FRAMES / (1.0 + SERVED_FRAMES * min(observation.motion_px / PASSING_PX, 1.0))

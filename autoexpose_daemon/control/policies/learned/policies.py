@@ -17,7 +17,7 @@ from autoexpose_daemon.control.policies.learned.net import Activation, trained_n
 from autoexpose_daemon.control.policy import SMALLEST_SIGNAL, ExposurePolicy, Look, Observation, Target
 from autoexpose_daemon.control.search import way_out
 from autoexpose_daemon.control.setup import ControlSetup
-from imaging.frames import Side
+from imaging.frames import CameraName
 
 HOLD_STOPS = 0.2
 """A target nearer than this to the last one is not worth a change: the last one is held, whatever noise does."""
@@ -37,7 +37,7 @@ FINEST_STOPS = 0.01
 class Sight:
     """One frame as the net sees it."""
 
-    side: Side  # the camera that took it
+    camera: CameraName  # the camera that took it
     level: float  # the exposure level it was taken with, stops
     features: NDArray[np.float64]  # float64, shape (features,)
 
@@ -105,8 +105,8 @@ class LearnedPolicy(ExposurePolicy):
 
     def _see(self, observation: Observation) -> list[Sight]:
         """Remember a frame; returns as many as the net sees, the oldest repeated while there are fewer."""
-        sight = Sight(observation.side, observation.setting.level, self.features(observation.looks[0]))
-        if self.past and self.past[-1].side != sight.side:
+        sight = Sight(observation.camera, observation.setting.level, self.features(observation.looks[0]))
+        if self.past and self.past[-1].camera != sight.camera:
             self.past = []
         self.past = [*self.past, sight][-self.FRAMES :]
         return [self.past[0]] * (self.FRAMES - len(self.past)) + self.past

@@ -140,15 +140,15 @@ class Begin2022Code(ExposurePolicy):
         self._scores = []  # of the last frames: the metric, and the metric promised for the next
         self._maximum = CodedMaximum(_BRIGHTEST_FIRST, 0.0)
         self._frames = {
-            side: LiftedFrames(
+            camera: LiftedFrames(
                 setup.metric, response, np.stack([lifted_prediction(response, delta) for delta in _BRIGHTEST_FIRST])
             )
-            for side, response in setup.responses.items()
+            for camera, response in setup.responses.items()
         }
 
     def decide(self, observation: Observation) -> Target:
         """The level that promises most, relative to the level of this frame."""
-        frames = self._frames[observation.side]
+        frames = self._frames[observation.camera]
         metrics = frames.measure(observation)
         mean = frames.mean(observation)
         if mean < BLACK_BELOW:
@@ -188,13 +188,13 @@ class Mehta2020Code(ExposurePolicy):
         self._maximum = CodedMaximum(MEHTA_GAMMAS, 1.0)
         brightened = np.stack([gamma_table(1 / gamma) for gamma in MEHTA_GAMMAS])
         self._frames = {
-            side: LiftedFrames(setup.metric, response, brightened[:, lift_table(response)])
-            for side, response in setup.responses.items()
+            camera: LiftedFrames(setup.metric, response, brightened[:, lift_table(response)])
+            for camera, response in setup.responses.items()
         }
 
     def decide(self, observation: Observation) -> Target:
         """The law's step from the level of this frame."""
-        frames = self._frames[observation.side]
+        frames = self._frames[observation.camera]
         mean = frames.mean(observation)
         if mean < BLACK_BELOW:
             gamma, reason = MEHTA_GAMMAS[-1], "black frame"

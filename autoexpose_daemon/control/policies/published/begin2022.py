@@ -39,13 +39,13 @@ class Begin2022(ExposurePolicy):
         self.balance = setup.balance()
         self._fit = PolynomialFit(DELTA_LEVELS, DEGREE)
         self._curves = {
-            side: PredictedCurve(setup.metric, prediction_tables(response, DELTA_LEVELS), DELTA_LEVELS.index(0.0))
-            for side, response in setup.responses.items()
+            camera: PredictedCurve(setup.metric, prediction_tables(response, DELTA_LEVELS), DELTA_LEVELS.index(0.0))
+            for camera, response in setup.responses.items()
         }
 
     def decide(self, observation: Observation) -> Target:
         """The level that promises most, relative to the level of this frame."""
-        metrics = self._curves[observation.side].measure(observation)
+        metrics = self._curves[observation.camera].measure(observation)
         best = self._fit.maximum(metrics)
         beyond = gain_ratio(observation) >= RATIO_THRESHOLD
         delta_level = best.position * (STEP_FACTOR if beyond else 1.0)

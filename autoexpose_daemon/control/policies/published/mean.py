@@ -79,7 +79,7 @@ class Majer2018(ExposurePolicy):
         for look in observation.looks:
             if look.weights is not None and not look.weights[:rows].any():
                 raise ConfigurationError(
-                    f"control.roi leaves nothing of the top half of the {look.side} image, at which this policy looks"
+                    f"control.roi leaves nothing of the top half of the {look.camera} image, at which this policy looks"
                 )
         weights = None if observation.weights is None else observation.weights[:rows]
         brightness = max(mean_signal(observation.image[:rows], observation.looks[0].response, weights), SMALLEST_SIGNAL)

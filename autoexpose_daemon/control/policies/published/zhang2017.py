@@ -32,11 +32,11 @@ class Zhang2017(ExposurePolicy):
 
     def __init__(self, setup: ControlSetup) -> None:
         self.balance = setup.balance(ExposurePriority())
-        self._percentiles = {side: SoftPercentile(response) for side, response in setup.responses.items()}
+        self._percentiles = {camera: SoftPercentile(response) for camera, response in setup.responses.items()}
 
     def decide(self, observation: Observation) -> Target:
         """One step of gradient ascent from the level of this frame."""
-        value, slope = self._percentiles[observation.side].derivative(observation.image, observation.weights)
+        value, slope = self._percentiles[observation.camera].derivative(observation.image, observation.weights)
         if value == 0 or observation.saturated_share > SATURATED_SHARE:
             wish = math.log2(DESIRED_MEAN / max(observation.mean, SMALLEST_SIGNAL))
             reason = "mean towards half scale: no percentile to climb"

@@ -28,7 +28,7 @@ from evaluation.stage.camera import LIMITS, CameraResponse
 from fake_camera.imaging import PIXEL_FORMATS, ImageSettings
 from fake_camera.world.sensor import Sensor, SensorModel
 from imaging.exposure import ExposureSetting
-from imaging.frames import Frame, Side, StereoPair
+from imaging.frames import CameraName, Frame, FrameSet
 from imaging.pixels import Pixels
 from imaging.response import ResponseFunction
 
@@ -105,27 +105,27 @@ class MatchesRig:
 
     def __init__(self, film: Film, eyes: Eyes, seed: int) -> None:
         self._film, self._eyes, self._seed = film, eyes, seed
-        self._sensors = {side: Sensor(eyes.model, 2 * seed + (side == "right"), eyes.response) for side in _SIDES}
+        self._sensors = {camera: Sensor(eyes.model, 2 * seed + (camera == "right"), eyes.response) for camera in _SIDES}
 
-    def expose(self, side: Side, setting: ExposureSetting) -> Frame:
+    def expose(self, camera: CameraName, setting: ExposureSetting) -> Frame:
         """The frame that one camera takes of the film's present frame."""
         seen = self._film.radiance(setting.exposure_time_us * 1e-6)
-        seen = seen[:, :WIDTH] if side == "left" else _EYES[self._eyes.right](seen[:, DISPARITY_PX:])
+        seen = seen[:, :WIDTH] if camera == "left" else _EYES[self._eyes.right](seen[:, DISPARITY_PX:])
         settings = ImageSettings(
             setting.exposure_time_us, setting.gain_db, 0.0, 1.0, self._eyes.pixel_format, 0, 0, WIDTH, HEIGHT, 1, 1
         )
         number = self._film.frame
-        pixels: Pixels = self._sensors[side].expose(seen, settings, self._seed * 100_000 + number)
+        pixels: Pixels = self._sensors[camera].expose(seen, settings, self._seed * 100_000 + number)
         time_ns = round(number / RATE_HZ * 1e9)
         depth = PIXEL_FORMATS[self._eyes.pixel_format].bit_depth
         return Frame(pixels, depth, number, time_ns, time_ns, time_ns, setting)
 
-    def take(self, setting: ExposureSetting) -> StereoPair:
+    def take(self, setting: ExposureSetting) -> FrameSet:
         """The pair that both cameras take with one setting."""
-        return StereoPair(self._film.frame, {side: self.expose(side, setting) for side in _SIDES})
+        return FrameSet(self._film.frame, {camera: self.expose(camera, setting) for camera in _SIDES})
 
 
-_SIDES: tuple[Side, Side] = ("left", "right")
+_SIDES: tuple[CameraName, CameraName] = ("left", "right")
 assert CANVAS == (WIDTH + DISPARITY_PX, HEIGHT)
 
 

@@ -1,4 +1,4 @@
-"""Stereo pairs of a daemon, in this process or another, on this machine or another."""
+"""The frames of a daemon, in this process or another, on this machine or another."""
 
 from __future__ import annotations
 
@@ -14,32 +14,34 @@ import weakref
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Generic
 
 import numpy as np
 import zenoh
 from numpy.typing import NDArray
 
-from autoexpose_daemon.client.pairs import PairAssembler, PairQueue, ReceivedPair
+from autoexpose_daemon.client.received import Received, ReceivedPair, ReceivedSet, SetAssembler, SetQueue
 from autoexpose_daemon.control.inputs import LightSeries, TrackedCells
 from autoexpose_daemon.messages.client import ConsumerTally, response_from_json, vignetting_from_json
 from autoexpose_daemon.messages.frames import DamagedMessageError
 from autoexpose_daemon.messages.inputs import RegisteredView, light_ahead, registration, tracked_cells
 from autoexpose_daemon.messages.keys import (
+    CAMERA_NAME,
     CONSUMER_NAME,
     LOOPBACK,
     RigTopic,
     all_of_rig,
+    camera_of,
     check_rig_name,
     consumer_key,
     last_but,
     rig_key,
-    side_of,
 )
 from autoexpose_daemon.publish.session import Endpoints, SessionHolder
 from documents.text import readable
 from drivers.log_throttle import LogThrottle
 from imaging.errors import ConfigurationError
-from imaging.frames import Side
+from imaging.frames import CameraName
 from imaging.python310 import Self
 from imaging.response import ResponseFunction
 from imaging.vignetting import Vignetting
@@ -52,29 +54,36 @@ _SAID_S = 10.0
 _RING_MESSAGES = 96
 """For 16 pairs; zenoh drops the oldest if this process has no time for them."""
 
-_Take = Callable[[Side, bytes, int], ReceivedPair | None]
 
-
-class Inbox:
+class Inbox(Generic[Received]):
     """Filled by zenoh's thread, emptied by the client's. Does not know its client, so a forgotten one disconnects.
 
     With `normalised` pairs wait for the cameras' response functions; `tally` goes on changing.
     """
 
-    def __init__(self, rig: str, name: str, endpoints: Endpoints, *, normalised: bool) -> None:
+    def __init__(
+        self,
+        kind: type[Received],
+        rig: str,
+        name: str,
+        endpoints: Endpoints,
+        *,
+        normalised: bool,
+        cameras: Sequence[CameraName] | None = None,
+    ) -> None:
         self.tally = ConsumerTally()
         self.session = SessionHolder("client", endpoints, self._serve, _on_trouble)
         self._rig, self._name, self._normalised = rig, name, normalised
         self._news = threading.Condition()
-        self._assembler = PairAssembler(self.tally)
-        self._queue = PairQueue(self.tally, _QUEUE_PAIRS)
+        self._assembler = SetAssembler(kind, self.tally, cameras)
+        self._queue: SetQueue[Received] = SetQueue(self.tally, _QUEUE_PAIRS)
         self._responses = _Responses()
-        self._takes: dict[str, _Take] = {
+        self._takes: dict[str, Callable[[CameraName, bytes, int], Received | None]] = {
             "image": self._assembler.image, "exposure": self._assembler.exposure, "response": self._responses.take,
         }  # fmt: skip
         self._throttle = LogThrottle(_SAID_S)
 
-    def take(self, timeout_s: float | None) -> ReceivedPair | None:
+    def take(self, timeout_s: float | None) -> Received | None:
         """The next pair; None if closed, or none arrives in time."""
         closed = self.session.closed
         with self._news:
@@ -91,12 +100,12 @@ class Inbox:
     def receive(self, key: str, data: bytes) -> None:
         """A message has arrived."""
         take = self._takes.get(last_but(key, 0))
-        side = None if take is None else side_of(key)
-        if take is None or side is None:
+        camera = None if take is None else camera_of(key)
+        if take is None or camera is None:
             return
         with self._news:
             try:
-                pair = take(side, data, time.monotonic_ns())
+                pair = take(camera, data, time.monotonic_ns())
             except DamagedMessageError as error:  # its pair never becomes complete, and is counted as lost
                 if self._throttle.due("damaged", time.monotonic_ns()):
                     log.warning("pairs are refused, and lost: %s", readable(str(error)))
@@ -126,54 +135,36 @@ class _Responses:
     """The latest response function and vignetting of each camera; the same objects as long as they stay the same."""
 
     def __init__(self) -> None:
-        self._texts: dict[Side, bytes] = {}
-        self._of: dict[Side, ResponseFunction] = {}
-        self._vignettings: dict[Side, Vignetting] = {}
+        self._texts: dict[CameraName, bytes] = {}
+        self._of: dict[CameraName, ResponseFunction] = {}
+        self._vignettings: dict[CameraName, Vignetting] = {}
 
-    def take(self, side: Side, data: bytes, _now_ns: int) -> None:
+    def take(self, camera: CameraName, data: bytes, _now_ns: int) -> None:
         """Take a message; a damaged one changes nothing."""
-        if self._texts.get(side) == data:
+        if self._texts.get(camera) == data:
             return
         response = response_from_json(data)
         if response is not None:
-            self._texts[side], self._of = data, self._of | {side: response}
-            others = {each: vignetting for each, vignetting in self._vignettings.items() if each != side}
+            self._texts[camera], self._of = data, self._of | {camera: response}
+            others = {each: vignetting for each, vignetting in self._vignettings.items() if each != camera}
             vignetting = vignetting_from_json(data)
-            self._vignettings = others if vignetting is None else {**others, side: vignetting}
+            self._vignettings = others if vignetting is None else {**others, camera: vignetting}
 
-    def joined_to(self, pair: ReceivedPair) -> ReceivedPair | None:
-        """The pair with the responses of its cameras; None while one is missing."""
-        if not self._of.keys() >= pair.stereo.frames.keys():
+    def joined_to(self, received: Received) -> Received | None:
+        """The set with the responses of its cameras; None while one is missing."""
+        if not self._of.keys() >= received.frames.keys():
             return None
-        return replace(pair, responses=self._of, vignettings=self._vignettings)
+        return replace(received, responses=self._of, vignettings=self._vignettings)
 
 
 _NUMBERS = itertools.count(1)
 """Of the clients of this process that are given no name."""
 
 
-class StereoClient:
-    """Iterates over a rig's stereo pairs without end; waits for a daemon that has not started yet, or has stopped.
+class FrameClient(Generic[Received]):
+    """What both clients do: see `RigClient`."""
 
-    Once a second it reports its losses to the daemon. A consumer slower than the cameras gets the newest pairs; it
-    delays nobody. Raises ConfigurationError when `rig` or `name` is not a valid name, or `connect` names something that
-    is no endpoint.
-
-    Parameters
-    ----------
-    rig
-        Name of the rig, `publish.rig` of the daemon's configuration.
-    connect
-        Endpoints of daemons or routers.
-    zenoh_file
-        A configuration file of zenoh, which then names the endpoints: TLS, access control.
-    name
-        The name under which the daemon shows this consumer; None: program and process, and from the second client of a
-        process on a number.
-    normalised
-        Hand out pairs only once the cameras' response functions are known, up to a second later, so that
-        `ReceivedPair.normalised` and `alike` work; vignetting comes with them.
-    """
+    _KIND: type[Received]
 
     def __init__(
         self,
@@ -183,13 +174,18 @@ class StereoClient:
         name: str | None = None,
         *,
         normalised: bool = False,
+        cameras: Sequence[CameraName] | None = None,
     ) -> None:
         check_rig_name(rig)
         if name is not None and not CONSUMER_NAME.fullmatch(name):
             raise ConfigurationError(f"{name} is not a valid consumer name: up to 64 letters, digits, and any of _ . -")
+        for camera in cameras or ():
+            if not CAMERA_NAME.fullmatch(camera):
+                raise ConfigurationError(f"{camera} is not a valid name of a camera: small letters, digits and _")
         self._rig = rig
         self._name = name or _default_name()
-        self._inbox = Inbox(rig, self._name, Endpoints.of_client(connect, zenoh_file), normalised=normalised)
+        endpoints = Endpoints.of_client(connect, zenoh_file)
+        self._inbox = Inbox(self._KIND, rig, self._name, endpoints, normalised=normalised, cameras=cameras)
         self._close_session: Callable[[], object] | None = None
 
     @property
@@ -197,14 +193,14 @@ class StereoClient:
         """The count so far."""
         return replace(self._inbox.tally)
 
-    def __iter__(self) -> Iterator[ReceivedPair]:
-        """Pairs until `close` is called."""
+    def __iter__(self) -> Iterator[Received]:
+        """Sets until `close` is called."""
         self._open()
-        while (pair := self.next_pair()) is not None:
-            yield pair
+        while (received := self.next_set()) is not None:
+            yield received
 
-    def next_pair(self, timeout_s: float | None = None) -> ReceivedPair | None:
-        """The next pair; None if the client is closed, or none arrives within `timeout_s`."""
+    def next_set(self, timeout_s: float | None = None) -> Received | None:
+        """The next set; None if the client is closed, or none arrives within `timeout_s`."""
         self._open()
         return self._inbox.take(timeout_s)
 
@@ -217,22 +213,22 @@ class StereoClient:
         self._send("registration", registration(view))
 
     def send_tracking(
-        self, stamp_ns: int, features: NDArray[np.uint16], inliers: NDArray[np.uint16], side: Side = "left"
+        self, stamp_ns: int, features: NDArray[np.uint16], inliers: NDArray[np.uint16], side: CameraName = "left"
     ) -> None:
         """Tell the daemon where and how well a frame was tracked, if it is connected: it exposes for that.
 
         Raises ValueError for counts of another shape, below 0, or with a fraction, more than 10000 features in a cell,
-        more inliers than features, and another side or stamp than a frame has.
+        more inliers than features, and a stamp that no frame has.
 
         Parameters
         ----------
         stamp_ns
-            `ReceivedPair.stamp_ns` of the frame's pair.
+            `ReceivedSet.stamp_ns` of the frame's set.
         features, inliers
             How many features were looked for in each cell of the frame, and how many of them fit the motion that was
             found: uint16, (6, 8), as `count_by_cell` makes them.
         side
-            Which camera's frame.
+            Which camera's frame: its name.
         """
         self._send("tracking", tracked_cells(TrackedCells(self._name, stamp_ns, side, features, inliers)))
 
@@ -259,6 +255,47 @@ class StereoClient:
             # inside zenoh would not survive.
             self._close_session = weakref.finalize(self, self._inbox.session.close)
             self._inbox.session.start()
+
+
+class RigClient(FrameClient[ReceivedSet]):
+    """Iterates over a rig's sets of frames without end; waits for a daemon that has not started yet, or has stopped.
+
+    Once a second it reports its losses to the daemon. A consumer slower than the cameras gets the newest sets; it
+    delays nobody. Raises ConfigurationError when a name is not valid, or `connect` names something that is no endpoint.
+
+    Parameters
+    ----------
+    rig
+        Name of the rig, `publish.rig` of the daemon's configuration.
+    connect
+        Endpoints of daemons or routers.
+    zenoh_file
+        A configuration file of zenoh, which then names the endpoints: TLS, access control.
+    name
+        The name under which the daemon shows this consumer; None: program and process, and from the second client of a
+        process on a number.
+    normalised
+        Hand out sets only once the cameras' response functions are known, up to a second later, so that
+        `ReceivedSet.normalised` and `alike` work; vignetting comes with them.
+    cameras
+        The cameras to take, by their names: then what becomes of the others does not matter. None: all of them, and
+        only sets in which none is missing.
+    """
+
+    _KIND = ReceivedSet
+
+
+class StereoClient(FrameClient[ReceivedPair]):
+    """A `RigClient` of one stereo pair: `cameras` are its left and its right one.
+
+    None: those of a rig that has no others; one with a single camera gives it as the left one.
+    """
+
+    _KIND = ReceivedPair
+
+    def next_pair(self, timeout_s: float | None = None) -> ReceivedPair | None:
+        """The next pair; None if the client is closed, or none arrives within `timeout_s`."""
+        return self.next_set(timeout_s)
 
 
 def _default_name() -> str:
