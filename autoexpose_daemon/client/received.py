@@ -56,12 +56,14 @@ class ReceivedSet:
     stamp_ns: int  # the middle of the first camera's exposure, CLOCK_REALTIME, unless `publish.stamp` says otherwise
     trigger: int  # the daemon's number for the trigger
     sequence: int  # number of the set among those that the daemon sent
-    decision: Decision | None  # what the daemon decided on this set
+    decision: Decision | None  # what the daemon decided on this set, for the first camera
     received_ns: int  # when the set became complete in this process, CLOCK_MONOTONIC
     # the response function of each camera, if the client was opened with `normalised`
     responses: Mapping[CameraName, ResponseFunction] = field(default_factory=dict)
     # the vignetting of each camera for which it was measured, along with the responses
     vignettings: Mapping[CameraName, Vignetting] = field(default_factory=dict)
+    # the decision for each camera: they differ where not all are exposed together
+    decisions: Mapping[CameraName, Decision] = field(default_factory=dict)
 
     @property
     def frame_set(self) -> FrameSet:
@@ -325,9 +327,10 @@ class SetAssembler(Generic[Received]):
             self._forget(older)
         info = parts.infos[cameras[0]]
         frames = {camera: frame_of(parts.infos[camera], parts.images[camera]) for camera in cameras}
-        decision = decision_of(info)
+        found = {camera: decision_of(parts.infos[camera]) for camera in cameras}
+        decisions = {camera: decision for camera, decision in found.items() if decision is not None}
         self._sequence.pair(info.sequence)  # after what may refuse the set, which then counts as lost
-        return self._kind(frames, stamp, info.trigger, info.sequence, decision, now_ns)
+        return self._kind(frames, stamp, info.trigger, info.sequence, found[cameras[0]], now_ns, decisions=decisions)
 
 
 class SetQueue(Generic[Received]):

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import (
     AfterValidator,
-    ValidationInfo,
+    BeforeValidator,
     ValidatorFunctionWrapHandler,
     WrapValidator,
     field_validator,
@@ -115,6 +115,21 @@ class ExposureConfig(Section):
         return ExposureLimits(self.min_time_us, self.max_time_us, self.min_gain_db, self.max_gain_db)
 
 
+class LimitsConfig(Section):
+    """Some bounds of the exposure; None: unchanged."""
+
+    min_time_us: ExposureTimeUs | None = None
+    max_time_us: ExposureTimeUs | None = None
+    min_gain_db: GainDb | None = None
+    max_gain_db: GainDb | None = None
+
+    @model_validator(mode="after")
+    def _names_one(self) -> Self:
+        if not self.model_dump(exclude_none=True):
+            raise ValueError(f"no limit is named: give {', '.join(type(self).model_fields)}, or some of them")
+        return self
+
+
 class StartConfig(Section):
     """The exposure before the first frame; the policy `fixed` stays there."""
 
@@ -146,10 +161,19 @@ class BracketConfig(Section):
     keep: bool = _BRACKETING.keep
 
 
+def _existing(policy: str) -> str:
+    check_policy_id(policy)
+    return policy
+
+
+PolicyId = Annotated[str, BeforeValidator(lambda name: present_name("policy", name)), AfterValidator(_existing)]
+"""One of the policies; the name of one that is no longer here gets what took its place."""
+
+
 class ControlConfig(Section):
     """Which policy decides, where it starts, what it looks at, and how it is tuned."""
 
-    policy: str = DEFAULT_POLICY
+    policy: PolicyId = DEFAULT_POLICY
     start: StartConfig | None = None
     roi: dict[CameraName, RegionConfig | None] = {}  # by camera; without one, all of its picture counts
     balance: BalanceId = _TUNING.balance
@@ -185,12 +209,7 @@ class ControlConfig(Section):
         bracketing = None if self.bracket is None else Bracketing(**self.bracket.model_dump())
         return ControlParameters(**values | found | {"bracket": bracketing})
 
-    @field_validator("policy", "motion", mode="before")
+    @field_validator("motion", mode="before")
     @classmethod
-    def _in_place_of_removed(cls, name: object, info: ValidationInfo) -> object:
-        return present_name(f"control.{info.field_name}", name)
-
-    @model_validator(mode="after")
-    def _policy_exists(self) -> Self:
-        check_policy_id(self.policy)
-        return self
+    def _in_place_of_removed(cls, name: object) -> object:
+        return present_name("control.motion", name)

@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, PlainSerializer, field_validator, model_validator
 
-from autoexpose_daemon.config.control import ControlConfig, ExposureConfig
+from autoexpose_daemon.config.control import ControlConfig, ExposureConfig, LimitsConfig, PolicyId, StartConfig
 from autoexpose_daemon.config.section import (
     Binning,
     ConnectionConfig,
@@ -56,16 +56,28 @@ def _refuse_number(serial: object) -> object:
     return serial
 
 
+ONE_GROUP = "all"
+"""The group of cameras that name none."""
+
+
+def _group_name(name: str) -> str:
+    if not CAMERA_NAME.fullmatch(name):
+        raise ValueError(f"{quoted(name)} is no name: begin with a small letter, then small letters, digits and _")
+    return name
+
+
 Features = Annotated[tuple[FeatureSetting, ...], BeforeValidator(parse_features), PlainSerializer(as_list)]
 
 
 class CameraConfig(Section):
     """One camera: its serial, its calibration files (without a response file it is linear), and features to set.
 
+    Cameras of one `group` are exposed together.
     `exposure_count_us` are the microseconds in a count of an exposure time whose unit the camera does not give.
     """
 
     serial: Annotated[Name, BeforeValidator(_refuse_number)]
+    group: Annotated[str, AfterValidator(_group_name)] = ONE_GROUP
     response: FileName | None = None
     gain_calibration: FileName | None = None
     calibration: FileName | None = None
@@ -194,6 +206,14 @@ class ImageConfig(Section):
     binning: Binning | None = None
 
 
+class GroupConfig(Section):
+    """What the cameras of one group have instead of what is common."""
+
+    policy: PolicyId | None = None
+    exposure: LimitsConfig | None = None
+    start: StartConfig | None = None
+
+
 class Config(Section):
     """The whole configuration."""
 
@@ -206,6 +226,7 @@ class Config(Section):
     image: ImageConfig = ImageConfig()
     motion: MotionConfig = MotionConfig()
     publish: PublishConfig | None = None
+    groups: dict[str, GroupConfig] = {}
     pairs: dict[Name, tuple[CameraName, CameraName]] = {}
 
     @model_validator(mode="after")
@@ -225,20 +246,58 @@ class Config(Section):
             raise ValueError(f"motion.imu needs control.focal_length_px: give that of cameras.{self.primary} in pixels")
         if focal_length_px is not None and imu is None:
             raise ValueError("control.focal_length_px has no effect without motion.imu: give motion.imu, or remove it")
+        for name in self.groups.keys() - self.cameras_of_groups.keys():
+            raise ValueError(f"groups.{name} has no camera: give one `group: {name}`, or remove it")
+        for name in self.groups:
+            self.of_group(name)
         for pair, (left, right) in self.pairs.items():
             if left == right:
                 raise ValueError(f"pairs.{pair} has {left} twice: give its left and its right camera")
             for name in {left, right} - self.cameras.keys():
                 raise ValueError(f"pairs.{pair} names {quoted(name)}, which is not among cameras")
+        self._check_exposure()
+        return self
+
+    def _check_exposure(self, place: str = "") -> None:
         period_us = 1e6 / self.trigger.rate_hz
         if self.exposure.max_time_us >= period_us:
             raise ValueError(
-                f"exposure.max_time_us {self.exposure.max_time_us:g} us does not fit into the "
+                f"{place}exposure.max_time_us {self.exposure.max_time_us:g} us does not fit into the "
                 f"{period_us:.0f} us between triggers at trigger.rate_hz {self.trigger.rate_hz:g}"
             )
         if not self.exposure.limits().contain(self.start):
-            raise ValueError(f"control.start {self.start} is outside the bounds of exposure")
-        return self
+            raise ValueError(f"{place}control.start {self.start} is outside the bounds of exposure")
+
+    @property
+    def cameras_of_groups(self) -> dict[str, tuple[CameraName, ...]]:
+        """The cameras of each group, as they come in the configuration."""
+        found: dict[str, tuple[CameraName, ...]] = {}
+        for name, camera in self.cameras.items():
+            found[camera.group] = (*found.get(camera.group, ()), name)
+        return found
+
+    def of_group(self, group: str) -> Config:
+        """The configuration as if the rig had only the cameras of a group: itself, if there is one group alone.
+
+        Raises ValueError if what the group has of its own does not fit the rest.
+        """
+        own = self.groups.get(group, GroupConfig())
+        if len(self.cameras_of_groups) == 1 and own == GroupConfig():
+            return self
+        cameras = {name: self.cameras[name] for name in self.cameras_of_groups[group]}
+        changed = {name: value for name in ("policy", "start") if (value := getattr(own, name)) is not None}
+        roi = {name: region for name, region in self.control.roi.items() if name in cameras}
+        bounds = {} if own.exposure is None else own.exposure.model_dump(exclude_none=True)
+        part = self.model_copy(
+            update={
+                "cameras": cameras,
+                "control": self.control.model_copy(update=changed | {"roi": roi}),
+                "exposure": self.exposure.model_copy(update=bounds),
+                "groups": {},
+            }
+        )
+        part._check_exposure(f"groups.{group}: ")
+        return part
 
     @property
     def primary(self) -> CameraName:

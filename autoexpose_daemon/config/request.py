@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from typing import Annotated, Any, Final
 
-from pydantic import Field, ValidationError, field_validator, model_validator
+from pydantic import Field, ValidationError, field_validator
 
+from autoexpose_daemon.config.control import LimitsConfig, PolicyId
 from autoexpose_daemon.config.section import (
     AreaConfig,
     EvStops,
@@ -15,13 +16,10 @@ from autoexpose_daemon.config.section import (
     Name,
     Section,
     error_sentences,
-    present_name,
 )
-from autoexpose_daemon.control.policies.ids import check_policy_id
 from documents.text import readable
 from imaging.errors import ConfigurationError
 from imaging.frames import CameraName
-from imaging.python310 import Self
 
 LARGEST_REQUEST_BYTES: Final = 1 << 15
 """Enough for a region of 256 rectangles, with room to spare."""
@@ -29,21 +27,6 @@ LARGEST_REQUEST_BYTES: Final = 1 << 15
 _LONGEST_SENTENCE: Final = 400
 
 Flag = Annotated[bool, Field(strict=True)]
-
-
-class LimitsRequest(Section):
-    """Bounds of the exposure; None: unchanged."""
-
-    min_time_us: ExposureTimeUs | None = None
-    max_time_us: ExposureTimeUs | None = None
-    min_gain_db: GainDb | None = None
-    max_gain_db: GainDb | None = None
-
-    @model_validator(mode="after")
-    def _names_one(self) -> Self:
-        if not self.model_dump(exclude_none=True):
-            raise ValueError(f"no limit is named: give {', '.join(type(self).model_fields)}, or some of them")
-        return self
 
 
 class ShotRequest(Section):
@@ -62,12 +45,13 @@ class Request(Section):
     """Changes to control, made all together or not at all; None and false leave things as they are."""
 
     by: Name  # who asks, in their own words: for the log
+    group: Name | None = None  # whose cameras; None: all
     reset: Flag = False  # go back to the configuration first
     locked: Flag | None = None  # true: keep the setting that was decided last; False: let the policy decide again
     ev_stops: EvStops | None = None  # added to what the policy decides
     # used in place of those in the configuration
-    policy: str | None = None
-    limits: LimitsRequest | None = None
+    policy: PolicyId | None = None
+    limits: LimitsConfig | None = None
     region: dict[CameraName, AreaConfig | None] | None = None
     shot: ShotRequest | None = None  # the setting of one pair
 
@@ -78,22 +62,20 @@ class Request(Section):
             raise ValueError("no camera is named: give a region by the name of each camera concerned")
         return region
 
+    def of(self, cameras: Collection[CameraName]) -> Request:
+        """The same without regions of other cameras than these."""
+        areas = {camera: area for camera, area in self.regions.items() if camera in cameras}
+        return self.model_copy(update={"region": areas or None})
+
+    @property
+    def only_regions(self) -> bool:
+        """Whether it asks for nothing but regions of cameras."""
+        return bool(self.regions) and not self.model_copy(update={"region": None}).words
+
     @property
     def regions(self) -> dict[CameraName, AreaConfig]:
         """Those that are asked for, by camera."""
         return {camera: area for camera, area in (self.region or {}).items() if area is not None}
-
-    @field_validator("policy", mode="before")
-    @classmethod
-    def _in_place_of_removed(cls, policy: object) -> object:
-        return present_name("policy", policy)
-
-    @field_validator("policy")
-    @classmethod
-    def _policy_exists(cls, policy: str | None) -> str | None:
-        if policy is not None:
-            check_policy_id(policy)
-        return policy
 
     @property
     def words(self) -> str:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.inputs import LightAhead
 from autoexpose_daemon.control.picture.steering import Steering
 from imaging.exposure import ExposureSetting
-from imaging.frames import FrameSet
+from imaging.frames import CameraName, FrameSet
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,8 +65,16 @@ class ControlStep:
     inputs: StepInputs  # what control was given: the pair alone if it made no decision
     decision: Decision | None = None  # none: a newer pair arrived before control looked at this one
     requests: tuple[str, ...] = ()  # the requests that took effect with this step, and who asked
+    # where not all cameras are exposed together, the step of each group by its name: `decision` is then the first's
+    groups: Mapping[str, ControlStep] = field(default_factory=dict)
 
     @property
     def pair(self) -> FrameSet:
         """The frames."""
         return self.inputs.pair
+
+    @property
+    def decisions(self) -> dict[CameraName, Decision]:
+        """What was decided for each camera; empty: nothing."""
+        steps = self.groups.values() or [self]
+        return {name: each.decision for each in steps if each.decision is not None for name in each.pair.frames}

@@ -274,7 +274,13 @@ def figures(run: DemoRun, steps: Sequence[LightStep]) -> dict[str, Any]:
         "triggers": len(run.pulses),
         "pairs": tally.pairs,
         "lost": {str(reason): count for reason, count in tally.lost.items() if count},
-        "cameras": dict.fromkeys(run.daemon.tuning.config.cameras),
+        "cameras": {
+            name: {"frames": tally.frames[name], "lost": tally.frames_lost[name]} for name in run.daemon.config.cameras
+        },
+        "groups": {
+            name: {"policy": tally.policy, "decision_ms": tally.decision_ms.percentiles()}
+            for name, tally in telemetry.groups.items()
+        },
         "fakes": {
             "overruns": sum(camera.overruns for camera in run.cameras),
             "cpu_percent": [round(100 * camera.cpu_s / run.cameras_took_s, 1) for camera in run.cameras],

@@ -93,6 +93,12 @@ class Place:
         return f"FAKE-{view}-{side[0]}" if view else f"FAKE-{side}"
 
     @property
+    def group(self) -> dict[str, str]:
+        """The key that has it exposed with those that look where it looks; none in a stereo pair."""
+        view, _, _ = self.name.rpartition("_")
+        return {"group": view} if view else {}
+
+    @property
     def address(self) -> str:
         """That of a GigE Vision camera."""
         return f"127.0.0.{2 + self.number}"

@@ -211,7 +211,7 @@ def configuration(
     return Config.model_validate(
         {
             "cameras": {
-                place.name: {"serial": place.serial, **calibrations.get(place.name, {})}
+                place.name: {"serial": place.serial, **place.group, **calibrations.get(place.name, {})}
                 for place in places(options.cameras)
             },
             "trigger": {"mode": "external", "line": "Line0", "rate_hz": rate_hz},

@@ -92,14 +92,14 @@ class MessageWriter:
     def messages(
         self,
         pair: FrameSet,
-        decision: Decision | None,
+        decisions: Mapping[CameraName, Decision],
         sequence: int,
         offset_ns: int,
         wanted: Container[tuple[CameraName, str]] | None = None,
         *,
         calibrations: Mapping[CameraName, CameraGeometry] = MappingProxyType({}),
     ) -> Iterator[Message]:
-        """The messages of one set that are `wanted`, None: all; decision None: nothing was decided on it.
+        """The messages of one set that are `wanted`, None: all; without decisions nothing was decided on it.
 
         `sequence` is its number among those sent, or recorded, `offset_ns` what `realtime_offset_ns` measures;
         `calibrations` are of the cameras that are calibrated.
@@ -111,11 +111,11 @@ class MessageWriter:
             "sequence": sequence,
             "cameras": self._cameras,
             "alone": len(pair.frames) < self._cameras,
-            **_of_decision(decision),
         }
         for camera, frame in pair.frames.items():
             header = _Header(stamp, f"{self._rig}_{camera}_optical_frame")
-            info = _ExposureInfo(header=header, **of_pair, **_of_frame(frame))
+            of_frame = _of_decision(decisions.get(camera)) | _of_frame(frame)
+            info = _ExposureInfo(header=header, **of_pair, **of_frame)
             if wanted is None or (camera, "exposure") in wanted:
                 yield Message(camera, "exposure", _serialise(info, EXPOSURE_INFO))
             if wanted is None or (camera, "camera_info") in wanted:

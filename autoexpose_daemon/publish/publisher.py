@@ -220,7 +220,7 @@ class Publisher:
         wanted = {key for key, those in heard.items() if those}
         offset_ns, calibrations = realtime_offset_ns(), self._calibrations()
         made = self._writer.messages(
-            step.pair, step.decision, self._sequence, offset_ns, wanted, calibrations=calibrations
+            step.pair, step.decisions, self._sequence, offset_ns, wanted, calibrations=calibrations
         )
         try:
             for message in made:

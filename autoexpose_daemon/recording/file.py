@@ -220,9 +220,8 @@ class RecordingFile:
                 if (given := getattr(step.inputs, name)) not in (None, NO_OVERRIDE):
                     self._say(topic, {name: plain(given)})
             messages = MessageWriter(self._rig, step.cameras, stamp)
-            made = messages.messages(
-                step.pair, step.decision, step.sequence, self._offset_ns, calibrations=step.calibrations
-            )
+            decisions, calibrations = dict.fromkeys(step.pair.frames, step.decision), step.calibrations
+            made = messages.messages(step.pair, decisions, step.sequence, self._offset_ns, calibrations=calibrations)
             for message in made:
                 self._add(message.camera, message.topic, TOPICS[message.topic], message.data, step.sequence)
             if state is not None:

@@ -20,6 +20,7 @@ from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.config.request import Request
 from autoexpose_daemon.control.decision import Grounds
 from autoexpose_daemon.control.loop import ControlLoop
+from autoexpose_daemon.runtime.group_control import GroupControl, starts
 from autoexpose_daemon.runtime.inputs import InputSource
 from autoexpose_daemon.runtime.rig_control import Outlet, RigControl
 from autoexpose_daemon.runtime.setup import Tuning
@@ -61,7 +62,7 @@ class Daemon:
         outlets: Sequence[Outlet] = (),
     ) -> None:
         self._config = config
-        self._rig = Rig(openers, silence_s(config), start or config.start)
+        self._rig = Rig(openers, silence_s(config), starts(config, start))
         self._control = RigControl(config, self._rig, start)
         self._orders: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
         self.telemetry = self._control.telemetry
@@ -78,14 +79,24 @@ class Daemon:
         return self._control.record.tally
 
     @property
+    def groups(self) -> Mapping[str, GroupControl]:
+        """The groups of cameras: for observers, which are called on the control thread."""
+        return self._control.groups
+
+    @property
+    def config(self) -> Config:
+        """The configuration in use."""
+        return self._control.config
+
+    @property
     def tuning(self) -> Tuning:
-        """The present tuning of control."""
-        return self._control.active.tuning
+        """The present tuning of the first group, which has all cameras if there is no other."""
+        return self._control.first.active.tuning
 
     @property
     def loop(self) -> ControlLoop | None:
-        """The present loop: for observers, which are called on its thread."""
-        return self._control.active.loop
+        """Its present loop."""
+        return self._control.first.active.loop
 
     def follow(self, name: str, source: InputSource, feed: AbstractContextManager[Any] | None = None) -> None:
         """Have control ask a source for this field of `StepInputs` before each decision; `run` opens what feeds it."""

@@ -6,7 +6,7 @@ import logging
 import math
 import time
 from collections import deque
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any, Final
 
 from autoexpose_daemon.config.document import ImuConfig
@@ -38,8 +38,8 @@ class InputSource:
         """What is known at a frame taken at `frame_ns` (CLOCK_MONOTONIC); None: nothing. Asked before each decision."""
         raise NotImplementedError
 
-    def decided(self, inputs: StepInputs, loop: ControlLoop) -> None:
-        """The loop has decided, given these inputs."""
+    def decided(self, inputs: StepInputs, loops: Sequence[ControlLoop]) -> None:
+        """Control has decided, given these inputs: the loop of each group of cameras, the first camera's first."""
 
     def passed_over(self, pair: FrameSet) -> None:
         """Control had no time for a pair."""
@@ -157,9 +157,9 @@ class ForetoldLight(InputSource):
         series, came_ns = newest
         return series.in_frames((frame_ns - came_ns) * 1e-9, self._rate_hz)
 
-    def decided(self, inputs: StepInputs, loop: ControlLoop) -> None:
+    def decided(self, inputs: StepInputs, loops: Sequence[ControlLoop]) -> None:
         """Note how far the series was believed."""
-        self.tally.belief = loop.light_belief
+        self.tally.belief = loops[0].light_belief
 
 
 OLDEST_REPORT_S: Final = 1.0
@@ -226,11 +226,12 @@ class Tracking(InputSource):
             self._judge(*self._waiting.popleft())
         return self._memory.steering(frame_ns * 1e-9)
 
-    def decided(self, inputs: StepInputs, loop: ControlLoop) -> None:
+    def decided(self, inputs: StepInputs, loops: Sequence[ControlLoop]) -> None:
         """Note who steered, and how the frames were exposed."""
-        steering = inputs.steering if loop.steered else None
+        steering = inputs.steering if any(loop.steered for loop in loops) else None
         self.tally.by, self.tally.age_s = ((), None) if steering is None else (steering.by, steering.age_s)
-        self.saw(moment_ns(inputs.pair.reference, self._stamp), loop.cell_exposures)
+        exposures = {camera: each for loop in loops for camera, each in loop.cell_exposures.items()}
+        self.saw(moment_ns(inputs.pair.reference, self._stamp), exposures)
 
     def passed_over(self, pair: FrameSet) -> None:
         """Nothing is known of how its frames were exposed."""

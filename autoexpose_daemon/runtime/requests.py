@@ -9,8 +9,9 @@ from dataclasses import dataclass, field, replace
 
 from autoexpose_daemon.config.request import Request, ShotRequest
 from autoexpose_daemon.control.decision import Decision
+from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.step import Override
-from autoexpose_daemon.runtime.setup import ActiveLoop
+from autoexpose_daemon.runtime.setup import ActiveLoop, Tuning
 from autoexpose_daemon.status.counters import Answer, AnsweredShot, Bounds, RequestTally
 from drivers.log_throttle import LogThrottle
 from imaging.errors import AutoexposeError, ConfigurationError
@@ -139,6 +140,10 @@ class Requests:
             rig = tuple(self._configured.config.cameras)
             self.shot = PendingShot(shot, now_ns + self._patience_ns, answer, rig)
 
+    def check(self, request: Request) -> None:
+        """Raise ConfigurationError for a request that would be refused; change nothing."""
+        self._prepared(request)
+
     def drop(self) -> None:
         """Return to the configuration, which is now the tuning of the active loop."""
         if words := str(self._tally):
@@ -198,6 +203,19 @@ class Requests:
         """Make all changes, or raise ConfigurationError; returns the setting of a shot, which is still to be taken."""
         if not request.words:
             return None
+        tuning, loop, locked, ev_stops, shot = self._prepared(request)
+        # Nothing is refused from here on.
+        if tuning is not self._active.tuning:
+            self._active.use(tuning, loop)
+        self._tally.locked, self._tally.ev_stops = locked, ev_stops
+        self._tally.changed = tuning.differs_from(self._configured)
+        self._tally.bounds = Bounds.of(loop.setup.limits)
+        return shot
+
+    def _prepared(
+        self, request: Request
+    ) -> tuple[Tuning, ControlLoop, ExposureSetting | None, float, ExposureSetting | None]:
+        """What a request would change: tuning and its loop, locked setting, EV compensation, and the shot to take."""
         tuning = self._configured if request.reset else self._active.tuning
         tuning = tuning.changed(request)
         loop = self._active.loop
@@ -212,13 +230,7 @@ class Requests:
             raise ConfigurationError("not every camera has been open yet: ask again when it has")
         loop.check_ev(ev_stops)
         shot = None if request.shot is None else self._shot_within(loop.setup.limits, request.shot)
-        # Nothing is refused from here on.
-        if tuning is not self._active.tuning:
-            self._active.use(tuning, loop)
-        self._tally.locked, self._tally.ev_stops = locked, ev_stops
-        self._tally.changed = tuning.differs_from(self._configured)
-        self._tally.bounds = Bounds.of(loop.setup.limits)
-        return shot
+        return tuning, loop, locked, ev_stops, shot
 
     def _knows_enough(self, request: Request) -> bool:
         """Whether the cameras that a request concerns have been open, so that it can be checked."""

@@ -5,22 +5,24 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future
+from dataclasses import replace
 from typing import Protocol
 
 from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.config.request import Request
 from autoexpose_daemon.control.step import ControlStep, StepInputs
+from autoexpose_daemon.runtime.group_control import GroupControl, starts
 from autoexpose_daemon.runtime.inputs import InputSource
-from autoexpose_daemon.runtime.requests import Requests
 from autoexpose_daemon.runtime.rig_health import RigHealth
-from autoexpose_daemon.runtime.setup import ActiveLoop, Tuning
+from autoexpose_daemon.runtime.setup import Tuning
 from autoexpose_daemon.status.counters import Answer
-from autoexpose_daemon.status.telemetry import Telemetry
+from autoexpose_daemon.status.telemetry import GroupTally, Telemetry
 from drivers.rig.events import (
     CameraGone,
     CameraReady,
     CameraSilent,
     ClockRead,
+    Command,
     FrameArrived,
     PacketsRefused,
     RigEvent,
@@ -30,6 +32,7 @@ from drivers.rig.events import (
 from drivers.rig.supervision import Slots
 from drivers.triggers import RigRecord
 from drivers.triggers.host import HostTriggers, PtpTriggers, ReadoutTimes, SoftwareTriggers
+from imaging.errors import ConfigurationError
 from imaging.exposure import ExposureSetting
 from imaging.frames import CameraName, FrameSet
 
@@ -41,8 +44,8 @@ the daemon runs."""
 class Cameras(Protocol):
     """What control needs from a rig."""
 
-    def write(self, setting: ExposureSetting, not_before_ns: int, command: int) -> None:
-        """Write `setting` to every camera, no earlier than `not_before_ns`, as this command; replaces a pending one."""
+    def write(self, command: Command) -> None:
+        """Write a setting to its cameras, no earlier than it is due; replaces pending ones."""
 
     def pace(self, camera: CameraName, slots: Slots) -> None:
         """Trigger a camera in these slots until it is closed; replaces, or moves, the former ones."""
@@ -76,16 +79,27 @@ class RigControl:
         self.outlets: list[Outlet] = []
         self.sources: dict[str, InputSource] = {}  # by field of `StepInputs`
         mode = config.trigger.mode if config.trigger.mode != "primary" else "external"
-        self.record = RigRecord(tuple(config.cameras), config.trigger_sources, config.trigger.rate_hz, now_ns(), mode)
-        self.active = ActiveLoop(Tuning(config))  # also for outlets, which run on its thread
-        period_ns = 1e9 / config.trigger.rate_hz
-        self.requests = Requests(self.active, self.telemetry.requests, start or config.start, period_ns)
+        self.config = config
+        groups = config.cameras_of_groups
+        self.record = RigRecord(
+            tuple(config.cameras),
+            config.trigger_sources,
+            config.trigger.rate_hz,
+            now_ns(),
+            mode,
+            groups=groups.values(),
+        )
+        self.telemetry.groups = {name: GroupTally() for name in groups}
+        begins, period_ns = starts(config, start), 1e9 / config.trigger.rate_hz
+        self.groups = {
+            name: GroupControl(config.of_group(name), tally, begins[groups[name][0]], period_ns)
+            for name, tally in self.telemetry.groups.items()
+        }
         self._cameras = cameras
         self._now_ns = now_ns
         self._triggers = _host_triggers(config, now_ns())
         self._readout_times = ReadoutTimes()
         self._health = RigHealth(config, self.telemetry, self.record, self._triggers)
-        self._asked: ExposureSetting | None = start or config.start  # None: write the next one, even if it is the same
         self._last_trigger = -1
         self._joins = False  # a camera is open, and no pair with it has been decided on yet
 
@@ -95,13 +109,43 @@ class RigControl:
 
     def tune(self, tuning: Tuning) -> None:
         """Switch to another tuning; ConfigurationError, with nothing changed, if it does not fit cameras or frames."""
-        self.active.tune(tuning)
+        parts = [(group, tuning.of_group(name)) for name, group in self.groups.items()]
+        loops = [group.active.prepared(part) for group, part in parts]
+        for (group, part), loop in zip(parts, loops, strict=True):  # nothing is refused from here on
+            group.active.use(part, loop)
+            group.requests.drop()
+        self.config = tuning.config
         self._health.tune(tuning)
-        self.requests.drop()
 
     def ask(self, request: Request, answer: Future[Answer]) -> None:
         """Change what a request asks for, and answer it; see `Requests.ask`."""
-        self.requests.ask(request, answer, self._now_ns())
+        try:
+            concerned = self._concerned(request)
+        except ConfigurationError as error:
+            if answer.set_running_or_notify_cancel():
+                self.telemetry.requests.refused += 1
+                answer.set_exception(error)
+            return
+        first, *others = concerned
+        first.requests.ask(request.of(first.cameras), answer, self._now_ns())
+        for group in others:
+            group.requests.ask(request.of(group.cameras), Future(), self._now_ns())
+
+    def _concerned(self, request: Request) -> list[GroupControl]:
+        """The groups that a request is for, which all take it; ConfigurationError if there is none, or one does not."""
+        if request.group is not None and request.group not in self.groups:
+            raise ConfigurationError(f"there is no group {request.group}: give one of {', '.join(self.groups)}")
+        if strangers := request.regions.keys() - self.config.cameras.keys():
+            raise ConfigurationError(f"region.{min(strangers)}: the rig has no {min(strangers)} camera: leave it out")
+        groups = [group for name, group in self.groups.items() if request.group in (None, name)]
+        if request.only_regions:
+            groups = [group for group in groups if request.regions.keys() & set(group.cameras)]
+        if len(groups) > 1:
+            if request.shot is not None:
+                raise ConfigurationError(f"a shot is of one group: give group, one of {', '.join(self.groups)}")
+            for group in groups:
+                group.requests.check(request.of(group.cameras))
+        return groups
 
     def close(self) -> None:
         """Account for the triggers up to now that will never make a pair."""
@@ -125,7 +169,8 @@ class RigControl:
                 self._last_trigger = newest.trigger
                 self._joins = self._joins and not self._complete(newest)
                 self._step(newest)
-        self.requests.look(self._now_ns())
+        for group in self.groups.values():
+            group.look(self._now_ns())
         if events:
             self.telemetry.account(self.record)
         for camera, why in self._health.look(self._now_ns()).items():
@@ -138,7 +183,9 @@ class RigControl:
         """
         if not (self._joins and pair.trigger <= self._last_trigger):
             self.telemetry.counts.pairs_without_decision += 1
-        self.requests.passed_over(pair)
+        for group in self.groups.values():
+            if (part := pair.of(group.cameras)) is not None:
+                group.requests.passed_over(part)
         if pair.trigger > self._last_trigger:
             for source in self.sources.values():
                 source.passed_over(pair)
@@ -149,7 +196,7 @@ class RigControl:
 
         Nobody else looks at what kind of event it is.
         """
-        now_ns, shot = self._now_ns(), self.requests.shot
+        now_ns = self._now_ns()
         event = self._triggers.placed(self._readout_times.placed(event))
         for camera, slots in self._triggers.see(event, now_ns).items():
             self._cameras.pace(camera, slots)
@@ -161,20 +208,21 @@ class RigControl:
             case Written(camera):
                 self.telemetry.written(event, self.record.written(event))
                 self._health.written(event)
-                if shot is not None:
+                if (shot := self._group_of(camera).requests.shot) is not None:
                     shot.written(camera, event.command, event.finished_ns)
             case WriteFailed(camera):
                 self._health.write_failed(event)
-                if shot is not None:
-                    shot.write_failed(camera)
-                self._asked = None
-            case CameraReady():
+                group = self._group_of(camera)
+                if group.requests.shot is not None:
+                    group.requests.shot.write_failed(camera)
+                group.asked = None
+            case CameraReady(camera):
                 self._health.ready(event)
-                self.active.ready(event)
+                self._group_of(camera).active.ready(event)
                 self._joins = True
             case CameraGone(camera):
                 self._health.gone(event, now_ns)
-                if shot is not None:
+                if (shot := self._group_of(camera).requests.shot) is not None:
                     shot.gone(camera)
             case CameraSilent(camera):
                 self._health.silent(camera, now_ns)
@@ -184,34 +232,55 @@ class RigControl:
                 self._health.packets_refused(camera, packets)
         return pairs
 
+    def _group_of(self, camera: CameraName) -> GroupControl:
+        return next(group for group in self.groups.values() if camera in group.cameras)
+
     def _step(self, pair: FrameSet) -> None:
-        started_ns = self._now_ns()
         taken_ns = min(frame.host_time_ns for frame in pair.frames.values())
         known = {name: source(taken_ns) for name, source in self.sources.items()}
-        inputs = StepInputs(pair, override=self.requests.override(pair), **known)
-        decision = self.active.step(inputs)
-        if decision is None or self.active.loop is None:
-            return
-        decided_ns = self._now_ns()
+        inputs = StepInputs(pair, **known)
         arrival_ns = max(frame.arrival_time_ns for frame in pair.frames.values())
-        self.telemetry.pairing_ms.add_ns(started_ns - arrival_ns)
-        self.telemetry.decision_ms.add_ns(decided_ns - started_ns)
-        self.telemetry.decided(decision, self.active.loop.setup.limits, self.active.loop.flicker_hz)
-        self._health.counted(pair, self.active.loop.uncounted)
-        written_to: list[CameraName] = []
-        if decision.setting != self._asked and not self._awaits_shot(decided_ns):
-            self._asked, written_to = decision.setting, self.telemetry.cameras.present
-            command = self.record.command(decision.setting, arrival_ns, decided_ns)
-            self._cameras.write(decision.setting, command.due_ns, command.number)
-            self.requests.commanded(command.number)
-        self.requests.decided(decision, written_to, self.telemetry.cameras.present)
+        self.telemetry.pairing_ms.add_ns(self._now_ns() - arrival_ns)
+        steps = {name: step for name, group in self.groups.items() if (step := self._decide(group, inputs)) is not None}
+        if not steps:
+            return
+        loops = [loop for name in steps if (loop := self.groups[name].active.loop) is not None]
         for source in self.sources.values():
-            source.decided(inputs, self.active.loop)
-        self._deliver(ControlStep(inputs, decision, self.requests.taken()))
+            source.decided(inputs, loops)
+        first = next(iter(steps.values()))
+        whole = first if len(self.groups) == 1 else replace(first, inputs=inputs, groups=steps)
+        self._deliver(whole)
 
-    def _awaits_shot(self, decided_ns: int) -> bool:
+    def _decide(self, group: GroupControl, inputs: StepInputs) -> ControlStep | None:
+        """Decide for one group, and have its cameras written."""
+        started_ns = self._now_ns()
+        step = group.step(inputs, first=group is self.first)
+        if step is None or step.decision is None or group.active.loop is None:
+            return None
+        decision, decided_ns = step.decision, self._now_ns()
+        group.tally.decision_ms.add_ns(decided_ns - started_ns)
+        self.telemetry.decision_ms.add_ns(decided_ns - started_ns)
+        self.telemetry.decided(decision, group.active.loop.setup.limits)
+        self._health.counted(step.pair, group.active.loop.uncounted)
+        present = [camera for camera in self.telemetry.cameras.present if camera in group.cameras]
+        written_to: list[CameraName] = []
+        if decision.setting != group.asked and not self._awaits_shot(group, decided_ns):
+            group.asked, written_to = decision.setting, present
+            arrival_ns = max(frame.arrival_time_ns for frame in step.pair.frames.values())
+            command = self.record.command(decision.setting, arrival_ns, decided_ns, group.cameras)
+            self._cameras.write(command)
+            group.requests.commanded(command.number)
+        group.requests.decided(decision, written_to, present)
+        return replace(step, requests=group.requests.taken())
+
+    @property
+    def first(self) -> GroupControl:
+        """The group of the first camera."""
+        return next(iter(self.groups.values()))
+
+    def _awaits_shot(self, group: GroupControl, decided_ns: int) -> bool:
         """Whether what was decided now would replace the setting of a shot before an exposure was made with it."""
-        shot = self.requests.shot
+        shot = group.requests.shot
         if shot is None or not shot.is_decided:
             return False
         return bool(shot.unwritten) or not self.record.exposes_before_write(shot.written_ns, decided_ns)
@@ -225,4 +294,4 @@ class RigControl:
             outlet(step)
 
     def _complete(self, pair: FrameSet) -> bool:
-        return len(pair.frames) == len(self.active.tuning.config.cameras)
+        return len(pair.frames) == len(self.config.cameras)

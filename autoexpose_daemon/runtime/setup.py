@@ -38,10 +38,16 @@ class Tuning:
 
     def __init__(self, config: Config) -> None:
         self.config = config
-        self.responses = {camera: file.response for camera, file in config.responses.items()}
-        self.calibrations = config.calibrations
-        self.vignettings = {camera: file.vignetting for camera, file in config.vignettings.items()}
-        self.regions = config.control.regions
+        # Those that were read for the whole rig may be of other cameras than a part of it has.
+        self.responses = {camera: config.responses[camera].response for camera in config.cameras}
+        self.calibrations = {name: it for name, it in config.calibrations.items() if name in config.cameras}
+        self.vignettings = {name: it.vignetting for name, it in config.vignettings.items() if name in config.cameras}
+        self.regions = {name: region for name, region in config.control.regions.items() if name in config.cameras}
+
+    def of_group(self, group: str) -> Tuning:
+        """That of a group's cameras: itself, if there is no other group."""
+        part = self.config.of_group(group)
+        return self if part is self.config else Tuning(part)
 
     def changed(self, request: Request) -> Self:
         """This tuning with a request's changes, or itself; ConfigurationError if that is not a valid configuration.

@@ -30,6 +30,7 @@ from autoexpose_daemon.status.states import Health, State
 from autoexpose_daemon.status.telemetry import PublishTally
 from imaging.errors import AutoexposeError, ConfigurationError
 from imaging.exposure import ExposureSetting
+from imaging.frames import CameraName
 from imaging.python310 import FutureTimeoutError
 
 if TYPE_CHECKING:
@@ -114,12 +115,7 @@ def add_outlets(daemon: Daemon, config: Config, recorder: Recorder | None = None
     daemon.telemetry.recorder = recorder
     if recorder is not None:
         recorder.follow(config.trigger.rate_hz, config.publish or PublishConfig())
-
-        def record(step: ControlStep) -> None:
-            if step.decision is not None and daemon.loop is not None:  # which has just made the step
-                recorder.take(step, daemon.loop, len(config.cameras), daemon.tuning.calibrations)
-
-        daemon.outlets.append(record)
+        daemon.outlets.append(partial(_record, recorder, daemon, next(iter(daemon.groups))))
     if config.publish is None:
         return daemon
     try:
@@ -143,11 +139,18 @@ def add_outlets(daemon: Daemon, config: Config, recorder: Recorder | None = None
         daemon.ask,
         explain=daemon.explain,
         tracking=tracking,
-        calibrations=lambda: daemon.tuning.calibrations,
+        calibrations=lambda: _of_all_groups(daemon, attrgetter("calibrations")),
     )
     daemon.outlets.append(publisher)
     daemon.telemetry.publishing = publisher.tally
     return daemon
+
+
+def _record(recorder: Recorder, daemon: Daemon, group: str, step: ControlStep) -> None:
+    """Take a group's step, which its loop has just made."""
+    own, control = step.groups.get(group, step if not step.groups else None), daemon.groups[group]
+    if own is not None and own.decision is not None and control.active.loop is not None:
+        recorder.take(own, control.active.loop, len(control.cameras), control.active.tuning.calibrations)
 
 
 def _add_imu(daemon: Daemon, config: ImuConfig) -> None:
@@ -167,13 +170,18 @@ def _missing(error: ImportError) -> str:
     return f"{error.name} is missing: pip install 'autoexpose-daemon[publish]'"
 
 
+def _of_all_groups(daemon: Daemon, part: Callable[[Tuning], dict[CameraName, Any]]) -> dict[CameraName, Any]:
+    """A part of the tuning of each group, by camera."""
+    return {camera: it for group in daemon.groups.values() for camera, it in part(group.active.tuning).items()}
+
+
 def _texts(daemon: Daemon, last: bool) -> dict[str, str]:
     """The status and the response of each camera, by key; `last`: before the session closes."""
-    tuning = daemon.tuning
-    status = describe(daemon.telemetry, tuning.config, ending=last)
+    status = describe(daemon.telemetry, daemon.config, ending=last)
+    vignettings = _of_all_groups(daemon, attrgetter("vignettings"))
     responses = {
-        response_key(status.rig, camera): response_to_json(it, tuning.vignettings.get(camera))
-        for camera, it in tuning.responses.items()
+        response_key(status.rig, camera): response_to_json(it, vignettings.get(camera))
+        for camera, it in _of_all_groups(daemon, attrgetter("responses")).items()
     }
     return {rig_key(status.rig, "status"): status.to_json()} | responses
 
@@ -247,7 +255,7 @@ class Service:
 
     def status(self) -> Status:
         """The present status of the daemon."""
-        return describe(self.daemon.telemetry, self.daemon.tuning.config)
+        return describe(self.daemon.telemetry, self.daemon.config)
 
     def _make(self, config: Config) -> Daemon:
         return self._build(config, self._last_exposure.recall(config.exposure.limits()))

@@ -15,12 +15,13 @@ from autoexpose_daemon.status.document import (
     CameraStatus,
     DurationStatus,
     Fault,
+    GroupStatus,
     PublishStatus,
     RecorderStatus,
     Status,
 )
 from autoexpose_daemon.status.states import Expectation, Health, judge
-from autoexpose_daemon.status.telemetry import GONE, DurationSamples, PublishTally, Telemetry
+from autoexpose_daemon.status.telemetry import GONE, DurationSamples, GroupTally, PublishTally, Telemetry
 from documents.text import readable
 from imaging.frames import CameraName
 
@@ -81,7 +82,7 @@ def describe(telemetry: Telemetry, config: Config, ending: bool = False) -> Stat
     return Status(
         version=VERSION,
         rig=(config.publish or PublishConfig()).rig,
-        policy=config.control.policy,
+        policy=telemetry.first_group.policy or config.control.policy,
         unix_time_s=round(time.time(), 3),
         uptime_s=_seconds(now_ns - _STARTED_NS),
         open_s=_seconds(0 if telemetry.opened_ns is None else now_ns - telemetry.opened_ns),
@@ -100,8 +101,20 @@ def describe(telemetry: Telemetry, config: Config, ending: bool = False) -> Stat
         imu=None if telemetry.imu is None else replace(telemetry.imu),
         light_ahead=None if telemetry.light_ahead is None else replace(telemetry.light_ahead),
         tracking=None if telemetry.tracking is None else copy.deepcopy(telemetry.tracking),
-        flicker_hz=telemetry.flicker_hz,
+        flicker_hz=telemetry.first_group.flicker_hz,
         requests=replace(telemetry.requests),
+        groups={name: _group(tally) for name, tally in telemetry.groups.items()},
+    )
+
+
+def _group(tally: GroupTally) -> GroupStatus:
+    return GroupStatus(
+        cameras=tally.cameras,
+        policy=tally.policy,
+        decision=tally.decision,
+        flicker_hz=tally.flicker_hz,
+        requests=replace(tally.requests),
+        decision_ms=_durations(tally.decision_ms),
     )
 
 
@@ -117,6 +130,8 @@ def _camera(telemetry: Telemetry, name: CameraName) -> CameraStatus:
         drift_grey=telemetry.cameras.drift_grey.get(name),
         misfit=telemetry.cameras.misfits.get(name),
         ptp=telemetry.cameras.ptp.get(name),
+        frames=telemetry.cameras.frames.get(name, 0),
+        lost=telemetry.cameras.frames_lost.get(name, 0),
     )
 
 

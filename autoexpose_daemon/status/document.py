@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Annotated
 
 from pydantic import AfterValidator, Field, TypeAdapter, ValidationError
@@ -85,6 +85,9 @@ class CameraStatus:
     misfit: str | None  # why its calibration does not fit, in words; None if it fits
     # what it says about its PTP clock; None except in `trigger.mode` ptp
     ptp: Annotated[PtpState, AfterValidator(_fits_a_node)] | None = None
+    # triggers whose frame arrived whole, and those whose frame did not
+    frames: Count = 0
+    lost: Count = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,6 +111,21 @@ class RecorderStatus:
     steps: Count
     dropped: Count
     failure: str | None
+
+
+_Decision = Annotated[Decision, AfterValidator(lambda decision: _takes_time(decision.setting) and decision)]
+
+
+@dataclass(frozen=True, slots=True)
+class GroupStatus:
+    """Cameras that are exposed together."""
+
+    cameras: Annotated[tuple[CameraName, ...], _Few]
+    policy: str  # that decides
+    decision: _Decision | None  # the newest one; its `setting` is the last one requested. None before the first
+    flicker_hz: _Hertz | None  # as found in the light; None: none, or `control.flicker_hz` is a number
+    requests: RequestTally  # what was requested of it while it runs
+    decision_ms: DurationStatus  # how long its decisions take
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,7 +159,7 @@ class Status:
     counts: Counts
     lost: _Counts  # triggers that made no pair, by reason (docs/account.md)
     # the newest decision; its `setting` is the last one requested. None before the first
-    decision: Annotated[Decision, AfterValidator(lambda decision: _takes_time(decision.setting) and decision)] | None
+    decision: _Decision | None
     # see `DURATIONS`
     pairing_ms: DurationStatus
     decision_ms: DurationStatus
@@ -158,6 +176,8 @@ class Status:
     requests: RequestTally | None = None  # None: the daemon takes no requests
     tracking: TrackingTally | None = None  # how consumers' reports were used; None: nothing is published
     skew_ms: DurationStatus = DurationStatus(0, 0.0, None, None)
+    # by name; what stands above of policy, decision, flicker and requests is of the first
+    groups: Annotated[dict[str, GroupStatus], _Few] = field(default_factory=dict)
 
     @property
     def health(self) -> Health:

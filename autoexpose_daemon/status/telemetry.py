@@ -11,13 +11,13 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from autoexpose_daemon.config.document import ONE_GROUP
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.messages.client import ConsumerTally
 from autoexpose_daemon.status.counters import Counts, ImuTally, LightTally, RequestTally, TrackingTally
 from drivers.camera import PtpState
-from drivers.rig.events import Written
+from drivers.rig.events import Command, Written
 from drivers.triggers import RigRecord
-from drivers.triggers.writes import Command
 from imaging.exposure import ExposureLimits, ExposureSetting
 from imaging.frames import CameraName, FrameSet
 from imaging.python310 import StrEnum
@@ -155,7 +155,7 @@ class RecorderCounts(Protocol):
 
 @dataclass(slots=True)
 class CameraTally:
-    """What is known of the cameras; written by `RigHealth`."""
+    """What is known of the cameras; written by `RigHealth`, but for the account of their frames."""
 
     # model and serial of each camera that the daemon tried to open, or `GONE`
     names: dict[CameraName, str] = field(default_factory=dict)
@@ -167,6 +167,9 @@ class CameraTally:
     troubles: dict[tuple[CameraName, str], str] = field(default_factory=dict)
     # why a camera's calibration does not fit, in words, for each such camera
     misfits: dict[CameraName, str] = field(default_factory=dict)
+    # triggers whose frame arrived whole, and those whose frame did not
+    frames: dict[CameraName, int] = field(default_factory=dict)
+    frames_lost: dict[CameraName, int] = field(default_factory=dict)
     # error of its response (grey levels rms), for each camera with a verdict
     drift_grey: dict[CameraName, float] = field(default_factory=dict)
 
@@ -174,6 +177,19 @@ class CameraTally:
     def present(self) -> list[CameraName]:
         """The cameras that are open."""
         return [name for name, camera in self.names.items() if camera != GONE]
+
+
+@dataclass(slots=True)
+class GroupTally:
+    """What is known of cameras that are exposed together; written by their `GroupControl`."""
+
+    cameras: tuple[CameraName, ...] = ()
+    policy: str = ""
+    # the latest decision, and the flicker found in the light; None: none was found, or it is not looked for
+    decision: Decision | None = None
+    flicker_hz: float | None = None
+    requests: RequestTally = field(default_factory=RequestTally)  # what was requested of control while it runs
+    decision_ms: DurationSamples = field(default_factory=DurationSamples)
 
 
 @dataclass(slots=True)
@@ -190,8 +206,7 @@ class Telemetry:
     failure: str | None = None
     counts: Counts = field(default_factory=Counts)  # each by whoever knows: see `Counts`
     cameras: CameraTally = field(default_factory=CameraTally)  # by `RigHealth`
-    # what was requested of control while it runs, by `Requests`
-    requests: RequestTally = field(default_factory=RequestTally)
+    groups: dict[str, GroupTally] = field(default_factory=lambda: {ONE_GROUP: GroupTally()})
     # each by what counts there; None without it
     publishing: PublishTally | None = None
     recorder: RecorderCounts | None = None
@@ -204,9 +219,6 @@ class Telemetry:
     # stopped sending while another goes on
     applied: ExposureSetting | None = None
     newest: dict[CameraName, ExposureSetting] = field(default_factory=dict)
-    # the latest decision, and the flicker found in the light; None: none was found, or it is not looked for
-    decision: Decision | None = None
-    flicker_hz: float | None = None
     # see `DURATIONS`
     pairing_ms: DurationSamples = field(default_factory=DurationSamples)
     decision_ms: DurationSamples = field(default_factory=DurationSamples)
@@ -227,6 +239,7 @@ class Telemetry:
         self.counts.surplus_frames = record.tally.surplus_frames
         self.counts.late_writes = record.late_writes
         self.lost = dict(record.tally.lost)
+        self.cameras.frames, self.cameras.frames_lost = dict(record.tally.frames), dict(record.tally.frames_lost)
 
     def written(self, write: Written, command: Command | None) -> None:
         """Note how long a write took, if a decision caused it; a camera is also written when it is opened."""
@@ -259,9 +272,23 @@ class Telemetry:
             self._recent_ns.append(start_ns)
             self.last_pair_ns = arrival_ns
 
-    def decided(self, decision: Decision, limits: ExposureLimits, flicker_hz: float | None = None) -> None:
-        """Note a decision made within limits, in light that flickers, if it is known to."""
-        self.decision, self.flicker_hz = decision, flicker_hz
+    @property
+    def first_group(self) -> GroupTally:
+        """The group of the first camera, which stands for the rig where one figure is to."""
+        return next(iter(self.groups.values()))
+
+    @property
+    def decision(self) -> Decision | None:
+        """The latest decision of the first group."""
+        return self.first_group.decision
+
+    @property
+    def requests(self) -> RequestTally:
+        """What was requested of the first group."""
+        return self.first_group.requests
+
+    def decided(self, decision: Decision, limits: ExposureLimits) -> None:
+        """Note a decision made within limits."""
         if decision.level <= limits.darkest.level:
             self.counts.decisions_at_darkest_limit += 1
         elif decision.level >= limits.brightest.level:

@@ -1,4 +1,4 @@
-"""The cameras of a rig, each kept alive by its own threads, so that a camera in trouble does not disturb the other.
+"""The cameras of a rig, each kept alive by its own threads, so that one in trouble does not disturb the others.
 
 Per camera, one thread owns the nodes and one takes frames. All that happens goes into a single queue of events, for
 the one thread that pairs frames and decides.
@@ -12,21 +12,24 @@ import time
 from collections.abc import Callable, Mapping
 
 from drivers.camera import Camera
-from drivers.rig.events import RigEvent
+from drivers.rig.events import Command, RigEvent
 from drivers.rig.supervision import Slots, Supervisor
 from imaging.exposure import ExposureSetting
 from imaging.frames import CameraName
 
 
 class Rig:
-    """Runs one or two cameras until `stop`: `Supervisor` has what `silence_s` and `start` mean."""
+    """Runs cameras until `stop`: `Supervisor` has what `silence_s` and the start of each camera mean."""
 
     def __init__(
-        self, openers: Mapping[CameraName, Callable[[], Camera]], silence_s: float, start: ExposureSetting
+        self,
+        openers: Mapping[CameraName, Callable[[], Camera]],
+        silence_s: float,
+        starts: Mapping[CameraName, ExposureSetting],
     ) -> None:
         self.events: queue.SimpleQueue[RigEvent] = queue.SimpleQueue()
         self._units = {
-            camera: _Unit(camera, Supervisor(camera, opener, silence_s, start, self.events))
+            camera: _Unit(camera, Supervisor(camera, opener, silence_s, starts[camera], self.events))
             for camera, opener in openers.items()
         }
 
@@ -43,13 +46,10 @@ class Rig:
         """Trigger a camera in these slots until it is closed; replaces, or moves, the former ones."""
         self._units[camera].supervisor.pace(slots)
 
-    def write(self, setting: ExposureSetting, not_before_ns: int, command: int) -> None:
-        """Write `setting` to every camera, no earlier than `not_before_ns` (host time); replaces a pending write.
-
-        `command` is its number, by which what is reported of the write is known.
-        """
-        for unit in self._units.values():
-            unit.supervisor.request(setting, not_before_ns, command)
+    def write(self, command: Command) -> None:
+        """Write a setting to its cameras, no earlier than it is due; replaces pending writes to them."""
+        for camera in command.cameras:
+            self._units[camera].supervisor.request(command.setting, command.due_ns, command.number)
 
     def stop(self, timeout_s: float) -> bool:
         """Stop acquisition and close the cameras; False when one did not answer in time."""

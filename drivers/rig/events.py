@@ -1,4 +1,4 @@
-"""What a rig reports about its cameras."""
+"""What a rig is told to write, and what it reports about its cameras."""
 
 from __future__ import annotations
 
@@ -43,6 +43,27 @@ class FrameArrived:
     camera: CameraName
     frame: Frame | IncompleteFrame
     stale: bool = False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Command:
+    """A setting that was decided on, to be written to some cameras; times are CLOCK_MONOTONIC, in ns.
+
+    Its `number` counts from 1. It was decided on a set whose last frame arrived at `arrival_ns`, and may be written
+    from `due_ns` on: later than `decided_ns` if the write window holds it back.
+    """
+
+    number: int
+    setting: ExposureSetting
+    arrival_ns: int
+    decided_ns: int
+    due_ns: int
+    cameras: tuple[CameraName, ...] = ()
+
+    @property
+    def held(self) -> bool:
+        """Whether the write window holds it back."""
+        return self.due_ns > self.decided_ns
 
 
 OPENING = 0

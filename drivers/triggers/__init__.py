@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import Literal
 
 from drivers.camera import IncompleteFrame
@@ -10,6 +10,7 @@ from drivers.rig.events import (
     CameraGone,
     CameraReady,
     CameraSilent,
+    Command,
     FrameArrived,
     NotTriggered,
     RigEvent,
@@ -20,17 +21,18 @@ from drivers.setup import TriggerMode
 from drivers.triggers.account import TriggerAccount
 from drivers.triggers.outcomes import Tally
 from drivers.triggers.rate import StartCheck
-from drivers.triggers.writes import Command, RigWrites, WriteHistory, WriteWindow
+from drivers.triggers.writes import GroupWrites, WriteHistory, WriteWindow
 from imaging.exposure import ExposureSetting
 from imaging.frames import CameraName, Frame, FrameSet
 
 
 class RigRecord:
-    """Takes the events of a rig, in order, and returns stereo pairs. Times are CLOCK_MONOTONIC, in ns.
+    """Takes the events of a rig, in order, and returns sets of frames. Times are CLOCK_MONOTONIC, in ns.
 
-    `trigger_sources` gives the TriggerSource of each camera that waits for triggers; without any, cameras run freely,
-    and miss no trigger of their own. Triggers count from `opened_ns`, or in mode "ptp" from when the first camera is
-    paced: `unpaced` are those that are open and will get scheduled triggers, but none yet.
+    Cameras of one of `groups` (none: all) are exposed together. `trigger_sources` gives the TriggerSource of each
+    camera that waits for triggers; without any, cameras run freely, and miss no trigger of their own. Triggers count
+    from `opened_ns`, or in mode "ptp" from when the first camera is paced: `unpaced` are those that are open and will
+    get scheduled triggers, but none yet.
     """
 
     def __init__(
@@ -40,13 +42,16 @@ class RigRecord:
         rate_hz: float,
         opened_ns: int,
         mode: TriggerMode = "external",
+        *,
+        groups: Collection[Collection[CameraName]] = (),
     ) -> None:
         numbered_by: Literal["time", "frame_id"] = "time" if trigger_sources else "frame_id"
         self._scheduled = mode == "ptp"
         self.unpaced: set[CameraName] = set()
         self._account = TriggerAccount(cameras, 1e9 / rate_hz, None if self._scheduled else opened_ns, numbered_by)
         self._start_check = StartCheck(trigger_sources, rate_hz, by_host=mode in ("software", "ptp"))
-        self._writes = RigWrites(cameras)
+        writes = [GroupWrites(group) for group in groups or [cameras]]
+        self._writes = {camera: group for group in writes for camera in group.histories}
         self._window = WriteWindow()
         self._commands = 0
 
@@ -58,11 +63,11 @@ class RigRecord:
     @property
     def late_writes(self) -> int:
         """Settings that were written too late for the exposure they were for."""
-        return self._writes.late
+        return sum(writes.late for writes in set(self._writes.values()))
 
     def history(self, camera: CameraName) -> WriteHistory:
         """The commands and writes of a camera."""
-        return self._writes.histories[camera]
+        return self._writes[camera].histories[camera]
 
     def begin(self, now_ns: int) -> None:
         """Count triggers from now on instead of from `opened_ns`, before the first event."""
@@ -83,7 +88,7 @@ class RigRecord:
                 return self._account.silent(camera)
             case CameraGone(camera):
                 self.unpaced.discard(camera)
-                self._writes.gone(camera)
+                self._writes[camera].gone(camera)
                 self._start_check.gone(camera)
                 return self._account.gone(camera)
             case CameraReady(camera) if self._scheduled:
@@ -91,7 +96,7 @@ class RigRecord:
             case CameraReady(camera):
                 self._ready(camera, now_ns)
             case WriteFailed(camera):
-                self._writes.refused(camera)
+                self._writes[camera].refused(camera)
             case NotTriggered(camera, count):
                 self._account.not_given(camera, count)
         return []
@@ -108,18 +113,21 @@ class RigRecord:
 
     def written(self, write: Written) -> Command | None:
         """Enter a write; returns the command behind it, None for the write when a camera is opened."""
-        command = self._writes.write(write, self._account.grid)
+        command = self._writes[write.camera].write(write, self._account.grid)
         if command is not None and not command.held:
             self._window.took(write.finished_ns - command.decided_ns)
         return command
 
-    def command(self, setting: ExposureSetting, arrival_ns: int, decided_ns: int) -> Command:
-        """Enter a setting that was decided on; its `due_ns` says when to write it."""
+    def command(
+        self, setting: ExposureSetting, arrival_ns: int, decided_ns: int, cameras: Collection[CameraName] | None = None
+    ) -> Command:
+        """Enter a setting that was decided on for the cameras of a group (None: all); says when to write it."""
         grid = self._account.grid
         due_ns = decided_ns if grid is None else self._window.next_ns(grid, decided_ns)
         self._commands += 1
-        command = Command(self._commands, setting, arrival_ns, decided_ns, due_ns)
-        self._writes.command(command)
+        concerned = tuple(self._writes if cameras is None else cameras)
+        command = Command(self._commands, setting, arrival_ns, decided_ns, due_ns, concerned)
+        self._writes[concerned[0]].command(command)
         return command
 
     def exposes_before_write(self, since_ns: int, decided_ns: int) -> bool:
@@ -130,12 +138,19 @@ class RigRecord:
         return grid.time_of(grid.last_before(self._window.next_ns(grid, decided_ns))) > since_ns
 
     def mismatched(self, pair: FrameSet) -> bool:
-        """Whether left and right differ, or a frame was taken with a setting that no camera ever held completely."""
-        return self._writes.mismatched(pair)
+        """Whether settings within a group differ, or a frame was taken with one that no camera ever held completely."""
+        return any(writes.mismatched(part) for writes, part in self._parts(pair))
 
     def explains_mismatch(self, pair: FrameSet) -> bool:
-        """Whether it is known why a pair is mismatched."""
-        return self._writes.explains(pair)
+        """Whether it is known why a set is mismatched."""
+        return all(writes.explains(part) for writes, part in self._parts(pair) if writes.mismatched(part))
+
+    def _parts(self, pair: FrameSet) -> Iterator[tuple[GroupWrites, FrameSet]]:
+        """What each group made of a set."""
+        for writes in dict.fromkeys(self._writes[camera] for camera in pair.frames):
+            part = pair.of(writes.histories)
+            if part is not None:
+                yield writes, part
 
     def findings(self, now_ns: int) -> list[str]:
         """What the first frames reveal about the wiring, each finding once."""

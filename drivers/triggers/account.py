@@ -250,9 +250,13 @@ class TriggerAccount:
             frames = {camera: outcome for camera, outcome in outcomes.items() if isinstance(outcome, Frame)}
             if len(frames) == len(self._tracks) and self._of_one_instant(frames.values()):
                 self.tally.pairs += 1
+                self.tally.frames.update(frames)
                 pairs.append(FrameSet(trigger, frames))
             elif not stopped(outcomes):
                 self.tally.lost[loss_reason(outcomes)] += count
+                for camera, outcome in outcomes.items():
+                    arrived = isinstance(outcome, Frame) or outcome is Fate.TAKEN
+                    (self.tally.frames if arrived else self.tally.frames_lost)[camera] += count
                 pairs += self._partial(trigger, frames)
         return pairs
 

@@ -143,6 +143,8 @@ class Tally:
     """
 
     pairs: int = 0
+    frames: Counter[CameraName] = field(default_factory=Counter)  # that arrived whole, and
+    frames_lost: Counter[CameraName] = field(default_factory=Counter)  # that did not: together the triggers
     lost: Counter[str] = field(default_factory=Counter)
     surplus_frames: int = 0
     window_start_ns: int | None = None

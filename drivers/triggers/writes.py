@@ -4,37 +4,16 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Collection
 from itertools import islice
 
-from drivers.rig.events import OPENING, Written
+from drivers.rig.events import OPENING, Command, Written
 from drivers.triggers.rate import TriggerGrid
 from imaging.exposure import DB_PER_STOP, ExposureSetting
 from imaging.frames import CameraName, Frame, FrameSet
 
 REMEMBERED = 128
 """Writes: more than half a second at 200 Hz, and no reported camera takes longer from write to effect."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Command:
-    """A setting that was decided on, to be written to every camera; times are CLOCK_MONOTONIC, in ns.
-
-    Its `number` counts from 1. It was decided on a pair whose last frame arrived at `arrival_ns`, and may be written
-    from `due_ns` on: later than `decided_ns` if the write window holds it back.
-    """
-
-    number: int
-    setting: ExposureSetting
-    arrival_ns: int
-    decided_ns: int
-    due_ns: int
-
-    @property
-    def held(self) -> bool:
-        """Whether the write window holds it back."""
-        return self.due_ns > self.decided_ns
 
 
 class WriteHistory:
@@ -148,14 +127,14 @@ EFFECT_TRIGGERS = 4
 """A camera shows a write at the next exposure or, if it works ahead, up to this many later."""
 
 
-class RigWrites:
-    """Keeps the writes of a rig, in a history for each camera, and counts how many settings were `late`.
+class GroupWrites:
+    """Keeps the writes of cameras that are exposed together, a history for each, and counts how many were `late`.
 
-    A setting is late if an exposure of any camera started before all of it was written: for a frame or so, left and
-    right may differ, or a camera may hold half of one.
+    A setting is late if an exposure of any camera started before all of it was written: for a frame or so, their
+    settings may differ, or a camera may hold half of one.
     """
 
-    def __init__(self, cameras: Sequence[CameraName]) -> None:
+    def __init__(self, cameras: Collection[CameraName]) -> None:
         self.histories = {camera: WriteHistory() for camera in cameras}
         self.late = 0
         self._newest: int | None = None  # the number of the command that was written last
@@ -211,7 +190,7 @@ class RigWrites:
         self._missing.discard(camera)
 
     def mismatched(self, pair: FrameSet) -> bool:
-        """Whether left and right differ, or a frame was taken with a setting that no camera ever held as a whole."""
+        """Whether settings differ, or a frame was taken with a setting that no camera ever held as a whole."""
         return pair.mismatched or not all(
             any(history.has_held(frame.setting) for history in self.histories.values())
             for frame in pair.frames.values()
@@ -243,7 +222,7 @@ MARGIN_NS = 500_000
 LEAST_WRITES = 512
 """Fewer say too little about the slowest one in a hundred, which the guard must cover."""
 REMEMBERED_WRITES = 2048
-"""For both cameras together: 17 s at one per frame."""
+"""For all cameras together: 17 s at one per frame of two."""
 
 
 class WriteWindow:

@@ -15,9 +15,9 @@ from autoexpose_daemon.runtime.daemon import silence_s
 from autoexpose_daemon.runtime.rig_control import Outlet, RigControl
 from autoexpose_daemon.runtime.setup import Tuning
 from autoexpose_daemon.status.states import Expectation, Health, State, judge
-from drivers.rig.events import RigEvent
+from drivers.rig.events import Command, RigEvent
 from drivers.rig.supervision import Slots, Supervisor
-from imaging.exposure import ExposureLimits, ExposureSetting
+from imaging.exposure import ExposureLimits
 from imaging.frames import CameraName, FrameSet
 from tests.soak.camera import LIMITS, Device
 from tests.soak.clock import MS, SECOND, Actor, Clock, run
@@ -207,11 +207,11 @@ class VirtualRig:
             unit.device.pulse(number, now_ns)
             unit.plan_frames()
 
-    def write(self, setting: ExposureSetting, not_before_ns: int, command: int) -> None:
+    def write(self, command: Command) -> None:
         """See `Rig.write`."""
-        for unit in self.units.values():
-            unit.supervisor.request(setting, not_before_ns, command)
-            unit.plan_nodes()
+        for camera in command.cameras:
+            self.units[camera].supervisor.request(command.setting, command.due_ns, command.number)
+            self.units[camera].plan_nodes()
 
     def pace(self, camera: CameraName, slots: Slots) -> None:
         """See `Rig.pace`."""

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Collection
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import cv2
@@ -38,6 +39,11 @@ class Steering:
         for camera, favours in self.favours.items():
             if len(favours) != CELLS or not all(abs(favour) <= 1.0 for favour in favours):
                 raise ValueError(f"steering of the {camera} camera is not {CELLS} numbers from -1 to 1")
+
+    def of(self, cameras: Collection[CameraName]) -> Steering | None:
+        """What is known of some cameras; None: nothing."""
+        favours = {camera: each for camera, each in self.favours.items() if camera in cameras}
+        return replace(self, favours=favours) if favours else None
 
     def weights(self, camera: CameraName, rows: int, columns: int) -> NDArray[np.float64]:
         """How much each cell of another grid counts for a camera, shape (rows, columns)."""

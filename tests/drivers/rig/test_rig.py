@@ -14,7 +14,7 @@ import numpy as np
 
 from drivers.camera import Camera, CameraDescription, RefusedPackets
 from drivers.rig import Rig
-from drivers.rig.events import CameraGone, CameraReady, FrameArrived, RigEvent, WriteFailed, Written
+from drivers.rig.events import CameraGone, CameraReady, Command, FrameArrived, RigEvent, WriteFailed, Written
 from imaging.errors import CameraLostError, NodeError
 from imaging.exposure import ExposureLimits, ExposureSetting
 from imaging.frames import CameraName, Frame
@@ -79,12 +79,16 @@ class ScriptedCamera:
 
 @contextmanager
 def running(openers: dict[CameraName, Callable[[], Camera]], silence_s: float = LONG_S) -> Iterator[Rig]:
-    rig = Rig(openers, silence_s, START)
+    rig = Rig(openers, silence_s, dict.fromkeys(openers, START))
     rig.start()
     try:
         yield rig
     finally:
         assert rig.stop(LONG_S)
+
+
+def command(number: int, exposure_time_us: float, due_ns: int = 0, *cameras: CameraName) -> Command:
+    return Command(number, ExposureSetting(exposure_time_us, 0.0), 0, 0, due_ns, cameras or ("left",))
 
 
 def wait_for(rig: Rig, kind: type[Event]) -> Event:
@@ -110,8 +114,8 @@ def test_only_the_latest_waiting_setting_is_written_and_not_early() -> None:
     with running({"left": lambda: camera}) as rig:
         wait_for(rig, CameraReady)
         not_before_ns = time.monotonic_ns() + 100_000_000
-        rig.write(ExposureSetting(2000.0, 0.0), not_before_ns, 1)
-        rig.write(ExposureSetting(3000.0, 0.0), not_before_ns, 2)
+        rig.write(command(1, 2000.0, not_before_ns))
+        rig.write(command(2, 3000.0, not_before_ns))
         written = wait_for(rig, Written)
         assert written.asked.exposure_time_us == 3000.0
         assert written.started_ns >= not_before_ns
@@ -124,7 +128,7 @@ def test_a_lost_camera_is_reopened_with_the_last_wanted_setting_and_does_not_dis
     with running({"left": lambda: next(lefts), "right": lambda: right}, silence_s=0.05) as rig:
         wait_for(rig, CameraReady)
         wait_for(rig, CameraReady)
-        rig.write(ExposureSetting(4000.0, 0.0), 0, 3)
+        rig.write(command(3, 4000.0, 0, "left", "right"))
         while left.written[-1].exposure_time_us != 4000.0:
             wait_for(rig, Written)
         left.lost = True
@@ -142,10 +146,10 @@ def test_a_refused_write_is_reported_and_the_camera_kept() -> None:
     with running({"left": lambda: camera}) as rig:
         wait_for(rig, CameraReady)
         camera.refuses = True
-        rig.write(ExposureSetting(2000.0, 0.0), 0, 4)
+        rig.write(command(4, 2000.0, 0))
         assert "ExposureTime" in str(wait_for(rig, WriteFailed).error)
         camera.refuses = False
-        rig.write(ExposureSetting(2500.0, 0.0), 0, 5)
+        rig.write(command(5, 2500.0, 0))
         assert wait_for(rig, Written).asked.exposure_time_us == 2500.0
 
 
