@@ -213,9 +213,9 @@ def imported(folder: Path, *arguments: object) -> tuple[str, ...]:
 def test_a_chain_becomes_the_files_of_a_pair(tmp_path: Path) -> None:
     chain = kalibr(made_rig(), tmp_path)
     output = done(*imported(tmp_path, chain))
-    for camera in SIDES:
-        assert load_geometry(tmp_path / "out" / f"{camera}.yaml", camera) == load_geometry(chain, camera)
-        assert f"cameras.{camera}.calibration: {tmp_path}/out/{camera}.yaml" in output
+    for side in SIDES:
+        assert load_geometry(tmp_path / "out" / f"{side}.yaml", side) == load_geometry(chain, side)
+        assert f"cameras.{side}.calibration: {tmp_path}/out/{side}.yaml" in output
     assert "a chain of Kalibr: cam0, cam1, 720x540 pixels" in output
     assert "baseline: 80.0312 mm" in output
     done(*imported(tmp_path, chain))
@@ -245,8 +245,8 @@ def test_the_two_files_of_opencvs_sample_are_joined(tmp_path: Path) -> None:
 
 
 def test_two_cameras_of_ros_and_two_sensors_of_euroc_become_a_pair(tmp_path: Path) -> None:
-    for camera in SIDES:
-        (tmp_path / f"{camera}.yaml").write_text(yaml.safe_dump(ros(camera)))
+    for side in SIDES:
+        (tmp_path / f"{side}.yaml").write_text(yaml.safe_dump(ros(side)))
     done(*imported(tmp_path, tmp_path / "left.yaml", tmp_path / "right.yaml"))
     assert load_geometry(tmp_path / "out" / "right.yaml", "right") == load_geometry(tmp_path / "right.yaml", "right")
     assert "would be replaced: choose another folder" in refused(
@@ -254,15 +254,15 @@ def test_two_cameras_of_ros_and_two_sensors_of_euroc_become_a_pair(tmp_path: Pat
     )
     rig = made_rig()
     sensors = []
-    for camera, body in enumerate((np.eye(4), np.linalg.inv(rig.pose))):
-        (tmp_path / f"cam{camera}").mkdir()
-        content = {"T_BS": {"rows": 4, "cols": 4, "data": body.ravel().tolist()}, "intrinsics": rig.k[camera]}
+    for side, body in enumerate((np.eye(4), np.linalg.inv(rig.pose))):
+        (tmp_path / f"cam{side}").mkdir()
+        content = {"T_BS": {"rows": 4, "cols": 4, "data": body.ravel().tolist()}, "intrinsics": rig.k[side]}
         content |= {"resolution": [720, 540], "camera_model": "pinhole", "distortion_model": "radial-tangential"}
-        sensors.append(tmp_path / f"cam{camera}" / "sensor.yaml")
-        sensors[-1].write_text(yaml.safe_dump(content | {"distortion_coefficients": rig.d[camera]}))
+        sensors.append(tmp_path / f"cam{side}" / "sensor.yaml")
+        sensors[-1].write_text(yaml.safe_dump(content | {"distortion_coefficients": rig.d[side]}))
     done(*imported(tmp_path, *sensors))
-    pair = {camera: load_geometry(tmp_path / "out" / f"{camera}.yaml", camera) for camera in SIDES}
-    check_pair(pair)
+    pair = {side: load_geometry(tmp_path / "out" / f"{side}.yaml", side) for side in SIDES}
+    check_pair(pair["left"], pair["right"])
     (tmp_path / "k").mkdir()
     assert pair["right"].projection == pytest.approx(
         load_geometry(kalibr(rig, tmp_path / "k"), "right").projection, abs=1e-9

@@ -51,7 +51,7 @@ def test_pictures_become_files_for_ros_and_kalibr_and_a_report(pictures: Path, t
     assert "verdict: believe it" in output
     assert re.search(r"baseline: (79\.9|80\.0)\d mm, if squares are 30 mm", output)
     pair = {side: load_geometry(tmp_path / "out" / f"{side}.yaml", side) for side in SIDES}
-    check_pair(pair)
+    check_pair(pair["left"], pair["right"])
     assert pair["right"].baseline_m == pytest.approx(BASELINE_M, rel=1e-3)
     assert pair["left"].camera_matrix[0] == pytest.approx(FOCAL_PX, rel=1e-3)
     for side in SIDES:

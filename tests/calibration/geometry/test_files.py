@@ -203,20 +203,30 @@ def test_files_of_other_cameras_and_sizes_are_refused() -> None:
 
 def test_files_that_are_no_pair_are_refused() -> None:
     left, right = of_ros(ros("left")), of_ros(ros("right"))
-    check_pair({"left": left, "right": right})
-    check_pair({"left": left})
-    check_pair({"right": right})
+    check_pair(left, right)
+    check_pair(left, None)
+    check_pair(None, right)
     p = left.projection
-    wrong: list[tuple[dict[Side, CameraGeometry], str]] = [
-        ({"left": right}, "cameras.left.calibration: projection_matrix has a baseline"),
-        ({"right": left}, "cameras.right.calibration: projection_matrix has no baseline"),
+    wrong: list[tuple[CameraGeometry | None, CameraGeometry | None, str]] = [
+        (right, None, "cameras.left.calibration: projection_matrix has a baseline"),
+        (None, left, "cameras.right.calibration: projection_matrix has no baseline"),
         (
-            {"left": left, "right": replace(right, projection=(*p[:3], -right.projection[3], *p[4:]))},
+            left,
+            replace(right, projection=(*p[:3], -right.projection[3], *p[4:])),
             "puts this camera 0.08003 m to the left of the other .its fourth number is .*: exchange left and right",
         ),
-        ({"left": replace(left, width=640), "right": right}, "640x540 pixels, cameras.right.calibration for 720x540"),
-        ({"left": replace(left, projection=(p[0] + 1, *p[1:])), "right": right}, "project differently"),
+        (replace(left, width=640), right, "640x540 pixels, cameras.right.calibration for 720x540"),
+        (replace(left, projection=(p[0] + 1, *p[1:])), right, "project differently"),
     ]
-    for pair, words in wrong:
+    for one, other, words in wrong:
         with pytest.raises(ConfigurationError, match=words):
-            check_pair(pair)
+            check_pair(one, other)
+
+
+def test_the_cameras_of_a_pair_are_named_as_the_rig_names_them() -> None:
+    left, right = of_ros(ros("left")), of_ros(ros("right"))
+    check_pair(left, right, "rear_left", "rear_right")
+    with pytest.raises(ConfigurationError, match=r"cameras\.rear_left\.calibration: projection_matrix has a baseline"):
+        check_pair(right, None, "rear_left", "rear_right")
+    with pytest.raises(ConfigurationError, match=r"rear_left.* and cameras\.rear_right\.calibration project"):
+        check_pair(replace(left, projection=(1.0, *left.projection[1:])), right, "rear_left", "rear_right")

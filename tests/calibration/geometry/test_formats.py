@@ -55,7 +55,7 @@ def test_one_rig_has_one_geometry_whoever_writes_it(tmp_path: Path, name: str, m
     for one, other in zip(found, reference, strict=True):
         assert astuple(one)[:3] == astuple(other)[:3]
         assert flat(one) == pytest.approx(flat(other), abs=1e-9)
-    check_pair(dict(zip(SIDES, found, strict=True)))
+    check_pair(*found)
     for side, one in zip(SIDES, found, strict=True):
         (tmp_path / f"{side}.yaml").write_text(ros_yaml(one, side))
         assert load_geometry(tmp_path / f"{side}.yaml", side) == one
@@ -432,7 +432,7 @@ def test_rounding_in_another_program_is_no_baseline(tmp_path: Path) -> None:
     file = tmp_path / "left.yaml"
     file.write_text(yaml.safe_dump(content))
     assert load_geometry(file, "left").projection[3] == 0.0
-    check_pair({"left": load_geometry(file, "left")})
+    check_pair(load_geometry(file, "left"), None)
 
 
 @pytest.mark.parametrize(
@@ -441,7 +441,7 @@ def test_rounding_in_another_program_is_no_baseline(tmp_path: Path) -> None:
 )
 def test_a_baseline_that_few_rigs_have_is_named(tmp_path: Path, baseline_m: float, named: bool) -> None:
     left, right = both(kalibr(made_rig(baseline_m=baseline_m), tmp_path))
-    check_pair({"left": left, "right": right})
+    check_pair(left, right)
     note = baseline_note(right)
     assert (note is not None) == named
     assert note is None or f"{right.baseline_m:.4g} m" in note
