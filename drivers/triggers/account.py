@@ -250,7 +250,7 @@ class TriggerAccount:
             frames = {camera: outcome for camera, outcome in outcomes.items() if isinstance(outcome, Frame)}
             if len(frames) == len(self._tracks) and self._of_one_instant(frames.values()):
                 self.tally.pairs += 1
-                self.tally.frames.update(frames)
+                self.tally.frames.update(list(frames))
                 pairs.append(FrameSet(trigger, frames))
             elif not stopped(outcomes):
                 self.tally.lost[loss_reason(outcomes)] += count
