@@ -25,7 +25,7 @@ from imaging.exposure import ExposureSetting
 if TYPE_CHECKING:
     from autoexpose_daemon.config.document import Config
     from autoexpose_daemon.recording.belief_plot import BeliefStrip
-    from autoexpose_daemon.recording.recorder import Recorder
+    from autoexpose_daemon.recording.recorder import GroupRecorders, Recorder
     from autoexpose_daemon.runtime.daemon import Daemon
 
 
@@ -139,7 +139,10 @@ def _explaining(notifier: Notifier) -> Iterator[None]:
 
 
 def run_daemon(
-    file: Path, notifier: Notifier, recorder: Recorder | None = None, load: Callable[[Path], Config] | None = None
+    file: Path,
+    notifier: Notifier,
+    recorder: Recorder | GroupRecorders | None = None,
+    load: Callable[[Path], Config] | None = None,
 ) -> None:
     """Run the daemon with the live view, until SIGTERM or SIGINT; `load` reads its configuration, also again."""
     from autoexpose_daemon.config.load import load_config  # noqa: PLC0415

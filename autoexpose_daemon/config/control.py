@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from pydantic import (
     AfterValidator,
     BeforeValidator,
+    ValidationInfo,
     ValidatorFunctionWrapHandler,
     WrapValidator,
     field_validator,
@@ -209,7 +210,7 @@ class ControlConfig(Section):
         bracketing = None if self.bracket is None else Bracketing(**self.bracket.model_dump())
         return ControlParameters(**values | found | {"bracket": bracketing})
 
-    @field_validator("motion", mode="before")
+    @field_validator("policy", "motion", mode="before")
     @classmethod
-    def _in_place_of_removed(cls, name: object) -> object:
-        return present_name("control.motion", name)
+    def _in_place_of_removed(cls, name: object, info: ValidationInfo) -> object:
+        return present_name(f"control.{info.field_name}", name)

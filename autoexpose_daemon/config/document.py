@@ -41,6 +41,7 @@ from documents.text import quoted
 from drivers.camera import CameraDescription
 from drivers.genicam.trigger import ACTION, SOFTWARE
 from drivers.setup import FeatureSetting, as_list, parse_features
+from imaging.errors import ConfigurationError
 from imaging.exposure import ExposureSetting
 from imaging.frames import CameraName
 from imaging.gain_scale import GainScale
@@ -101,7 +102,8 @@ def _named(cameras: dict[CameraName, CameraConfig]) -> dict[CameraName, CameraCo
     for name in cameras:
         if not CAMERA_NAME.fullmatch(name):
             raise ValueError(
-                f"{quoted(name)} is no name for a camera: begin with a small letter, then small letters, digits and _"
+                f"{quoted(name)} is no name for a camera: begin with a small letter, then up to 63 small letters, digits "
+                "and _; `consumers` is taken"
             )
     for (name, camera), (other_name, other) in combinations(cameras.items(), 2):
         if camera.serial == other.serial:
@@ -258,15 +260,15 @@ class Config(Section):
         self._check_exposure()
         return self
 
-    def _check_exposure(self, place: str = "") -> None:
+    def _check_exposure(self) -> None:
         period_us = 1e6 / self.trigger.rate_hz
         if self.exposure.max_time_us >= period_us:
-            raise ValueError(
-                f"{place}exposure.max_time_us {self.exposure.max_time_us:g} us does not fit into the "
+            raise ConfigurationError(
+                f"exposure.max_time_us {self.exposure.max_time_us:g} us does not fit into the "
                 f"{period_us:.0f} us between triggers at trigger.rate_hz {self.trigger.rate_hz:g}"
             )
         if not self.exposure.limits().contain(self.start):
-            raise ValueError(f"{place}control.start {self.start} is outside the bounds of exposure")
+            raise ConfigurationError(f"control.start {self.start} is outside the bounds of exposure")
 
     @property
     def cameras_of_groups(self) -> dict[str, tuple[CameraName, ...]]:
@@ -279,7 +281,7 @@ class Config(Section):
     def of_group(self, group: str) -> Config:
         """The configuration as if the rig had only the cameras of a group: itself, if there is one group alone.
 
-        Raises ValueError if what the group has of its own does not fit the rest.
+        Raises ConfigurationError if what the group has of its own does not fit the rest.
         """
         own = self.groups.get(group, GroupConfig())
         if len(self.cameras_of_groups) == 1 and own == GroupConfig():
@@ -296,7 +298,8 @@ class Config(Section):
                 "groups": {},
             }
         )
-        part._check_exposure(f"groups.{group}: ")
+        with said_of(f"groups.{group}"):
+            part._check_exposure()
         return part
 
     @property

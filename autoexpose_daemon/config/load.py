@@ -21,7 +21,7 @@ from imaging.frames import CameraName
 
 
 def camera_setup(config: Config, camera: CameraName) -> CameraSetup:
-    """How to open the camera of a side."""
+    """How to open a camera."""
     return CameraSetup(
         trigger=_trigger(config, camera),
         pixel_format=config.image.pixel_format,

@@ -8,7 +8,7 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, get_args, get_origin
 
 from pydantic import (
     AfterValidator,
@@ -119,7 +119,10 @@ def _error_sentence(error: ErrorDetails, model: type[BaseModel]) -> str:
         near = difflib.get_close_matches(last, known, n=1)
         hint = f"did you mean {'.'.join([*parents, near[0]])}?" if near else f"known: {', '.join(known)}"
         return f"{key}: unknown key; {hint}"
-    if error["type"] == "model_type" and key:
+    if error["loc"][-1:] == ("[key]",):
+        section = ".".join(shortened(str(part)) for part in error["loc"][:-2])
+        return f"{section}: {quoted(error['input'])} is no name to YAML: put it in quotes"
+    if error["type"] in ("model_type", "dict_type") and key:
         return f"{key}: is {'empty' if error['input'] is None else 'no section'}: give keys below it, or remove it"
     if error["type"] == "missing":
         return f"{key}: is missing"
@@ -129,13 +132,23 @@ def _error_sentence(error: ErrorDetails, model: type[BaseModel]) -> str:
 
 def _keys_of(parents: list[str], model: type[BaseModel]) -> list[str]:
     """The known keys below a path of keys, taken from the models themselves."""
+    named = False  # what comes next is a name that the user chose, such as that of a camera
     for parent in parents:
-        if parent.isdecimal():  # a place in a list
+        if named or parent.isdecimal():  # a place in a list
+            named = False
             continue
-        annotation: Any = model.model_fields[parent].annotation
-        candidates = [annotation, *getattr(annotation, "__args__", ())]
-        model = next(c for c in candidates if isinstance(c, type) and issubclass(c, BaseModel))
+        kinds = list(_kinds(model.model_fields[parent].annotation))
+        named = dict in kinds
+        model = next(kind for kind in kinds if isinstance(kind, type) and issubclass(kind, BaseModel))
     return list(model.model_fields)
+
+
+def _kinds(annotation: Any) -> Iterator[Any]:
+    """The plain types that a type is made of."""
+    inner = get_args(annotation)
+    yield get_origin(annotation) if inner else annotation
+    for each in inner:
+        yield from _kinds(each)
 
 
 @contextmanager

@@ -32,7 +32,7 @@ _MOTIONS: dict[str, Callable[[ResponseFunction], Motion]] = {
     "farneback": FarnebackMotion,
 }
 
-STATE_FORMAT = "autoexpose-control/13"
+STATE_FORMAT = "autoexpose-control/14"
 """Format of `ControlSetup` and `ControlLoop.state` as plain data: a new number when names, types or meaning change."""
 
 
@@ -50,7 +50,7 @@ class ControlLoop(Stateful):
     _seen: Built[list[Look]]
     _past: deque[PastStep]
     _motions: dict[CameraName, Motion]
-    _motion_side: CameraName | None = None
+    _motion_camera: CameraName | None = None
     _motion_px: float = 0.0
     _policy: ExposurePolicy
     _flicker: FlickerWatch | None
@@ -241,7 +241,7 @@ class ControlLoop(Stateful):
             )
         for motion in self._motions.values():
             motion.forget()
-        self._motion_side = None
+        self._motion_camera = None
         self._motion_px = abs(angular_rate_rad_s) * focal_length_px / REFERENCE_RATE_HZ
         return self._motion_px
 
@@ -254,8 +254,8 @@ class ControlLoop(Stateful):
         motion = self._motions[look.camera]
         speed_px = motion.measure(look.image, frame.pixels.shape[1], setting.level, frame.device_time_ns)
         if speed_px is None:
-            speed_px = 0.0 if self._motion_side == look.camera else self._motion_px
-        self._motion_side, self._motion_px = look.camera, speed_px
+            speed_px = 0.0 if self._motion_camera == look.camera else self._motion_px
+        self._motion_camera, self._motion_px = look.camera, speed_px
         return speed_px
 
 

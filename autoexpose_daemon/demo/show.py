@@ -35,7 +35,7 @@ from imaging.geometry import SIDES, CameraGeometry
 from imaging.pixels import PIXEL_FORMATS
 
 if TYPE_CHECKING:
-    from autoexpose_daemon.recording.recorder import Recorder
+    from autoexpose_daemon.recording.recorder import GroupRecorders, Recorder
 
 SENSOR = {"full_well_e": 22_000.0, "read_noise_e": 3.0}
 """As `autoexpose calibrate noise` finds them."""
@@ -223,7 +223,7 @@ def configuration(
     )
 
 
-def _recorder(options: DemoOptions, config: Config) -> Recorder | None:
+def _recorder(options: DemoOptions, config: Config) -> Recorder | GroupRecorders | None:
     if options.record is None:
         return None
     from autoexpose_daemon.recording.recorder import new_recorder  # noqa: PLC0415

@@ -18,7 +18,7 @@ from imaging.errors import ConfigurationError
 if TYPE_CHECKING:
     from imaging.frames import CameraName
 
-CAMERA_NAME = re.compile(r"(?!consumers$)[a-z][a-z0-9_]*")
+CAMERA_NAME = re.compile(r"(?!consumers$)[a-z][a-z0-9_]{0,63}")
 """What the cameras of a configuration may be called; `consumers` stands in the same place of other keys."""
 
 LOOPBACK = "tcp/127.0.0.1:7448"

@@ -48,12 +48,13 @@ from documents.files import open_regular
 from imaging.frames import CameraName, Frame, FrameSet
 from imaging.geometry import SIDES, CameraGeometry
 
-FORMER_FORMATS = tuple(f"autoexpose-control/{number}" for number in range(2, 13))
-"""In the eleventh, motion was measured by DIS flow unless a paper has Farneback's. In the tenth, only the latest delay
-of the loop was remembered. In the ninth, levels of light ahead followed the light and nothing else. In the eighth,
-searches did not know whose frames they compared. In the sixth, nothing was bracketed. In the fifth, consumers steered
-nothing, and no lens had a vignetting. In the fourth, gains had even steps, and nothing could override the policy. In
-the second, control had one response, the left camera's, and one history of motion, whichever camera frames were from.
+FORMER_FORMATS = tuple(f"autoexpose-control/{number}" for number in range(2, 14))
+"""In the thirteenth, cameras were called sides. In the eleventh, motion was measured by DIS flow unless a paper has
+Farneback's. In the tenth, only the latest delay of the loop was remembered. In the ninth, levels of light ahead
+followed the light and nothing else. In the eighth, searches did not know whose frames they compared. In the sixth,
+nothing was bracketed. In the fifth, consumers steered nothing, and no lens had a vignetting. In the fourth, gains
+had even steps, and nothing could override the policy. In the second, control had one response, the left camera's,
+and one history of motion, whichever camera frames were from.
 """
 
 _FARNEBACK = {"begin2022", "begin2022-code", "mehta2020", "mehta2020-code"}
@@ -103,7 +104,18 @@ def upgraded_state(state: Any, setup: ControlSetup) -> Any:
     by_paper = motion == "policy" and setup.policy_id in _FARNEBACK and setup.parameters.bracket is None
     if motion != "farneback" and not by_paper and isinstance(state.get("motions"), dict):
         state = {**state, "motions": {camera: _of_tiles(each) for camera, each in state["motions"].items()}}
-    return _with_delays(state)
+    named: dict[str, Any] = _of_cameras(_with_delays(state))
+    return named
+
+
+def _of_cameras(state: Any) -> Any:
+    """A state in which cameras were called sides."""
+    if isinstance(state, dict):
+        return {_CAMERAS.get(key, key): _of_cameras(each) for key, each in state.items()}
+    return [_of_cameras(each) for each in state] if isinstance(state, list) else state
+
+
+_CAMERAS = {"side": "camera", "motion_side": "motion_camera"}
 
 
 def _of_tiles(motion: Any) -> Any:
@@ -243,17 +255,18 @@ class Recording:
         channel = self._channels.get(message.channel_id)
         if channel is None:
             raise ValueError(f"a message of channel {message.channel_id}, which does not exist")
+        of_ours = channel.topic.startswith("/autoexpose/")
         match channel.topic.split("/")[-2:]:
             case ["control", what] if what in _FIELDS or what in (SETUP, REQUESTS, STATE):
                 return self._of_control(what, message.data)
-            case ["left" | "right" as camera, "exposure"]:
+            case [camera, "exposure"] if of_ours:
                 self._check_version(channel)
                 self._exposure(camera, message.data)
-            case ["left" | "right" as camera, "camera_info"]:
+            case [camera, "camera_info"] if of_ours:
                 geometry = read_camera_info(message.data)
                 if geometry is not None:
                     self._calibrations[camera] = geometry
-            case ["left" | "right" as camera, "image"]:
+            case [camera, "image"] if of_ours:
                 notes = channel.metadata
                 full_scale = FULL_SCALE.items() <= notes.items() or bool(notes.get(OFFERED_QOS))
                 return self._image(camera, message.data, full_scale=full_scale)

@@ -11,7 +11,7 @@ import time
 from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -78,6 +78,10 @@ class Recorder(ABC):
         self._steps_per_snapshot = math.ceil(SNAPSHOT_S * rate_hz)
         self._room = max(self._room, math.ceil(self._room_s * rate_hz))  # what is kept was taken at the rate before
         self._frames = frames
+
+    def of(self, _group: str) -> Recorder | None:
+        """That of a group of cameras: itself, since there is no other group."""
+        return self
 
     def __enter__(self) -> Self:
         self._thread.start()
@@ -244,13 +248,78 @@ class LastSecondsRecorder(Recorder):
         return path
 
 
-def new_recorder(file: Path, config: Config, last_s: float | None) -> Recorder:
+class GroupRecorders:
+    """The recorders of groups of cameras, each with a file of its own, as one."""
+
+    def __init__(self, recorders: Mapping[str, Recorder]) -> None:
+        self._recorders = recorders
+        self._open = ExitStack()
+
+    def of(self, group: str) -> Recorder | None:
+        """That of a group; None for one that the rig got by a reload."""
+        return self._recorders.get(group)
+
+    def follow(self, rate_hz: float, frames: PublishConfig) -> None:
+        """See `Recorder.follow`."""
+        for recorder in self._recorders.values():
+            recorder.follow(rate_hz, frames)
+
+    def save(self) -> None:
+        """See `Recorder.save`."""
+        for recorder in self._recorders.values():
+            recorder.save()
+
+    @property
+    def steps(self) -> int:
+        """Of all groups, to be recorded."""
+        return sum(recorder.steps for recorder in self._recorders.values())
+
+    @property
+    def dropped(self) -> int:
+        """Steps among them for which there was no room."""
+        return sum(recorder.dropped for recorder in self._recorders.values())
+
+    @property
+    def failure(self) -> str | None:
+        """What is wrong with a recording, in a sentence; None: nothing."""
+        return next((recorder.failure for recorder in self._recorders.values() if recorder.failure), None)
+
+    @property
+    def incomplete(self) -> bool:
+        """Whether something that should be recorded is not."""
+        return any(recorder.incomplete for recorder in self._recorders.values())
+
+    @property
+    def summary(self) -> str:
+        """What was recorded, a line for each."""
+        return "\n".join(recorder.summary for recorder in self._recorders.values())
+
+    def __enter__(self) -> Self:
+        for recorder in self._recorders.values():
+            self._open.enter_context(recorder)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._open.close()
+
+
+def new_recorder(file: Path, config: Config, last_s: float | None) -> Recorder | GroupRecorders:
     """A recorder for a file: of the last seconds on demand, or of everything when `last_s` is None.
+
+    Groups of cameras are recorded apart: for ``run.mcap`` in ``run.front.mcap`` and so on.
 
     Raises RecordingError when the file cannot be written, or its name is not that of a recording.
     """
     if file.suffix != SUFFIX:
         raise RecordingError(f"{file}: is not a name for a recording: it must end in {SUFFIX}")
+    groups = config.cameras_of_groups
+    if len(groups) == 1:
+        return _new_recorder(file, config, last_s)
+    files = {group: file.with_stem(f"{file.stem}.{group}") for group in groups}
+    return GroupRecorders({group: _new_recorder(each, config, last_s) for group, each in files.items()})
+
+
+def _new_recorder(file: Path, config: Config, last_s: float | None) -> Recorder:
     rate_hz, frames = config.trigger.rate_hz, config.publish or PublishConfig()
     if last_s is None:
         return ContinuousRecorder(file, rate_hz, frames)

@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Collection, Mapping
 
 from autoexpose_daemon.config.document import Config
+from autoexpose_daemon.runtime.light_spread import LightSpread
 from autoexpose_daemon.runtime.response_drift import ResponseDrift
 from autoexpose_daemon.runtime.setup import Tuning
 from autoexpose_daemon.status.states import ADJUSTED, START_PATIENCE_NS
@@ -134,6 +135,11 @@ _WHOSE_PACKETS = (
 )
 
 
+def _light_spread(config: Config) -> LightSpread:
+    responses = {camera: file.response for camera, file in config.responses.items()}
+    return LightSpread(config.cameras_of_groups.values(), responses)
+
+
 class RigHealth:
     """Examines what the rig's events say of its cameras, after the record has taken them."""
 
@@ -150,6 +156,7 @@ class RigHealth:
         needs_pulses = config.trigger.mode in ("external", "ptp")
         self._stuck = StuckStreams(1.0 / config.trigger.rate_hz, needs_pulses=needs_pulses)
         self._drift = ResponseDrift(config)
+        self._light = _light_spread(config)
         self._record = record
         self._triggers = triggers
         self._sides = frozenset(config.cameras)
@@ -257,8 +264,11 @@ class RigHealth:
         self._cameras.ptp[camera] = reading.ptp
 
     def pair(self, pair: FrameSet) -> None:
-        """Look at a pair: do the cameras still respond as calibrated?"""
+        """Look at a set: do the cameras respond as calibrated, and see the same light?"""
         self._drift.see(pair)
+        self._light.look(pair)
+        for camera in pair.frames:
+            self._troubles.judge(camera, "light", self._light.sentences.get(camera))
         self._cameras.drift_grey, self._cameras.misfits = self._drift.residual_grey, self._drift.misfits
 
     def counted(self, pair: FrameSet, uncounted: Mapping[CameraName, str]) -> None:
@@ -268,7 +278,7 @@ class RigHealth:
 
     def tune(self, tuning: Tuning) -> None:
         """Continue with the responses of another tuning."""
-        self._drift = ResponseDrift(tuning.config)
+        self._drift, self._light = ResponseDrift(tuning.config), _light_spread(tuning.config)
 
     def look(self, now_ns: int) -> dict[CameraName, str]:
         """To be called at least ten times a second; returns the cameras to reopen, and why."""

@@ -34,7 +34,7 @@ from imaging.frames import CameraName
 from imaging.python310 import FutureTimeoutError
 
 if TYPE_CHECKING:
-    from autoexpose_daemon.recording.recorder import Recorder  # an extra
+    from autoexpose_daemon.recording.recorder import GroupRecorders, Recorder  # an extra
 
 log = logging.getLogger(__name__)
 
@@ -105,7 +105,7 @@ class Announcer:
         self._notifier.status(str(health))
 
 
-def add_outlets(daemon: Daemon, config: Config, recorder: Recorder | None = None) -> Daemon:
+def add_outlets(daemon: Daemon, config: Config, recorder: Recorder | GroupRecorders | None = None) -> Daemon:
     """Have a daemon record, if there is a recorder, and publish and use an IMU, if configured.
 
     Without the Python packages for zenoh, the daemon keeps running and says so.
@@ -115,7 +115,11 @@ def add_outlets(daemon: Daemon, config: Config, recorder: Recorder | None = None
     daemon.telemetry.recorder = recorder
     if recorder is not None:
         recorder.follow(config.trigger.rate_hz, config.publish or PublishConfig())
-        daemon.outlets.append(partial(_record, recorder, daemon, next(iter(daemon.groups))))
+        for group in daemon.groups:
+            if (own := recorder.of(group)) is None:
+                log.warning("group %s is not recorded: it was not there when the recording began", group)
+            else:
+                daemon.outlets.append(partial(_record, own, daemon, group))
     if config.publish is None:
         return daemon
     try:

@@ -148,9 +148,12 @@ class DurationSamples:
 class RecorderCounts(Protocol):
     """What a recorder counts; a protocol, because the recorder is an optional extra."""
 
-    steps: int
-    dropped: int
-    failure: str | None
+    @property
+    def steps(self) -> int: ...  # noqa: D102
+    @property
+    def dropped(self) -> int: ...  # noqa: D102
+    @property
+    def failure(self) -> str | None: ...  # noqa: D102
 
 
 @dataclass(slots=True)

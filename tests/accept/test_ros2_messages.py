@@ -120,7 +120,7 @@ def without_gaps(cdr: bytes, kind: str) -> bytes:
 def examples() -> Iterator[tuple[str, bytes]]:
     """A message of each of our types, by our own encoders."""
     wanted: set[tuple[CameraName, str]] = {("left", "exposure")}
-    (exposure,) = MessageWriter("rig", 2).messages(pair(7), DECISION, 3, 0, wanted)
+    (exposure,) = MessageWriter("rig", 2).messages(pair(7), {"left": DECISION}, 3, 0, wanted)
     yield EXPOSURE_INFO, bytes(exposure.data)
     yield LIGHT_AHEAD, next(light_ahead_seeds())
     yield REGISTRATION, next(registration_seeds())

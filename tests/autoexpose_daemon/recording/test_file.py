@@ -171,7 +171,7 @@ def test_a_count_of_too_many_digits_is_one_sentence(tmp_path: Path) -> None:
 def test_another_format_of_states_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("autoexpose_daemon.recording.file.STATE_FORMAT", "autoexpose-control/0")
     path = record(tmp_path / "old.mcap", VirtualRun("fixed"), 5)
-    with pytest.raises(RecordingError, match="of format 'autoexpose-control/0': only 'autoexpose-control/13' can be"):
+    with pytest.raises(RecordingError, match="of format 'autoexpose-control/0': only 'autoexpose-control/14' can be"):
         list(Recording(path))
 
 

@@ -1,0 +1,70 @@
+"""Whether cameras that are exposed together see the same light."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+
+import numpy as np
+
+from imaging.frames import CameraName, Frame, FrameSet
+from imaging.response import ResponseFunction
+
+LOOK_NS = 200_000_000
+"""Light that differs for good is seen as well by five sets a second."""
+REMEMBERED_S = 3.0
+"""A view past a lamp, or one that turns before the other, is over by then."""
+APART_STOPS = 1.5
+"""One exposure still serves cameras whose light differs by less."""
+TOGETHER_STOPS = 1.0
+"""It differed by more, and is said to be over from here on."""
+
+
+class LightSpread:
+    """Remembers the mean light that each camera sees, and names those that see stops more than others of their group.
+
+    One exposure cannot serve both: the brighter one is white, or the darker one black.
+    """
+
+    def __init__(
+        self, groups: Collection[Collection[CameraName]], responses: Mapping[CameraName, ResponseFunction]
+    ) -> None:
+        self.sentences: dict[CameraName, str] = {}  # what is wrong, in words to follow "left camera: "
+        self._groups = [group for group in groups if len(group) > 1]
+        self._light = {camera: np.exp2(response.log2_exposure) for camera, response in responses.items()}
+        self._stops: dict[CameraName, float] = {}
+        self._apart: dict[CameraName, float] = {}  # as told
+        self._due_ns = 0
+        self._looked_ns = 0
+
+    def look(self, frames: FrameSet) -> None:
+        """Look at the frames of a trigger, now and then."""
+        now_ns = frames.reference.arrival_time_ns
+        if not self._groups or now_ns < self._due_ns:
+            return
+        share = min((now_ns - self._looked_ns) * 1e-9 / REMEMBERED_S, 1.0)
+        self._due_ns, self._looked_ns = now_ns + LOOK_NS, now_ns
+        for camera, frame in frames.frames.items():
+            seen = self._seen(camera, frame)
+            before = self._stops.get(camera, seen)
+            self._stops[camera] = before + share * (seen - before)
+        for group in self._groups:
+            if present := {camera: self._stops[camera] for camera in group if camera in frames.frames}:
+                self._judge(present)
+
+    def _seen(self, camera: CameraName, frame: Frame) -> float:
+        """The mean light of a frame (stops); of a saturated one at least that."""
+        return float(np.log2(self._light[camera][frame.sparse_grey8()].mean())) - frame.setting.level
+
+    def _judge(self, stops: Mapping[CameraName, float]) -> None:
+        darkest = min(stops, key=stops.__getitem__)
+        for camera in stops:
+            apart, said = stops[camera] - stops[darkest], self._apart.get(camera)
+            if apart <= (APART_STOPS if said is None else TOGETHER_STOPS):
+                self._apart.pop(camera, None)
+                self.sentences.pop(camera, None)
+            elif said is None or abs(apart - said) >= 1.0:  # not each change is told
+                self._apart[camera] = apart
+                self.sentences[camera] = (
+                    f"sees {apart:.1f} stops more light than the {darkest} camera, with which it is exposed: give one "
+                    f"of them a `group` of its own, or, if a filter is before {darkest}, its `offset_stops`"
+                )
