@@ -16,7 +16,8 @@ from evaluation.stage.rendering import Stage
 from fake_camera.world.lighting import Change, LightScript
 from imaging.errors import ConfigurationError
 from imaging.exposure import ExposureSetting
-from imaging.frames import CameraName, Frame
+from imaging.frames import Frame
+from imaging.geometry import SIDES
 from imaging.normalised import Bits
 from imaging.pixels import Pixels
 from imaging.response import ResponseFunction
@@ -34,9 +35,8 @@ def frame(pixels: Pixels, stops: float = 0.0) -> Frame:
 
 
 def pair(image: NDArray[np.uint8], stops: float, cameras: int = 2) -> ReceivedPair:
-    responses: dict[CameraName, ResponseFunction] = {"left": LINEAR, "right": LINEAR}
-    one = frame(image, stops)
-    return ReceivedPair(one, one if cameras == 2 else None, 0, 1, 1, None, 0, responses)
+    names = SIDES[:cameras]
+    return ReceivedPair(dict.fromkeys(names, frame(image, stops)), 0, 1, 1, None, 0, dict.fromkeys(names, LINEAR))
 
 
 def test_pairs_are_alike_at_the_brightest_exposure() -> None:
@@ -68,7 +68,7 @@ def test_pairs_that_show_nothing_are_brought_to_one_exposure() -> None:
 def test_without_responses_the_client_is_told_how_to_get_them() -> None:
     one = frame(ALL_GREYS)
     with pytest.raises(ConfigurationError, match="normalised=True"):
-        ReceivedPair(one, None, 0, 1, 1, None, 0).normalised()
+        ReceivedPair({"left": one}, 0, 1, 1, None, 0).normalised()
 
 
 def test_flat_pairs_have_the_same_light_everywhere() -> None:
@@ -85,7 +85,7 @@ def test_flat_pairs_have_the_same_light_everywhere() -> None:
     with pytest.raises(ConfigurationError, match=r"name its file as cameras\.left\.vignetting"):
         pair(image, 0.0).normalised(flat=True)
     with pytest.raises(ConfigurationError, match="is for frames of 16x16 pixels, but the left camera sends 8x16"):
-        replace(known, left=frame(image[:, :8])).normalised(flat=True)
+        replace(known, frames={**known.frames, "left": frame(image[:, :8])}).normalised(flat=True)
 
 
 @pytest.mark.parametrize("followed", [False, True], ids=["same light", "exposure follows the light"])

@@ -13,7 +13,7 @@ from pydantic import BaseModel, TypeAdapter, ValidationError
 from pydantic.fields import FieldInfo
 
 from autoexpose_daemon.config.document import Config
-from autoexpose_daemon.config.load import load_config
+from autoexpose_daemon.config.load import camera_setup, load_config
 from autoexpose_daemon.control import parameters
 from autoexpose_daemon.control.parameters import ControlParameters
 from autoexpose_daemon.messages.keys import LOOPBACK
@@ -23,6 +23,7 @@ from imaging.exposure import ExposureSetting
 from tests import REPOSITORY
 
 LEFT = "cameras: {left: {serial: A}}\n"
+THREE = "cameras: {a: {serial: S}, b: {serial: T}, c: {serial: U}}\n"
 STEREO = {"cameras": {"left": {"serial": "A"}, "right": {"serial": "B"}}}
 
 
@@ -62,6 +63,38 @@ def test_a_short_file_has_the_documented_defaults(tmp_path: Path) -> None:
         ("cameras: {left: {serial: A}}\ncontrol: {start: {exposure_time_us: 9000}}", ["control.start", "9000"]),
         ("cameras: {left: {serial: A}, right: {serial: A}}", ["same camera"]),
         ("cameras: {left: {serial: A}, right: {serial: B}}\ntrigger: {mode: free_run}", ["free_run"]),
+        ("cameras:", ["cameras: is empty"]),
+        ("cameras: [A, B]", ["cameras: is no section"]),
+        ("cameras: {}", ["cameras: names no cameras", "1 to 8"]),
+        (
+            f"cameras: {{{', '.join(f'c{each}: {{serial: {each}A}}' for each in range(9))}}}",
+            ["names 9 cameras", "1 to 8"],
+        ),
+        ("cameras: {1: {serial: A}}", ["cameras: 1", "put it in quotes"]),
+        ("cameras: {on: {serial: A}}", ["cameras: True", "put it in quotes"]),
+        ("cameras: {front: {serial: A, respnse: x}}", ["cameras.front.respnse", "cameras.front.response"]),
+        *(
+            (f"cameras: {{'{name}': {{serial: A}}}}", [f"cameras: '{name}' is no name", "small letters"])
+            for name in ("", "Left", "2nd", "_a", "a b", "a/b", "a*", "../a", "gauche\u0301", "consumers")
+        ),
+        (f"cameras: {{{'x' * 65}: {{serial: A}}}}", ["is no name", "63"]),
+        ("cameras: {a: {serial: S}, b: {serial: T}, c: {serial: S}}", ["cameras: a and c are the same camera, S"]),
+        (THREE + "pairs: {p: [a, d]}", ["pairs.p", "'d'", "not among cameras"]),
+        (THREE + "pairs: {p: [left, right]}", ["pairs.p", "not among cameras"]),
+        (THREE + "pairs: {p: [a, a]}", ["pairs.p has a twice"]),
+        (THREE + "pairs: {p: [a]}", ["pairs.p.1: is missing"]),
+        (THREE + "pairs: {p: [a, b, c]}", ["pairs.p: ", "2 items"]),
+        (THREE + "pairs: {p: a}", ["pairs.p: "]),
+        (THREE + "control: {roi: {d: {}}}", ["control.roi.d", "cameras.d"]),
+        (THREE + "groups: {rear: {}}", ["groups.rear has no camera", "group: rear"]),
+        (THREE + "groups: {all: {polcy: x}}", ["groups.all.polcy", "groups.all.policy"]),
+        (THREE + "groups: {all: {policy: begin2021}}", ["groups.all.policy", "did you mean begin2022"]),
+        (THREE + "groups: {all: }", ["groups.all: is empty"]),
+        (THREE + "groups: {all: {exposure: {}}}", ["groups.all.exposure", "min_time_us"]),
+        (THREE + "groups: {all: {exposure: {max_time_us: 20000}}}", ["groups.all: exposure.max_time_us 20000"]),
+        (THREE + "groups: {all: {exposure: {max_time_us: 9}}}", ["groups.all: exposure time limits 20 to 9 us"]),
+        (THREE + "groups: {all: {start: {exposure_time_us: 8000}}}", ["groups.all: control.start 8000"]),
+        ("cameras: {a: {serial: S, group: Rear}}", ["cameras.a.group: 'Rear' is no name"]),
         ("cameras: {left: {serial: A}}\ntrigger: {mode: primary}", ["primary needs two cameras"]),
         (LEFT + "trigger: {mode: software, line: Line0}", ["trigger: line has no effect with mode software", "remove"]),
         ("cameras: {left: {serial: 22500001}}", ["cameras.left.serial", "quotes"]),
@@ -81,7 +114,7 @@ def test_a_short_file_has_the_documented_defaults(tmp_path: Path) -> None:
             ["control.flicker_hz: 'aut' is not a frequency: give 10 to 1000 Hz, or auto"],
         ),
         (LEFT + "control: {focal_length_px: 800}", ["control.focal_length_px has no effect without motion.imu: give"]),
-        (LEFT + "motion: {imu: {key: imu/data}}", ["motion.imu needs control.focal_length_px: give the left camera's"]),
+        (LEFT + "motion: {imu: {key: imu/data}}", ["motion.imu needs control.focal_length_px", "cameras.left"]),
         (LEFT + "motion: {imu: {max_age_s: 0.1}}", ["motion.imu.key: is missing"]),
         (
             LEFT + "motion: {imu: {key: /imu/data}}",
@@ -152,10 +185,61 @@ def test_a_mistake_is_named_with_its_key(tmp_path: Path, text: str, words: list[
         assert word in message
 
 
+def test_any_cameras_are_in_the_order_of_the_file(tmp_path: Path) -> None:
+    config = load(tmp_path, "cameras: {rear: {serial: S}, front: {serial: T}, top_2: {serial: U}}")
+    assert list(config.cameras) == ["rear", "front", "top_2"]
+    assert (config.primary, config.stereo_pairs) == ("rear", {})
+    assert config.cameras_of_groups == {"all": ("rear", "front", "top_2")}
+    assert config.of_group("all") is config
+
+
+def test_left_comes_before_right_and_they_are_a_pair(tmp_path: Path) -> None:
+    config = load(tmp_path, "cameras: {right: {serial: S}, rear: {serial: T}, left: {serial: U}}")
+    assert list(config.cameras) == ["rear", "left", "right"]
+    assert config.stereo_pairs == {"stereo": ("left", "right")}
+    assert [config.side_of(name) for name in config.cameras] == ["left", "left", "right"]
+
+
+def test_pairs_have_the_cameras_that_they_name(tmp_path: Path) -> None:
+    config = load(tmp_path, THREE + "pairs: {near: [a, b], far: [a, c]}")
+    assert config.stereo_pairs == {"near": ("a", "b"), "far": ("a", "c")}
+    assert [config.side_of(name) for name in config.cameras] == ["left", "right", "right"]
+
+
+def test_the_first_of_many_cameras_triggers_the_others(tmp_path: Path) -> None:
+    config = load(tmp_path, THREE + "trigger: {mode: primary, line: Line3, output_line: Line1}")
+    assert config.trigger_sources == {"b": "Line3", "c": "Line3"}
+    setups = {name: camera_setup(config, name).trigger for name in config.cameras}
+    assert [setups[name].mode for name in "abc"] == ["free_run", "external", "external"]
+    assert [setups[name].output_line for name in "abc"] == ["Line1", None, None]
+    assert load(tmp_path, THREE).trigger_sources == dict.fromkeys("abc", "Line0")
+
+
+def test_a_group_has_what_it_names_and_the_rest_in_common(tmp_path: Path) -> None:
+    text = (
+        "cameras: {a: {serial: S}, b: {serial: T, group: rear}, c: {serial: U, group: rear}}\n"
+        "exposure: {max_gain_db: 12}\n"
+        "control: {roi: {b: {}}}\n"
+        "groups: {rear: {policy: fixed, exposure: {max_time_us: 4000}, start: {exposure_time_us: 3000}}}\n"
+    )
+    config = load(tmp_path, text)
+    assert config.cameras_of_groups == {"all": ("a",), "rear": ("b", "c")}
+    front, rear = config.of_group("all"), config.of_group("rear")
+    assert [list(part.cameras) for part in (front, rear)] == [["a"], ["b", "c"]]
+    assert (front.control.policy, rear.control.policy) == ("belief", "fixed")
+    assert (front.exposure.max_time_us, rear.exposure.max_time_us) == (7500, 4000)
+    assert (front.exposure.max_gain_db, rear.exposure.max_gain_db) == (12, 12)
+    assert (front.start, rear.start) == (ExposureSetting(2000, 0), ExposureSetting(3000, 0))
+    assert (list(front.control.roi), list(rear.control.roi)) == ([], ["b"])
+
+
 @pytest.mark.parametrize(
     "text",
     [
         "cameras: {left: {serial: %s}}",
+        "cameras: {%s: {serial: A}}",
+        LEFT + "groups: {%s: {}}",
+        LEFT + "pairs: {p: [left, %s]}",
         "cameras: {left: {serial: A, %s: 1}}",
         "cameras: {left: {serial: A, response: %s}}",
         "cameras: {left: {serial: A, features: [%s: 1]}}",

@@ -149,7 +149,7 @@ def test_regions_are_read_relative_to_the_configuration(tmp_path: Path) -> None:
         "control: {roi: {left: {mask: left.png},"
         " right: {background_weight: 0.5, rectangles: [{box: [0, 0, 720, 100], weight: 0}, {box: [8, 9, 30, 40]}]}}}\n"
     )
-    regions = load(tmp_path, text).control.roi.regions
+    regions = load(tmp_path, text).control.regions
     assert regions["left"].mask is not None and (regions["left"].mask == 255).all()
     assert regions["right"].mask is None
     assert regions["right"].background_weight == 0.5

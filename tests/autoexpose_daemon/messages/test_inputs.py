@@ -175,7 +175,7 @@ def test_what_is_no_series_is_refused(data: bytes, why: str) -> None:
     [
         (b"garbage" * 60, "not a autoexpose_msgs/msg/TrackedCells"),
         (message(consumer="not/a name"), "whose consumer is not 1 to 64 letters"),
-        (message(camera="middle"), "of a camera named 'middle'"),
+        (message(side="Middle"), "of a camera named 'Middle'"),
         (message(rows=8, columns=6), "of 8 rows and 6 columns"),
         (message(inliers=INLIERS.ravel()[1:]), "of 48 and 47 counts"),
         (message(features=np.zeros(0, np.uint16), inliers=np.zeros(0, np.uint16)), "of 0 and 0 counts"),

@@ -68,7 +68,8 @@ def written(
     cameras: int = 2,
     stamp: Stamp = "middle",
 ) -> dict[tuple[CameraName, str], Message]:
-    messages = MessageWriter("robot", cameras, stamp).messages(pair, decision, sequence, offset_ns)
+    decisions = {} if decision is None else dict.fromkeys(pair.frames, decision)
+    messages = MessageWriter("robot", cameras, stamp).messages(pair, decisions, sequence, offset_ns)
     return {(message.camera, message.topic): message for message in messages}
 
 
@@ -153,7 +154,7 @@ def test_camera_info_is_what_a_calibration_of_frames_of_this_size_says() -> None
     right = CameraGeometry(5, 3, "equidistant", (0.1, 0.2, 0.3, 0.4), k, r, p)
     pair = FrameSet(1, {"left": frame(), "right": frame()})
     calibrations: dict[CameraName, CameraGeometry] = {"left": replace(right, width=6), "right": right}
-    made = MessageWriter("robot", 2).messages(pair, None, 0, 0, calibrations=calibrations)
+    made = MessageWriter("robot", 2).messages(pair, {}, 0, 0, calibrations=calibrations)
     left_info, info = (parsed(message) for message in made if message.topic == "camera_info")
     assert (left_info.height, left_info.width, left_info.k.any()) == (3, 5, False)
     assert (info.height, info.width, info.distortion_model) == (3, 5, "equidistant")
@@ -161,7 +162,7 @@ def test_camera_info_is_what_a_calibration_of_frames_of_this_size_says() -> None
         assert tuple(read) == said
 
 
-def test_a_lone_frame_keeps_its_side() -> None:
+def test_a_lone_frame_keeps_its_camera() -> None:
     messages = written(FrameSet(1, {"right": frame()}))
     assert set(messages) == {("right", topic) for topic in TOPICS}
     assert parsed(messages["right", "exposure"]).alone
@@ -210,7 +211,7 @@ def test_an_exposure_that_no_camera_takes_is_refused_applied_or_decided(exposure
 
 def test_only_what_is_wanted_is_made() -> None:
     wanted: set[tuple[CameraName, str]] = {("left", "exposure"), ("right", "image")}
-    made = MessageWriter("robot", 2).messages(FrameSet(1, {"left": frame(), "right": frame()}), None, 0, 0, wanted)
+    made = MessageWriter("robot", 2).messages(FrameSet(1, {"left": frame(), "right": frame()}), {}, 0, 0, wanted)
     assert {(message.camera, message.topic) for message in made} == wanted
 
 
@@ -219,7 +220,7 @@ def test_a_part_of_a_key_is_counted_from_its_end(parts: int, name: str) -> None:
     assert last_but(frame_key("rig", "left", "image"), parts) == name
 
 
-@pytest.mark.parametrize("key", ["**", "*/**", "autoexpose/**", "**/response"])
+@pytest.mark.parametrize("key", ["**", "*/**", "**/response", "a/r/consumers/slam", "a/r/Left/image"])
 def test_a_key_that_is_sent_to_all_names_no_camera(key: str) -> None:
     assert camera_of(key) is None
 
