@@ -195,7 +195,7 @@ class Tracking(InputSource):
         now_ns: Callable[[], int] = time.monotonic_ns,
     ) -> None:
         self.tally = TrackingTally()
-        self._sides = cameras
+        self._cameras = cameras
         self._stamp = stamp
         self._now_ns = now_ns
         self._memory = TrackingMemory()
@@ -254,7 +254,7 @@ class Tracking(InputSource):
         now_ns = self._now_ns()
         stamped_ns, exposures = min(self._seen, key=lambda seen: abs(seen[0] - taken_ns), default=(0, {}))
         refusals = {
-            TrackingRefusal.NO_CAMERA: report.camera not in self._sides,
+            TrackingRefusal.NO_CAMERA: report.camera not in self._cameras,
             TrackingRefusal.FUTURE: taken_ns > now_ns + APART_NS,
             TrackingRefusal.STALE: taken_ns < now_ns - OLDEST_REPORT_S * 1e9,
             TrackingRefusal.UNKNOWN_FRAME: abs(stamped_ns - taken_ns) > APART_NS,

@@ -153,7 +153,7 @@ def test_majer_standard_looks_at_the_top_half() -> None:
         assert (policy_of("majer2018-standard").decide(observe(seen)).level > SETTING.level) == brighter
 
 
-@pytest.mark.parametrize("side", SIDES)
+@pytest.mark.parametrize("camera", SIDES)
 def test_majer_refuses_a_region_below_the_top_half_of_either_camera_at_once(camera: CameraName) -> None:
     """Not only when the first frame of the other camera is lost."""
     weights = np.zeros((68, 90), np.uint8)

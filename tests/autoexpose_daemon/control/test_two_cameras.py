@@ -128,7 +128,7 @@ moving_or_still = pytest.mark.parametrize("moving", [False, True], ids=["still",
 
 
 @moving_or_still
-@pytest.mark.parametrize("side", SIDES)
+@pytest.mark.parametrize("camera", SIDES)
 @pytest.mark.parametrize("fault", FAULTS)
 def test_the_good_camera_is_exposed_as_beside_a_healthy_one_and_follows_steps_of_light_alone(
     fault: str, camera: CameraName, moving: bool
@@ -145,7 +145,7 @@ def test_the_good_camera_is_exposed_as_beside_a_healthy_one_and_follows_steps_of
 
 
 @moving_or_still
-@pytest.mark.parametrize("side", SIDES)
+@pytest.mark.parametrize("camera", SIDES)
 def test_of_two_cameras_8_stops_apart_the_brighter_is_exposed_well(camera: CameraName, moving: bool) -> None:
     """From any start: from above, the brighter one is white at first, and the other well exposed."""
     good = other_of(camera)
@@ -157,7 +157,7 @@ def test_of_two_cameras_8_stops_apart_the_brighter_is_exposed_well(camera: Camer
 
 
 @moving_or_still
-@pytest.mark.parametrize("side", SIDES)
+@pytest.mark.parametrize("camera", SIDES)
 @pytest.mark.parametrize("fault", FAULTS)
 def test_a_camera_that_recovers_is_counted_again_and_disturbs_nothing(
     fault: str, camera: CameraName, moving: bool
@@ -245,7 +245,7 @@ def test_a_search_learns_nothing_from_a_frame_of_the_other_camera(policy_id: str
     rig.run(1, only="right")
     after = rig.loop.state()["policy"]
     assert isinstance(before, dict) and isinstance(after, dict)
-    assert after == {**before, "reference": {"side": "left", "missed": 1}}
+    assert after == {**before, "reference": {"camera": "left", "missed": 1}}
     assert rig.settings[-1] == rig.settings[-2]
 
 
