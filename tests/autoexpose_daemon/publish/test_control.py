@@ -123,7 +123,7 @@ def test_what_is_no_request_is_refused_in_a_sentence_and_changes_nothing() -> No
         before = daemon.tuning
         assert "no payload: send a request in JSON" in asked(session, None)
         assert asked(session, b"\xff\x1b[2J").startswith("invalid JSON: ")
-        assert asked(session, b'{"by": "x", "ev": 1}').startswith("ev: unknown key; known: by, reset,")
+        assert asked(session, b'{"by": "x", "ev": 1}').startswith("ev: unknown key; known: by, group, reset,")
         assert asked(session, b'{"by": "\\u001b[2J", "locked": true}').startswith("by: '\\x1b[2J' is not a valid name")
         assert asked(session, bytes(LARGEST_REQUEST_BYTES + 1)).startswith("a request of 32769 bytes")
         assert "leaves no pixel" in asked(session, b'{"by":"x","region":{"left":{"rectangles":[{"box":[0,0,1,1]}]}}}')

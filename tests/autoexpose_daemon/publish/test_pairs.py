@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from autoexpose_daemon.client import StereoClient, pairs
-from autoexpose_daemon.client.received import PairAssembler, PairQueue, ReceivedPair
+from autoexpose_daemon.client import StereoClient, received
+from autoexpose_daemon.client.received import ReceivedPair, SetAssembler, SetQueue
 from autoexpose_daemon.messages.client import ConsumerTally
 from autoexpose_daemon.messages.frames import DamagedMessageError, Message, MessageWriter, moment_ns
 from imaging.exposure import ExposureSetting
@@ -29,20 +29,24 @@ def frame(number: int) -> Frame:
 
 
 def messages(
-    number: int, *, cameras: int = 2, lone_side: CameraName | None = None, sequence: int | None = None
+    number: int, *, cameras: int = 2, lone: CameraName | None = None, sequence: int | None = None
 ) -> list[Message]:
     """Those of one step that a client asks for: exposure and image of each frame, by turns."""
-    cameras = SIDES[:cameras] if lone_side is None else (lone_side,)
-    step = FrameSet(number, {camera: frame(number) for camera in cameras})
-    made = MessageWriter("rig", cameras).messages(step, DECISION, number if sequence is None else sequence, 0)
+    present = SIDES[:cameras] if lone is None else (lone,)
+    step = FrameSet(number, {camera: frame(number) for camera in present})
+    return written(step, number if sequence is None else sequence, cameras)
+
+
+def written(step: FrameSet, sequence: int, cameras: int = 2) -> list[Message]:
+    made = MessageWriter("rig", cameras).messages(step, dict.fromkeys(step.frames, DECISION), sequence, 0)
     return [message for message in made if message.topic != "camera_info"]
 
 
 class Receiver:
     def __init__(self, length: int = 100) -> None:
         self.tally = ConsumerTally()
-        self.assembler = PairAssembler(self.tally)
-        self.queue = PairQueue(self.tally, length)
+        self.assembler = SetAssembler(ReceivedPair, self.tally)
+        self.queue: SetQueue[ReceivedPair] = SetQueue(self.tally, length)
 
     def receive(self, *messages: Message) -> None:
         for message in messages:
@@ -77,7 +81,7 @@ def test_messages_of_the_cameras_may_overtake_each_other(steps: list[str], order
     queues: dict[CameraName, list[Message]] = {"left": [], "right": []}
     kinds = ["pair", *steps, "pair"]
     for number, kind in enumerate(kinds, start=1):
-        for message in messages(number, lone_side=LONE.get(kind)):
+        for message in messages(number, lone=LONE.get(kind)):
             if kind != "lost":
                 queues[message.camera].append(message)
     while waiting := [queue for queue in queues.values() if queue]:
@@ -90,7 +94,7 @@ def test_messages_of_the_cameras_may_overtake_each_other(steps: list[str], order
 def test_lone_frames_before_the_daemon_starts_again_take_nothing_from_the_losses() -> None:
     receiver = Receiver()
     for number in range(30, 50):
-        receiver.receive(*messages(number, lone_side="left"))
+        receiver.receive(*messages(number, lone="left"))
     for sequence in [*range(1, 40), *range(42, 61)]:
         receiver.receive(*messages(100 + sequence, sequence=sequence))
         assert receiver.tally.lost >= 0
@@ -139,9 +143,7 @@ def test_a_count_that_jumps_out_of_sight_is_another_count(jump: int) -> None:
     for number in (1, 2, jump, 3, 4, 6):
         counted = replace(frame(2), frame_id=number, host_time_ns=number % 10**15)
         step = FrameSet(number, dict.fromkeys(SIDES, counted))
-        for message in MessageWriter("rig", 2).messages(step, DECISION, number, 0):
-            if message.topic != "camera_info":
-                receiver.receive(message)
+        receiver.receive(*written(step, number))
         receiver.drain()
     assert receiver.tally == ConsumerTally(pairs=6, missed=1, lost=1)
 
@@ -151,8 +153,7 @@ def test_a_pair_that_is_refused_counts_as_lost() -> None:
     for number in (1, 2, 3):
         taken = frame(number) if number != 2 else replace(frame(2), setting=ExposureSetting(1e12, 0.0))
         step = FrameSet(number, dict.fromkeys(SIDES, taken))
-        made = MessageWriter("rig", 2).messages(step, DECISION, number, 0)
-        *others, last = [message for message in made if message.topic != "camera_info"]
+        *others, last = written(step, number)
         receiver.receive(*others)
         with pytest.raises(DamagedMessageError) if number == 2 else contextlib.nullcontext():
             receiver.receive(last)
@@ -169,7 +170,7 @@ def test_a_client_says_once_why_it_refuses_pairs(caplog: pytest.LogCaptureFixtur
 
 
 def test_images_that_wait_for_the_rest_do_not_fill_the_memory(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(pairs, "_KEPT_BYTES", 100)
+    monkeypatch.setattr(received, "_KEPT_BYTES", 100)
     receiver = Receiver()
     for number in range(1, 30):
         for _ in range(2):  # the second takes the place of the first

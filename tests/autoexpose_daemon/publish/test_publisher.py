@@ -113,7 +113,7 @@ def test_a_client_of_normalised_frames_gets_no_pair_without_the_responses_of_its
         assert np.array_equal(pair.left.pixels, np.full((540, 720), pair.trigger % 256))
 
 
-def test_cameras_of_unknown_names_are_logged_and_never_shown(
+def test_cameras_of_impossible_names_are_logged_and_never_shown(
     caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(keys, "_SELDOM", LogThrottle(60.0))
@@ -126,10 +126,10 @@ def test_cameras_of_unknown_names_are_logged_and_never_shown(
         assert client.next_pair(PATIENCE_S) is not None
         with open_session("client", Endpoints(connect=[at])) as other:
             curve = response_to_json(ResponseFunction.linear())
-            for message in MessageWriter("rig", 2).messages(pair(7, (4, 4)), DECISION, 7, 0):
-                other.put(f"autoexpose/rig/centre/{message.topic}", bytes(message.data))
-            other.put("autoexpose/rig/centre/response", curve)
-            wait_until(lambda: "camera named 'centre' are ignored: known are left and right" in caplog.text, "the log")
+            for message in MessageWriter("rig", 1).messages(pair(7, (4, 4)), {}, 7, 0):
+                other.put(f"autoexpose/rig/Centre/{message.topic}", bytes(message.data))
+            other.put("autoexpose/rig/Centre/response", curve)
+            wait_until(lambda: "camera named 'Centre' are ignored" in caplog.text, "the log")
             # Again and again: a client's subscription may not have reached the other session yet.
             wait_until(lambda: other.put("autoexpose/rig/left/response", curve) or status.responses, "a response")
             assert set(status.responses) == {"left"}
