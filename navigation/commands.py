@@ -161,6 +161,9 @@ def _exposures(places: list[Place]) -> str:
 
 __all__ = ["map_app", "repeat_command", "teach_command"]
 
+Camera = Annotated[
+    str | None, typer.Option(help="The camera to steer by, of a rig that is no stereo pair; otherwise the left one.")
+]
 Rig = Annotated[str, typer.Option(help="Name of the rig, `publish.rig` of its configuration.")]
 Connect = Annotated[list[str] | None, typer.Option(help=f"Endpoint of the daemon; {LOOPBACK} unless given.")]
 RobotConnect = Annotated[list[str] | None, typer.Option(help=f"Endpoint of the robot; {ROUTER} unless given.")]
@@ -181,15 +184,16 @@ def teach_command(
     file: Annotated[Path, typer.Argument(help="A new map file.")],
     odometry: Odometry,
     velocity: Annotated[str, typer.Option(help="Key of the Twist or TwistStamped that the robot is driven with.")],
-    focal_length_px: Annotated[float, typer.Option(min=1.0, help="Focal length of the left camera, pixels.")],
+    focal_length_px: Annotated[float, typer.Option(min=1.0, help="Focal length of the camera that steers, pixels.")],
     detector: Detector = "fast-orb",
     rig: Rig = "rig",
+    camera: Camera = None,
     connect: Connect = None,
     robot: RobotConnect = None,
     ros2_domain: Ros2Domain = None,
 ) -> None:
     """Remember a path while you drive the robot along it, until Ctrl-C."""
-    source = _source(rig, connect, robot, RobotKeys(odometry, velocity=velocity, ros2_domain=ros2_domain))
+    source = _source(rig, camera, connect, robot, RobotKeys(odometry, velocity=velocity, ros2_domain=ros2_domain))
     typer.echo(teach(Teacher(file, focal_length_px, detector), source, _stop_on_signals(), Progress(Console())))
 
 
@@ -206,6 +210,7 @@ def repeat_command(
         typer.Option(help="Look only for the 500 features of a local map that this model foretells for now."),
     ] = None,
     rig: Rig = "rig",
+    camera: Camera = None,
     connect: Connect = None,
     robot: RobotConnect = None,
     ros2_domain: Ros2Domain = None,
@@ -216,18 +221,22 @@ def repeat_command(
     if "*" in command:
         raise typer.BadParameter(f"--command {command}: commands go to one key: name it without *")
     keys = RobotKeys(odometry, command=command if drive else "", stamped=stamped, ros2_domain=ros2_domain)
-    source = _source(rig, connect, robot, keys)
+    source = _source(rig, camera, connect, robot, keys)
     with MapFile(file, writable=True) as map_file:
         typer.echo(repeat(Repeater(map_file, adapt, predict), source, _stop_on_signals(), Progress(Console())))
 
 
-def _source(rig: str, connect: list[str] | None, robot: list[str] | None, keys: RobotKeys) -> Source:
+def _source(
+    rig: str, camera: str | None, connect: list[str] | None, robot: list[str] | None, keys: RobotKeys
+) -> Source:
     check_rig_name(rig)
     check_endpoints([*(connect or []), *(robot or [])])
     for key in (keys.odometry, keys.velocity, keys.command):
         if key:
             check_key_expression(key.strip("/") if keys.ros2_domain is not None else key)
-    return Source(rig, tuple(connect or [LOOPBACK]), keys, tuple(robot or [ROUTER]))
+    return Source(
+        rig, tuple(connect or [LOOPBACK]), keys, tuple(robot or [ROUTER]), None if camera is None else (camera,)
+    )
 
 
 def _stop_on_signals() -> threading.Event:

@@ -224,11 +224,14 @@ Image = Greys
 
 
 class Rectifier:
-    """Both cameras of a pair. `shape`: (height, width) of what `Frame.grey8` gives: half the size of a colour
-    mosaic."""
+    """Both cameras of a pair, whatever their names: the right one is that with a baseline.
+
+    `shape`: (height, width) of what `Frame.grey8` gives: half the size of a colour mosaic.
+    """
 
     def __init__(self, geometries: Mapping[CameraName, CameraGeometry], shape: tuple[int, int]) -> None:
-        left, right = geometries["left"], geometries["right"]
+        self._names = sorted(geometries, key=lambda name: geometries[name].baseline_m)[:2]
+        left, right = (geometries[name] for name in self._names)
         scale = shape[1] / left.width
         centre = left.projection[2], left.projection[6]
         self._maps = {camera: _maps(geometry, shape, scale, centre[0]) for camera, geometry in geometries.items()}
@@ -237,7 +240,7 @@ class Rectifier:
 
     def images(self, pair: FrameSet) -> tuple[Image, Image]:
         """Left and right picture of a complete pair."""
-        left, right = (self._rectified(camera, pair.frames[camera].grey8()) for camera in ("left", "right"))
+        left, right = (self._rectified(camera, pair.frames[camera].grey8()) for camera in self._names)
         return left, right
 
     def _rectified(self, camera: CameraName, image: Image) -> Image:

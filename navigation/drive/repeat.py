@@ -76,7 +76,7 @@ class Repeater:
         view = self.repetition.view
         assert view is not None
         if self._trail is not None:
-            self._trail.see(view.distance_m, pair.left, pair.responses["left"])
+            self._trail.see(view.distance_m, pair.left, pair.responses[pair.stereo.reference_camera])
         self.tally.frames += 1
         self.tally.registered += view.shift_px is not None
         return view
@@ -127,7 +127,7 @@ def repeat(repeater: Repeater, source: Source, stop: threading.Event, progress: 
     with (
         StatusClient(source.rig, source.connect) as status,
         Robot(source.robot, Endpoints(connect=source.robot_connect)) as robot,
-        StereoClient(source.rig, source.connect, name="repeat", normalised=True) as client,
+        StereoClient(source.rig, source.connect, name="repeat", normalised=True, cameras=source.cameras) as client,
         progress,
     ):
         try:

@@ -30,6 +30,7 @@ from autoexpose_daemon.messages.keys import DEFAULT
 from autoexpose_daemon.messages.types import ODOMETRY, TWIST, TWIST_STAMPED
 from autoexpose_daemon.publish.ros2_keys import Attachments, Ros2Node, key_of_topic
 from autoexpose_daemon.publish.session import Endpoints, SessionHolder, reading
+from imaging.frames import CameraName
 from imaging.python310 import Self
 from navigation.maps.path import Velocity
 
@@ -216,12 +217,16 @@ WAIT_S: Final = 0.05
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """A rig, with the endpoints of its daemon or a router, and a robot's keys, with the endpoints of its router."""
+    """A rig, with the endpoints of its daemon or a router, and a robot's keys, with the endpoints of its router.
+
+    `cameras` names the camera that looks where the robot drives; None: the only one, or the left one of a stereo pair.
+    """
 
     rig: str
     connect: tuple[str, ...]
     robot: RobotKeys
     robot_connect: tuple[str, ...]
+    cameras: tuple[CameraName, ...] | None = None
 
 
 def newest_pair(client: StereoClient) -> ReceivedPair | None:

@@ -58,7 +58,7 @@ class Teacher:
             with self._turn:
                 self._start_m = distance_m
                 self._lesson.begin()
-        self._trail.see(distance_m - self._start_m, pair.left, pair.responses["left"])
+        self._trail.see(distance_m - self._start_m, pair.left, pair.responses[pair.stereo.reference_camera])
         taught = self._lesson.look(image, pair.left.setting, distance_m - self._start_m)
         if taught is not None:
             with self._turn:
@@ -88,7 +88,7 @@ def teach(teacher: Teacher, source: Source, stop: threading.Event, progress: Pro
     with (
         StatusClient(source.rig, source.connect) as status,
         Robot(source.robot, Endpoints(connect=source.robot_connect), teacher.drive) as robot,
-        StereoClient(source.rig, source.connect, name="teach", normalised=True) as client,
+        StereoClient(source.rig, source.connect, name="teach", normalised=True, cameras=source.cameras) as client,
         progress,
     ):
         frame_s = -math.inf
