@@ -173,7 +173,7 @@ MOST_WAITING: Final = 16
 
 _SAID_S = 60.0
 _WORDS = {
-    TrackingRefusal.NO_CAMERA: "the rig has no {side} camera",
+    TrackingRefusal.NO_CAMERA: "the rig has no {camera} camera",
     TrackingRefusal.FUTURE: "its stamp lies in the future: send that of the frame",
     TrackingRefusal.STALE: f"its frame is older than {OLDEST_REPORT_S:g} s",
     TrackingRefusal.UNKNOWN_FRAME: "no frame has its stamp: send that of the frame",

@@ -200,7 +200,7 @@ def test_transfer_stalled(run: Run, caplog: pytest.LogCaptureFixture) -> None:
         run.left.inject(Fault.STALL)
         wait_for_state(run, "degraded: no frames from the left camera")
         wait_for_state(run, "degraded: left camera gone")
-        told = f"left camera: camera {run.left.serial} sends no frames while the other one does; it is reopened"
+        told = f"left camera: camera {run.left.serial} sends no frames while another one does; it is reopened"
         run.wait_until(lambda: told in caplog.text, told)
     assert new["reconnects"] == 1
 

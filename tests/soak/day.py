@@ -11,7 +11,6 @@ from dataclasses import dataclass, field
 from autoexpose_daemon.control.step import ControlStep
 from autoexpose_daemon.status.counters import counters
 from autoexpose_daemon.status.states import Health, State
-from drivers.triggers.outcomes import LossReason
 from tests.soak.camera import VirtualFrame
 from tests.soak.clock import SECOND
 from tests.soak.faults import FAULTS, Expected, Script
@@ -140,7 +139,7 @@ class Day:
 
     def _counts(self) -> dict[str, int]:
         telemetry = self.rig.control.telemetry
-        losses = {reason: telemetry.lost.get(LossReason(reason), 0) for reason in LOSSES}
+        losses = {reason: telemetry.lost.get(reason, 0) for reason in LOSSES}
         counted = counters(telemetry.counts)
         anomalies = {counter.name: count for counter, count in counted if counter.unusual}
         return losses | anomalies | {"pairs": telemetry.counts.pairs}

@@ -29,7 +29,7 @@ class SoftwareRun(HostRun):
         self.left, self.right = self.rig.devices
         self.let_pass(2.0)
 
-    def lost(self) -> Counter[LossReason]:
+    def lost(self) -> Counter[str]:
         """Why slots made no pair, without start and end; each of the slots that passed is accounted for."""
         self.rig.control.close()
         tally = self.rig.control.record.tally
@@ -97,7 +97,7 @@ def test_a_lost_camera_is_triggered_by_software_when_it_is_back(run: SoftwareRun
     run.let_pass(5.0)
     assert run.said[-1] == "exposing"
     lost = run.lost()
-    assert lost.keys() <= {LossReason.CAMERA_GONE, LossReason.LEFT_MISSING}
+    assert lost.keys() <= {LossReason.CAMERA_GONE, "left_missing"}
     assert lost[LossReason.CAMERA_GONE] > 2 * RATE_HZ
 
 
@@ -136,7 +136,7 @@ def test_a_camera_without_a_master_is_left_waiting_and_the_other_one_exposes() -
     assert run.right.session == 1, "it was reopened, which does not help"
 
 
-@pytest.mark.parametrize("side", ["left", "both"])
+@pytest.mark.parametrize("camera", ["left", "both"])
 def test_a_clock_that_is_no_longer_synchronised_is_named_and_its_frames_still_pair(camera: str) -> None:
     """For so long that the clocks drift apart by more than half a period."""
     run = PtpRun()
@@ -179,7 +179,7 @@ def test_two_masters_are_noticed() -> None:
     other.set_by(-3 * SECOND)
     run.right.master = other
     run.let_pass(20.0)
-    assert "right camera: its clock is 3.0 s off the other camera's: have both follow one PTP master" in run.said[-1]
+    assert "right camera: its clock is 3.0 s off that of the other cameras: have all follow one PTP master" in run.said[-1]
     run.apart_ns.clear()
     run.let_pass(5.0)
     assert len(run.apart_ns) == pytest.approx(5 * run.rate_hz, abs=1)
@@ -196,7 +196,7 @@ def test_a_lost_camera_is_triggered_by_actions_when_it_is_back() -> None:
     run.let_pass(10.0)
     assert run.said[-1] == "exposing"
     assert run.alone > 0
-    assert run.end().keys() <= {LossReason.CAMERA_GONE, LossReason.RIGHT_MISSING}
+    assert run.end().keys() <= {LossReason.CAMERA_GONE, "right_missing"}
 
 
 @pytest.mark.parametrize("stopped_s", [0.03, 4.0])

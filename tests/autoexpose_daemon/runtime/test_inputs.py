@@ -243,7 +243,7 @@ def test_a_report_on_a_frame_that_control_has_seen_steers() -> None:
     assert run.tracking.tally.reports == 1
     pair = FrameSet(0, {"left": Frame(np.zeros((1, 1), np.uint8), 8, 0, NOW_NS, NOW_NS, NOW_NS, SETTING)})
     loop: Any = SimpleNamespace(steered=True, cell_exposures={"left": WELL})
-    run.tracking.decided(StepInputs(pair, steering=steering), loop)
+    run.tracking.decided(StepInputs(pair, steering=steering), [loop])
     assert str(run.tracking.tally) == "by slam, age 0.5 s   reports: 1, refused: none"
     assert run.tracking(NOW_NS + round(FORGOTTEN_S * SECOND)) is None
 

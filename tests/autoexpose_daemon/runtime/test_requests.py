@@ -144,7 +144,7 @@ def test_a_shot_that_no_frame_shows_fails_and_control_goes_on(run: Rig) -> None:
     run.wait_until(answer.done, "the end of patience")
     with pytest.raises(AutoexposeError, match="the shot failed: no frame was taken with it in time"):
         answer.result()
-    assert run.rig.control.requests.shot is None
+    assert run.rig.control.first.requests.shot is None
 
 
 @pytest.mark.parametrize("lost", ["left", "right"])

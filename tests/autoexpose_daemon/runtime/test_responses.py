@@ -65,7 +65,7 @@ def test_cameras_that_come_back_and_reloads_read_nothing_on_the_control_thread(
 ) -> None:
     config = load_config(config_file)
     opened = openers(config)
-    control = RigControl(config, Rig(opened, 1.0, config.start))
+    control = RigControl(config, Rig(opened, 1.0, dict.fromkeys(opened, config.start)))
     reads.clear()
     for _ in range(2):
         for name, open_camera in opened.items():

@@ -30,7 +30,7 @@ from autoexpose_daemon.status.describe import describe
 from autoexpose_daemon.status.panel import newest_setting
 from autoexpose_daemon.status.telemetry import GONE
 from drivers.camera import CameraDescription, IncompleteFrame, RefusedPackets
-from drivers.rig.events import CameraGone, CameraReady, CameraSilent, FrameArrived, PacketsRefused
+from drivers.rig.events import CameraGone, CameraReady, CameraSilent, Command, FrameArrived, PacketsRefused
 from drivers.rig.supervision import Slots
 from imaging.errors import CameraLostError, NodeError, UnsupportedCameraError
 from imaging.exposure import ExposureLimits, ExposureSetting
@@ -54,7 +54,7 @@ READY = {
 class NoCameras:
     """Takes what control writes (see `autoexpose_daemon.runtime.rig_control.Cameras`)."""
 
-    def write(self, setting: ExposureSetting, not_before_ns: int, command: int) -> None:
+    def write(self, command: Command) -> None:
         pass
 
     def pace(self, camera: CameraName, slots: Slots) -> None:
@@ -114,7 +114,7 @@ def test_the_exposure_that_is_shown_is_not_that_of_a_camera_which_is_gone() -> N
     alone = ExposureSetting(2 * SETTING.exposure_time_us, SETTING.gain_db)
     event = arrived("right", 60)
     control.take([replace(event, frame=replace(event.frame, setting=alone))])
-    status = describe(control.telemetry, control.active.tuning.config)
+    status = describe(control.telemetry, control.config)
     assert (status.cameras["left"].applied, status.cameras["right"].applied) == (None, alone)
     assert newest_setting(status) == alone
 

@@ -10,7 +10,7 @@ import pytest
 
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.service.last_exposure import FORMAT, LONGEST_AGE_S, LastExposure
-from autoexpose_daemon.status.telemetry import Telemetry
+from autoexpose_daemon.status.telemetry import GroupTally, Telemetry
 from imaging.exposure import ExposureLimits, ExposureSetting
 
 LIMITS = ExposureLimits(20.0, 7500.0, 0.0, 30.0)
@@ -19,7 +19,7 @@ SETTING = ExposureSetting(1234.5, 6.0)
 
 def seen(setting: ExposureSetting = SETTING, saturated: float = 0.0, black: float = 0.0) -> Telemetry:
     decision = Decision(setting, setting.level, "", 0.0, saturated, black, 0.0)
-    return Telemetry(applied=setting, decision=decision)
+    return Telemetry(applied=setting, groups={"all": GroupTally(decision=decision)})
 
 
 def write(file: Path, **changes: object) -> None:

@@ -79,7 +79,7 @@ def test_what_comes_again_and_again_is_said_seldom() -> None:
 
 def test_a_silence_before_every_frame_is_no_line_with_every_frame(caplog: pytest.LogCaptureFixture) -> None:
     config = Config.model_validate({"cameras": {"left": {"serial": "L"}}})
-    control = RigControl(config, Rig({"left": ScriptedCamera}, 1.0, config.start))
+    control = RigControl(config, Rig({"left": ScriptedCamera}, 1.0, {"left": config.start}))
     for _ in range(5):
         control.take([CameraSilent("left")])
     assert caplog.messages.count("left camera: no frames; checking that it answers") == 1
