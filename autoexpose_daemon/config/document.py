@@ -9,15 +9,17 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, PlainSerializer, field_validator, model_validator
 
-from autoexpose_daemon.config.control import ControlConfig, ExposureConfig, LimitsConfig, PolicyId, StartConfig
+from autoexpose_daemon.config.control import ControlConfig, ExposureConfig, StartConfig
 from autoexpose_daemon.config.section import (
     Binning,
     ConnectionConfig,
     ExposureCountUs,
     FileName,
+    LimitsConfig,
     LinkMbps,
     Name,
     PacketBytes,
+    PolicyId,
     RateHz,
     SampleAgeS,
     Section,
@@ -28,6 +30,7 @@ from autoexpose_daemon.messages.keys import (
     CAMERA_NAME,
     LAST_ROS2_DOMAIN,
     LOOPBACK,
+    ONE_GROUP,
     ROUTER,
     check_key_expression,
     check_rig_name,
@@ -55,10 +58,6 @@ def _refuse_number(serial: object) -> object:
     if isinstance(serial, int | float):  # as a number it may have lost leading zeros already
         raise ValueError("is a number to YAML: put the serial in quotes, as `autoexpose list` shows it")
     return serial
-
-
-ONE_GROUP = "all"
-"""The group of cameras that name none."""
 
 
 def _group_name(name: str) -> str:
