@@ -75,7 +75,7 @@ def test_a_short_file_has_the_documented_defaults(tmp_path: Path) -> None:
         ("cameras: {front: {serial: A, respnse: x}}", ["cameras.front.respnse", "cameras.front.response"]),
         *(
             (f"cameras: {{'{name}': {{serial: A}}}}", [f"cameras: '{name}' is no name", "small letters"])
-            for name in ("", "Left", "2nd", "_a", "a b", "a/b", "a*", "../a", "gauche\u0301", "consumers")
+            for name in ("", "Left", "2nd", "_a", "a b", "a/b", "a*", "../a", "gauche\u0301", "consumers", "both")
         ),
         (f"cameras: {{{'x' * 65}: {{serial: A}}}}", ["is no name", "63"]),
         ("cameras: {a: {serial: S}, b: {serial: T}, c: {serial: S}}", ["cameras: a and c are the same camera, S"]),
