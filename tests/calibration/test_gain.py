@@ -190,7 +190,7 @@ def camera(stack: ExitStack, name: str, lux: float, description: Path, line0: st
     light.write_text(f"light: [{{at_s: 0, lux: {lux:g}}}]")
     options = ["--still", "--light", str(light), "--xml", str(description), "--raw-gain", LAWS[name].law]
     options += ["--truth", str(truth(description, name))]
-    return stack.enter_context(fake_camera(SERIALS[name], name=name, line0=line0, options=options))
+    return stack.enter_context(fake_camera(SERIALS[name], side=name, line0=line0, options=options))
 
 
 @pytest.mark.wire
