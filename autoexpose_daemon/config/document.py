@@ -17,6 +17,7 @@ from autoexpose_daemon.config.section import (
     FileName,
     LinkMbps,
     Name,
+    OffsetStops,
     PacketBytes,
     RateHz,
     SampleAgeS,
@@ -63,6 +64,7 @@ class CameraConfig(Section):
     """One camera: its serial, its calibration files (without a response file it is linear), and features to set.
 
     `exposure_count_us` are the microseconds in a count of an exposure time whose unit the camera does not give.
+    `offset_stops` is by how much less light reaches its sensor than those of the other cameras.
     """
 
     serial: Annotated[Name, BeforeValidator(_refuse_number)]
@@ -71,6 +73,7 @@ class CameraConfig(Section):
     calibration: FileName | None = None
     vignetting: FileName | None = None
     exposure_count_us: ExposureCountUs | None = None
+    offset_stops: OffsetStops = 0.0
     features: Features = ()
 
     def relative_to(self, folder: Path) -> Self:
