@@ -18,6 +18,7 @@ from autoexpose_daemon.config.section import (
     LimitsConfig,
     LinkMbps,
     Name,
+    OffsetStops,
     PacketBytes,
     PolicyId,
     RateHz,
@@ -74,6 +75,7 @@ class CameraConfig(Section):
 
     Cameras of one `group` are exposed together.
     `exposure_count_us` are the microseconds in a count of an exposure time whose unit the camera does not give.
+    `offset_stops` is by how much less light reaches its sensor than those of the other cameras.
     """
 
     serial: Annotated[Name, BeforeValidator(_refuse_number)]
@@ -83,6 +85,7 @@ class CameraConfig(Section):
     calibration: FileName | None = None
     vignetting: FileName | None = None
     exposure_count_us: ExposureCountUs | None = None
+    offset_stops: OffsetStops = 0.0
     features: Features = ()
 
     def relative_to(self, folder: Path) -> Self:
