@@ -138,6 +138,8 @@ class RigControl:
         if strangers := request.regions.keys() - self.config.cameras.keys():
             raise ConfigurationError(f"region.{min(strangers)}: the rig has no {min(strangers)} camera: leave it out")
         groups = [group for name, group in self.groups.items() if request.group in (None, name)]
+        if others := request.regions.keys() - {camera for group in groups for camera in group.cameras}:
+            raise ConfigurationError(f"region.{min(others)}: that camera is not in group {request.group}: leave it out")
         if request.only_regions:
             groups = [group for group in groups if request.regions.keys() & set(group.cameras)]
         if len(groups) > 1:
