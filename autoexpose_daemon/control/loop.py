@@ -133,7 +133,7 @@ class ControlLoop(Stateful):
         """Look at a pair, alone or with whatever else is known, and decide on the next setting of its cameras.
 
         Frames must have at least 90x68 pixels, colour mosaics 180x136. They may have been taken with different
-        settings: everything refers to the reference frame, the first one that is not `uncounted`, and to its own setting.
+        settings: everything refers to the reference frame, the first that is not `uncounted`, and to its own setting.
         Raises ConfigurationError for a frame that is too small, a region or a vignetting that does not fit the
         frames, or an angular rate beyond `FASTEST_TURN_RAD_S` or without a focal length.
         """
