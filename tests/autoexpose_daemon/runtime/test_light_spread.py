@@ -76,3 +76,30 @@ def test_it_is_over_when_the_light_is_alike_again_and_a_glance_past_a_lamp_says_
     seen(spread, {"front_left": 20}, 5, 410)  # the other one is gone
     seen(spread, {"front_left": 20, "front_right": 20}, 20, 460)
     assert spread.sentences == {}
+
+
+def test_what_a_camera_saw_before_it_was_gone_is_not_held_against_another_one() -> None:
+    spread = LightSpread([FRONT], dict.fromkeys(FRONT, LINEAR))
+    seen(spread, dict.fromkeys(FRONT, 160))
+    seen(spread, {"front_left": 20}, 10, 200)  # the light goes out meanwhile
+    for number in range(300, 310):
+        spread.look(frames(number, dict.fromkeys(FRONT, 20)))
+        assert spread.sentences == {}
+
+
+@pytest.mark.parametrize(("grey", "stops"), [(0, -3.0), (255, 3.0)])
+def test_frames_with_nothing_in_them_tell_nothing_of_light_whatever_they_were_exposed_with(
+    grey: int, stops: float
+) -> None:
+    names = (FRONT[0], REAR[0])
+    spread = LightSpread([names], dict.fromkeys(names, LINEAR))
+    seen(spread, dict.fromkeys(names, grey), stops=stops)
+    assert spread.sentences == {}
+
+
+@pytest.mark.parametrize(("front", "rear"), [(0, 128), (128, 255)])
+def test_a_black_frame_beside_one_that_is_not_is_in_less_light_and_a_white_one_in_more(front: int, rear: int) -> None:
+    names = (FRONT[0], REAR[0])
+    spread = LightSpread([names], dict.fromkeys(names, LINEAR))
+    seen(spread, {FRONT[0]: front, REAR[0]: rear}, stops=-2.0)
+    assert list(spread.sentences) == [REAR[0]]
