@@ -56,11 +56,9 @@ class LightSpread:
         grey = frame.sparse_grey8()
         self._mean_grey[camera] = float(grey.mean())
         seen = float(np.log2(self._light[camera][grey].mean())) - frame.setting.level
-        before, share = (
-            self._stops.get(camera, seen),
-            (now_ns - self._looked_ns.get(camera, now_ns)) * 1e-9 / REMEMBERED_S,
-        )
-        self._stops[camera] = before + min(share, 1.0) * (seen - before)
+        share = min((now_ns - self._looked_ns.get(camera, now_ns)) * 1e-9 / REMEMBERED_S, 1.0)
+        before = self._stops.get(camera, seen)
+        self._stops[camera] = before + share * (seen - before)
         self._looked_ns[camera] = now_ns
 
     def _judge(self, stops: Mapping[CameraName, float]) -> None:
