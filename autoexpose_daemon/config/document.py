@@ -43,7 +43,7 @@ from drivers.genicam.trigger import ACTION, SOFTWARE
 from drivers.setup import FeatureSetting, as_list, parse_features
 from imaging.errors import ConfigurationError
 from imaging.exposure import ExposureSetting
-from imaging.frames import CameraName
+from imaging.frames import ONE_GROUP, CameraName
 from imaging.gain_scale import GainScale
 from imaging.geometry import CameraGeometry, Side
 from imaging.pixels import PixelFormat
@@ -55,10 +55,6 @@ def _refuse_number(serial: object) -> object:
     if isinstance(serial, int | float):  # as a number it may have lost leading zeros already
         raise ValueError("is a number to YAML: put the serial in quotes, as `autoexpose list` shows it")
     return serial
-
-
-ONE_GROUP = "all"
-"""The group of cameras that name none."""
 
 
 def _group_name(name: str) -> str:

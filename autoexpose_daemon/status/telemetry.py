@@ -11,7 +11,6 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from autoexpose_daemon.config.document import ONE_GROUP
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.messages.client import ConsumerTally
 from autoexpose_daemon.status.counters import Counts, ImuTally, LightTally, RequestTally, TrackingTally
@@ -19,7 +18,7 @@ from drivers.camera import PtpState
 from drivers.rig.events import Command, Written
 from drivers.triggers import RigRecord
 from imaging.exposure import ExposureLimits, ExposureSetting
-from imaging.frames import CameraName, FrameSet
+from imaging.frames import ONE_GROUP, CameraName, FrameSet
 from imaging.python310 import StrEnum
 
 GONE_NS = 5_000_000_000
