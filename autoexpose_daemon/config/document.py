@@ -98,8 +98,8 @@ def _named(cameras: dict[CameraName, CameraConfig]) -> dict[CameraName, CameraCo
     for name in cameras:
         if not CAMERA_NAME.fullmatch(name):
             raise ValueError(
-                f"{quoted(name)} is no name for a camera: begin with a small letter, then up to 63 small letters, digits "
-                "and _; `consumers` is taken"
+                f"{quoted(name)} is no name for a camera: begin with a small letter, then up to 63 small letters, "
+                "digits and _; `consumers` is taken"
             )
     for (name, camera), (other_name, other) in combinations(cameras.items(), 2):
         if camera.serial == other.serial:

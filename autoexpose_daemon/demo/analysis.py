@@ -317,14 +317,15 @@ def _rows(figures: Mapping[str, Any], steps: Sequence[LightStep]) -> Iterator[tu
     sets = "stereo pairs" if len(figures["cameras"]) == 2 else "sets of frames"
     pairs = f"{figures['pairs']} {sets} in {figures['seconds']:.1f} s, {figures['fps']:.1f} per second"
     kind = f"{figures['pixel_format']} {figures['width']}x{figures['height']}"
-    cameras = f"{len(figures['cameras'])} fake {_TRANSPORTS[figures['transport']]} cameras"
+    count = len(figures["cameras"])
+    cameras = f"{count} fake {_TRANSPORTS[figures['transport']]} camera{'s' if count > 1 else ''}"
     yield "seen", f"{pairs}, from {cameras}, {kind}"
     yield "lost", f"{_lost(figures)}; of {figures['triggers']} triggers on the cameras' wire"
     unusual = [f"{counter.label}: {count}" for counter, count in unusual_counts(Counts(**figures["counts"]))]
     if unusual:
         yield "anomalies", ", ".join(unusual)
     if figures["published"] is not None:
-        yield "published", f"{figures['published']} stereo pairs, for other processes"
+        yield "published", f"{figures['published']} {sets}, for other processes"
     for duration in DURATIONS:
         p50, p99 = figures[duration.field]["p50"], figures[duration.field]["p99"]
         if p50 is not None:

@@ -30,7 +30,7 @@ from autoexpose_daemon.messages.inputs import (
 from autoexpose_daemon.messages.keys import CONSUMER_NAME, consumer_key, frame_key, last_but, rig_key
 from autoexpose_daemon.publish.inbound import WAITING_REQUESTS, Ask, ControlDoor
 from autoexpose_daemon.publish.ros2_keys import Attachments, Ros2Node
-from autoexpose_daemon.publish.session import Endpoints, SessionHolder, reading
+from autoexpose_daemon.publish.session import IMAGE_PRIORITIES, Endpoints, SessionHolder, reading
 from autoexpose_daemon.runtime.inputs import ForetoldLight, Tracking
 from autoexpose_daemon.status.document import grounds_to_json
 from autoexpose_daemon.status.telemetry import DropReason, PublishTally
@@ -78,8 +78,6 @@ MAILBOX_PAIRS = 12
 _TELL_S = 1.0
 _TRACKING_MESSAGES = 1024
 """At most 1 MB: what zenoh drops from here is not counted as `too_often`."""
-_PRIORITIES = (zenoh.Priority.DATA, zenoh.Priority.DATA_LOW, zenoh.Priority.BACKGROUND)
-"""Of the cameras, in turn. Each priority has its own queue, which makes room for as many more images."""
 
 
 Tell = Callable[[bool], Mapping[str, str]]
@@ -118,7 +116,7 @@ class Publisher:
         self._explain = explain
         self._tracking = tracking
         self._config = config
-        self._priorities = dict(zip(cameras, itertools.cycle(_PRIORITIES), strict=False))
+        self._priorities = dict(zip(cameras, itertools.cycle(IMAGE_PRIORITIES.values()), strict=False))
         # rmw_zenoh's routers forward nothing from peer to peer: ROS 2 nodes and we learn of each other by gossip.
         gossip = config.ros2_domain is not None
         self._endpoints = Endpoints(config.listen, config.connect, config.zenoh, gossip)

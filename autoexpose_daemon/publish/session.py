@@ -30,11 +30,21 @@ LARGEST_MESSAGE_BYTES = 64 << 20
 _RETRY_S = 0.5
 _JOIN_S = 5.0
 
+IMAGE_PRIORITIES = {
+    "data": zenoh.Priority.DATA,
+    "data_low": zenoh.Priority.DATA_LOW,
+    "background": zenoh.Priority.BACKGROUND,
+    "interactive_low": zenoh.Priority.INTERACTIVE_LOW,
+    "interactive_high": zenoh.Priority.INTERACTIVE_HIGH,
+    "real_time": zenoh.Priority.REAL_TIME,
+}
+"""Of the cameras, in turn. Each has a queue of its own, which makes room for as many more images."""
+
 _QUEUE = "transport/link/tx/queue"
 _TUNING = {
-    # The maximum, 1 MB for each camera: two images of 720 x 540. The default holds a third of one.
-    f"{_QUEUE}/size/data": 16,
-    f"{_QUEUE}/size/data_low": 16,
+    # The maximum, 1 MB for each priority, which is one for each camera: two images of 720 x 540. The default holds a
+    # third of one, or less.
+    **{f"{_QUEUE}/size/{name}": 16 for name in IMAGE_PRIORITIES},
     # How long pieces of an image wait for room before the image is dropped, us: well below a frame period, because
     # other consumers wait meanwhile. The default is 50 ms.
     f"{_QUEUE}/congestion_control/drop/max_wait_before_drop_fragments": 5_000,

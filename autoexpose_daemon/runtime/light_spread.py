@@ -65,6 +65,6 @@ class LightSpread:
             elif said is None or abs(apart - said) >= 1.0:  # not each change is told
                 self._apart[camera] = apart
                 self.sentences[camera] = (
-                    f"sees at least {apart:.1f} stops more light than the {darkest} camera, with which it is exposed: give one "
-                    f"of them a `group` of its own, or, if a filter is before {darkest}, its `offset_stops`"
+                    f"sees at least {apart:.1f} stops more light than the {darkest} camera, with which it is exposed: "
+                    f"give one of them a `group` of its own, or, if a filter is before {darkest}, its `offset_stops`"
                 )

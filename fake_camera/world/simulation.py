@@ -217,7 +217,7 @@ def build_image_source(
         In the room: how far its pair is turned to the right of the path, and how much more light is on what it sees.
     """
     model = SensorModel(*size, lens_f_number=lens_f_number, corner_light=corner_light)
-    sensor = Sensor(model, 2 * seed + (side == "right") + 1000 * round(yaw_deg), response)
+    sensor = Sensor(model, 2 * seed + (side == "right") + 1000 * round(yaw_deg % 360), response)
     view: Scene
     if scene in ("room", "board"):
         lens = Pinhole()

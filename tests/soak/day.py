@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from autoexpose_daemon.control.step import ControlStep
 from autoexpose_daemon.status.counters import counters
 from autoexpose_daemon.status.states import Health, State
+from drivers.triggers.outcomes import LossReason
 from tests.soak.camera import VirtualFrame
 from tests.soak.clock import SECOND
 from tests.soak.faults import FAULTS, Expected, Script

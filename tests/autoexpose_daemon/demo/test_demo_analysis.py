@@ -35,6 +35,7 @@ from autoexpose_daemon.demo.analysis import (
 from autoexpose_daemon.demo.fakes import Pulse
 from autoexpose_daemon.demo.options import DemoOptions
 from autoexpose_daemon.demo.plot import draw, headline, mark_losses
+from autoexpose_daemon.demo.show import configuration
 from autoexpose_daemon.status.panel import lost_in_words
 from autoexpose_daemon.status.telemetry import Telemetry
 from drivers.triggers.outcomes import Tally
@@ -195,6 +196,7 @@ FIGURES: dict[str, Any] = {
     "triggers": 1200,
     "pairs": 1186,
     "lost": {"startup": 13, "shutdown": 1},
+    "cameras": {"left": {"frames": 1186, "lost": 14}, "right": {"frames": 1186, "lost": 14}},
     "fakes": {"overruns": 0, "cpu_percent": [12.4, 13.6]},
     "pixel_format": "Mono8",
     "width": 720,
@@ -238,6 +240,9 @@ def test_every_figure_has_a_unit_and_a_meaning() -> None:
         "published": "7 stereo pairs",
     }.items():
         assert rows[name].startswith(text)
+    assert said(cameras=dict.fromkeys(["a", "b", "c"]))["seen"] == (
+        "1186 sets of frames in 20.0 s, 59.3 per second, from 3 fake GigE Vision cameras, Mono8 720x540"
+    )
     assert "pairing" in rows and "frame to node" not in rows
     assert not {"anomalies", "published"} & set(said())
 
@@ -262,8 +267,8 @@ def test_losses_of_the_simulation_are_not_blamed_on_the_daemon(lost: dict[str, i
 
 
 def test_cameras_that_ran_for_several_daemons_take_their_share_of_all_that_time() -> None:
-    daemon: Any = SimpleNamespace(tally=Tally(), telemetry=Telemetry())
     options = DemoOptions(60.0, "fixed", None, None, "room", None, 0, "gige", None, False, False, None, True)
+    daemon: Any = SimpleNamespace(tally=Tally(), telemetry=Telemetry(), config=configuration(options, 60.0))
     cameras: Any = [SimpleNamespace(overruns=0, cpu_s=30.0)] * 2
     run = DemoRun(options, 30.0, daemon, cameras, [], StepLog(1.0), 60.0, 120.0, 15.0, 3.0)
     result = figures(run, [])

@@ -19,18 +19,21 @@ from autoexpose_daemon.demo.fakes import (
     FakeCamera,
     begin_again_on_fake_bus,
     newest_lux,
+    places,
     read_pulses,
     take_signals,
 )
 from autoexpose_daemon.demo.options import SIZES, DemoOptions, Transport
 from autoexpose_daemon.demo.run import run_demo
-from autoexpose_daemon.demo.show import cores, held_rate_hz, pairs_per_s, rate_notice
+from autoexpose_daemon.demo.show import configuration, cores, held_rate_hz, rate_notice, sets_per_s
 from fake_camera.imaging import ImageSettings, Pixels
 from fake_camera.warm_up import frame_s
 from fake_camera.world.sensor import SIZES as simulated_sizes
 from imaging.errors import AutoexposeError, ConfigurationError
+from imaging.geometry import SIDES
 from tests.fakes import loopback_address, unique
 
+LEFT, RIGHT = places(2)
 OPTIONS = DemoOptions(20.0, "belief", None, None, "room", None, 0, "gige", None, False, False, None)
 
 
@@ -70,10 +73,11 @@ def test_a_slow_simulation_runs_at_a_rate_that_it_sustains(
     frame_ms: float, processors: int, rate_hz: float, words: str | None
 ) -> None:
     source = SlowSource(1.0, 1e-3 * frame_ms)  # the first frame pays for caches, and does not count
-    possible_hz = pairs_per_s(frame_s(source, "Mono8", source.clock_s), processors)
+    possible_hz = sets_per_s(frame_s(source, "Mono8", source.clock_s), processors)
     assert held_rate_hz(possible_hz) == rate_hz
     assert rate_notice(possible_hz, rate_hz, asked=False) == words
-    assert pairs_per_s(0.01, 2, 1440 * 1080 * 2) < 0.8 * pairs_per_s(0.01, 2), "larger frames take longer"
+    assert sets_per_s(0.01, 2, 1440 * 1080 * 2) < 0.8 * sets_per_s(0.01, 2), "larger frames take longer"
+    assert sets_per_s(0.01, 2, cameras=6) == pytest.approx(sets_per_s(0.01, 2) / 3), "more cameras do, too"
 
 
 def test_a_light_script_without_end_is_refused(tmp_path: Path) -> None:
@@ -117,6 +121,12 @@ def test_a_container_has_as_many_cores_as_its_quota(tmp_path: Path) -> None:
         ({"light": Path("/dev/zero")}, "--light /dev/zero is not a file: name a light script (docs/fake-camera.md)"),
         ({"pixel_format": "Mono9"}, "--pixel-format Mono9 is not supported: docs/configuration.md lists what is"),
         ({"size": "99x99"}, f"--size 99x99 cannot be simulated: give one of {', '.join(SIZES)}"),
+        ({"cameras": 0}, "--cameras 0 is not within 1 to 6"),
+        ({"cameras": 7}, "--cameras 7 is not within 1 to 6"),
+        (
+            {"cameras": 4, "bracket": True},
+            "--navigate, --bracket and --scene are for a stereo pair: leave them out, or --cameras",
+        ),
         ({"plot": Path("/dev")}, "/dev: cannot be written; name a file in an existing folder"),
     ],
 )
@@ -128,7 +138,7 @@ def test_invalid_options_are_refused_in_a_sentence(change: dict[str, object], se
 @pytest.mark.wire
 def test_a_camera_is_found_then_timed_then_runs_at_the_given_rate(tmp_path: Path) -> None:
     stop = threading.Event()
-    camera = FakeCamera("left", tmp_path, ["--address", loopback_address(), "--line0", unique("wire"), "--still"])
+    camera = FakeCamera(LEFT, tmp_path, ["--address", loopback_address(), "--line0", unique("wire"), "--still"])
     try:
         assert "can_be_found" in camera.line(stop)
         assert "frame_s" in camera.line(stop)
@@ -148,7 +158,7 @@ def test_a_camera_is_found_then_timed_then_runs_at_the_given_rate(tmp_path: Path
 
 @pytest.mark.wire
 def test_a_camera_that_does_not_start_says_why(tmp_path: Path) -> None:
-    camera = FakeCamera("right", tmp_path, ["--address", loopback_address(), "--line0", unique("wire"), "--still"])
+    camera = FakeCamera(RIGHT, tmp_path, ["--address", loopback_address(), "--line0", unique("wire"), "--still"])
     try:
         camera.line(threading.Event())
         camera.line(threading.Event())
@@ -177,7 +187,19 @@ def test_ctrl_c_waits_while_the_demo_begins_again(tmp_path: Path, monkeypatch: p
     monkeypatch.setenv(FOLDER_VARIABLE, "")
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     monkeypatch.setattr(os, "execv", lambda *_: blocked.append(signal.pthread_sigmask(signal.SIG_BLOCK, ())))
-    begin_again_on_fake_bus()
+    begin_again_on_fake_bus(2)
     take_signals()
     blocked.append(signal.pthread_sigmask(signal.SIG_BLOCK, ()))
     assert [stopping & signals for signals in blocked] == [stopping, set()]
+
+
+def test_six_cameras_are_three_pairs_each_exposed_by_its_own_light() -> None:
+    config = configuration(replace(OPTIONS, cameras=6), 30.0)
+    assert list(config.cameras) == [f"{view}_{side}" for view in ("front", "rear", "port") for side in SIDES]
+    assert config.cameras_of_groups == {view: (f"{view}_left", f"{view}_right") for view in ("front", "rear", "port")}
+    serials = [camera.serial for camera in config.cameras.values()]
+    assert len(set(serials)) == 6 and all(len(serial) <= 15 for serial in serials)
+    assert len({place.address for place in places(6)}) == 6
+    assert list(configuration(replace(OPTIONS, cameras=1), 30.0).cameras) == ["left"]
+    pair = configuration(OPTIONS, 30.0)
+    assert list(pair.cameras) == ["left", "right"] and list(pair.cameras_of_groups) == ["all"]

@@ -322,7 +322,7 @@ def look(tab: Tab) -> dict[str, Any]:
     expression = f"""(() => {{
       const words = (selector) => document.querySelector(selector).innerText.replaceAll("\\n", " ");
       const shown = {{ trigger: Number(document.body.dataset.trigger), decision: words("#decision") }};
-      for (const side of ["left", "right"]) {{
+      for (const camera of ["left", "right"]) {{
         shown[camera] = words(`#${{camera}} figcaption`);
         shown[`${{camera}} pixels`] = {SHRUNK}(`#${{camera}} canvas`, {width}, {height});
       }}

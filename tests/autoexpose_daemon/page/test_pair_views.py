@@ -43,8 +43,7 @@ from tests.autoexpose_daemon.samples import EXPOSING
 
 def received(*shapes: tuple[int, int]) -> Iterator[ReceivedPair]:
     for number, shape in enumerate(shapes):
-        left, right = pair(number, shape).frames.values()
-        yield ReceivedPair(left, right, 0, number, number, DECISION, number * 10**9)
+        yield ReceivedPair(pair(number, shape).frames, 0, number, number, DECISION, number * 10**9)
 
 
 @pytest.mark.parametrize(
