@@ -313,7 +313,7 @@ def test_what_is_pressed_applies(token_file: str) -> None:
         tab.value("document.getElementById('lock').click()")
         wait_until(lambda: asked.locked is not None and asked.latest == "lock, asked by page", "the lock")
         tab.wait_for("document.getElementById('lock').innerText === 'unlock'", "the lock on the page")
-        assert tab.text("asked") == "lock, asked by page"
+        assert tab.text("#asked") == "lock, asked by page"
         status, words, _ = page.ask("POST", "/control", WITH_TOKEN, '{"ev_stops": 9}')
         assert (status, words) == (409, "ev_stops: 9.0 is out of bounds: give -3 to 3 stops\n")
         for _ in range(2):  # sooner than a status shows the first
