@@ -30,15 +30,16 @@ def main() -> None:
     pixels = np.random.default_rng(0).integers(0, 256, (540, 720)).astype(np.uint8)
     frame = Frame(pixels, 8, 1, 1, 1, 1, SETTING)
     pair = FrameSet(1, {"left": frame, "right": frame})
+    decisions = dict.fromkeys(pair.frames, DECISION)
     writer = MessageWriter("rig", 2)
 
     def write() -> dict[str, bytes]:
-        return {message.topic: bytes(message.data) for message in writer.messages(pair, DECISION, 1, 0)}
+        return {message.topic: bytes(message.data) for message in writer.messages(pair, decisions, 1, 0)}
 
     data = write()
     costs = {
         "copying the pixels of both frames": median_us(lambda: (pixels.copy(), pixels.copy())),
-        "making the pair's six messages": median_us(lambda: list(writer.messages(pair, DECISION, 1, 0))),
+        "making the pair's six messages": median_us(lambda: list(writer.messages(pair, decisions, 1, 0))),
         "reading both clocks": median_us(realtime_offset_ns),
         "reading two images": median_us(lambda: (read_image(data["image"]), read_image(data["image"]))),
         "reading two exposures": median_us(

@@ -14,6 +14,7 @@ import numpy as np
 from mcap.writer import CompressionType
 
 from autoexpose_daemon.control.loop import ControlLoop
+from autoexpose_daemon.control.step import StepInputs
 from autoexpose_daemon.recording import file
 from autoexpose_daemon.recording.file import Step
 from fake_camera.imaging import ImageSettings
@@ -65,7 +66,7 @@ def record(path: Path, pairs: list[FrameSet], loop: ControlLoop) -> float:
     for index in range(ROUNDS):
         began_s = time.process_time()
         for number, pair in enumerate(pairs):
-            step = Step(index * PAIRS + number, 2, pair, decision)
+            step = Step(index * PAIRS + number, 2, StepInputs(pair), decision)
             recording.write(step, loop.setup, loop.state() if number == 0 else None)
         spent_ms.append((time.process_time() - began_s) / len(pairs) * 1e3)
     recording.close(PAIRS * ROUNDS, 0)

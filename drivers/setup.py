@@ -132,3 +132,6 @@ class CameraSetup:
     gain_scale: GainScale | Literal["own numbers"] | None = None
     # microseconds in a count of an exposure time whose unit the camera does not give; None: there is none such
     exposure_count_us: float | None = None
+    # stops by which less light reaches its sensor than those of the other cameras: its gain counts less that, so that
+    # with equal settings its frames are as bright as theirs
+    offset_stops: float = 0.0

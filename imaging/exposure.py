@@ -120,11 +120,14 @@ class ExposureLimits:
         gain_grid = max(self, other, key=lambda limits: limits.gain_step_db)
         min_gain_db, max_gain_db = max(self.min_gain_db, other.min_gain_db), min(self.max_gain_db, other.max_gain_db)
         tables = [table for table in (self.gains_db, other.gains_db) if table]
-        gains_db = min((_within(table, min_gain_db, max_gain_db) for table in tables), key=len, default=())
-        if tables and not gains_db:
+        inside = [_within(table, min_gain_db, max_gain_db) for table in tables]
+        gains_db = min(inside, key=len, default=())
+        if tables and not gains_db and min_gain_db <= max_gain_db:
+            table = tables[inside.index(())]
+            nearest = sorted(table, key=lambda gain_db: max(min_gain_db - gain_db, gain_db - max_gain_db))[:2]
             raise ConfigurationError(
-                f"gain limits {min_gain_db:g} to {max_gain_db:g} dB leave none of the gains that the camera has: "
-                f"{', '.join(f'{gain_db:g}' for gain_db in tables[0])}"
+                f"gain limits {min_gain_db:g} to {max_gain_db:g} dB leave none of the gains that the camera has: the "
+                f"nearest are {' and '.join(f'{gain_db:g}' for gain_db in sorted(nearest))} dB"
             )
         if not tables:
             min_gain_db = _next_on_grid(min_gain_db, gain_grid.min_gain_db, gain_grid.gain_step_db)

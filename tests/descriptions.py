@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autoexpose_daemon.config.document import Config
-from autoexpose_daemon.control.decision import Decision
+from autoexpose_daemon.control.step import ControlStep
 from autoexpose_daemon.runtime.daemon import Daemon
 from autoexpose_daemon.runtime.setup import openers
 from drivers.aravis import AravisCamera
@@ -37,7 +37,7 @@ from fake_camera.usb3.run import CAMERAS_VARIABLE
 from fake_camera.usb3.usbip.server import Usb3Server
 from imaging.errors import AutoexposeError, stays
 from imaging.exposure import linear_gain
-from imaging.frames import Frame, FrameSet
+from imaging.frames import Frame
 from tests.data import data
 from tests.fakes import loopback_address, unique
 from tests.meanwhile import meanwhile
@@ -110,8 +110,8 @@ class Watched:
         self.camera = camera
         return camera
 
-    def see(self, pair: FrameSet, decision: Decision | None) -> None:
-        self.frames += pair.frames.values()
+    def see(self, step: ControlStep) -> None:
+        self.frames += step.pair.frames.values()
 
     def settled_after(self, least_gain_db: float = 0.0) -> int | None:
         """How many of the frames from now on come before those at the target, with this much gain; None if none are."""

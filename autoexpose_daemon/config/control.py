@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import (
     AfterValidator,
-    BeforeValidator,
     ValidationInfo,
     ValidatorFunctionWrapHandler,
     WrapValidator,
@@ -27,6 +26,7 @@ from autoexpose_daemon.config.section import (
     Float,
     GainDb,
     Integer,
+    PolicyId,
     Section,
     present_name,
 )
@@ -39,7 +39,7 @@ from autoexpose_daemon.control.parameters import (
     MotionId,
 )
 from autoexpose_daemon.control.picture.image import Rectangle, Region
-from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY, check_policy_id
+from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from documents.files import is_whole_png, read_regular
 from documents.text import quoted
 from imaging.errors import ConfigurationError
@@ -116,21 +116,6 @@ class ExposureConfig(Section):
         return ExposureLimits(self.min_time_us, self.max_time_us, self.min_gain_db, self.max_gain_db)
 
 
-class LimitsConfig(Section):
-    """Some bounds of the exposure; None: unchanged."""
-
-    min_time_us: ExposureTimeUs | None = None
-    max_time_us: ExposureTimeUs | None = None
-    min_gain_db: GainDb | None = None
-    max_gain_db: GainDb | None = None
-
-    @model_validator(mode="after")
-    def _names_one(self) -> Self:
-        if not self.model_dump(exclude_none=True):
-            raise ValueError(f"no limit is named: give {', '.join(type(self).model_fields)}, or some of them")
-        return self
-
-
 class StartConfig(Section):
     """The exposure before the first frame; the policy `fixed` stays there."""
 
@@ -160,15 +145,6 @@ class BracketConfig(Section):
     exposures: Annotated[Integer, _WITHIN["exposures"]] = _BRACKETING.exposures
     range_stops: Annotated[Float, _WITHIN["range_stops"]] = _BRACKETING.range_stops
     keep: bool = _BRACKETING.keep
-
-
-def _existing(policy: str) -> str:
-    check_policy_id(policy)
-    return policy
-
-
-PolicyId = Annotated[str, BeforeValidator(lambda name: present_name("policy", name)), AfterValidator(_existing)]
-"""One of the policies; the name of one that is no longer here gets what took its place."""
 
 
 class ControlConfig(Section):

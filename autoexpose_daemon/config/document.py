@@ -9,15 +9,18 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, PlainSerializer, field_validator, model_validator
 
-from autoexpose_daemon.config.control import ControlConfig, ExposureConfig, LimitsConfig, PolicyId, StartConfig
+from autoexpose_daemon.config.control import ControlConfig, ExposureConfig, StartConfig
 from autoexpose_daemon.config.section import (
     Binning,
     ConnectionConfig,
     ExposureCountUs,
     FileName,
+    LimitsConfig,
     LinkMbps,
     Name,
+    OffsetStops,
     PacketBytes,
+    PolicyId,
     RateHz,
     SampleAgeS,
     Section,
@@ -28,6 +31,7 @@ from autoexpose_daemon.messages.keys import (
     CAMERA_NAME,
     LAST_ROS2_DOMAIN,
     LOOPBACK,
+    ONE_GROUP,
     ROUTER,
     check_key_expression,
     check_rig_name,
@@ -71,6 +75,7 @@ class CameraConfig(Section):
 
     Cameras of one `group` are exposed together.
     `exposure_count_us` are the microseconds in a count of an exposure time whose unit the camera does not give.
+    `offset_stops` is by how much less light reaches its sensor than those of the other cameras.
     """
 
     serial: Annotated[Name, BeforeValidator(_refuse_number)]
@@ -80,6 +85,7 @@ class CameraConfig(Section):
     calibration: FileName | None = None
     vignetting: FileName | None = None
     exposure_count_us: ExposureCountUs | None = None
+    offset_stops: OffsetStops = 0.0
     features: Features = ()
 
     def relative_to(self, folder: Path) -> Self:
@@ -99,7 +105,7 @@ def _named(cameras: dict[CameraName, CameraConfig]) -> dict[CameraName, CameraCo
         if not CAMERA_NAME.fullmatch(name):
             raise ValueError(
                 f"{quoted(name)} is no name for a camera: begin with a small letter, then up to 63 small letters, "
-                "digits and _; `consumers` is taken"
+                "digits and _; consumers, both and several are taken"
             )
     for (name, camera), (other_name, other) in combinations(cameras.items(), 2):
         if camera.serial == other.serial:

@@ -31,6 +31,7 @@ def camera_setup(config: Config, camera: CameraName) -> CameraSetup:
         features=config.cameras[camera].features,
         gain_scale=config.gain_scales[camera],
         exposure_count_us=config.cameras[camera].exposure_count_us,
+        offset_stops=config.cameras[camera].offset_stops,
     )
 
 

@@ -7,13 +7,14 @@ from typing import Annotated, Any, Final
 
 from pydantic import Field, ValidationError, field_validator
 
-from autoexpose_daemon.config.control import LimitsConfig, PolicyId
 from autoexpose_daemon.config.section import (
     AreaConfig,
     EvStops,
     ExposureTimeUs,
     GainDb,
+    LimitsConfig,
     Name,
+    PolicyId,
     Section,
     error_sentences,
 )

@@ -22,7 +22,7 @@ from pydantic import (
 )
 from pydantic_core import ErrorDetails
 
-from autoexpose_daemon.control.policies.ids import REMOVED
+from autoexpose_daemon.control.policies.ids import REMOVED, check_policy_id
 from autoexpose_daemon.messages.keys import check_endpoints, check_zenoh_file
 from documents import bounds
 from documents.text import quoted, shortened
@@ -74,6 +74,7 @@ RateHz = Annotated[Float, AfterValidator(bounds.RATE_HZ.check)]
 ExposureTimeUs = Annotated[Float, AfterValidator(bounds.EXPOSURE_TIME_US.check)]
 ExposureCountUs = Annotated[Float, AfterValidator(bounds.EXPOSURE_COUNT_US.check)]
 GainDb = Annotated[Float, AfterValidator(bounds.GAIN_DB.check)]
+OffsetStops = Annotated[Float, AfterValidator(bounds.OFFSET_STOPS.check)]
 Weight = Annotated[Float, AfterValidator(bounds.WEIGHT.check)]
 Pixel = Annotated[Integer, AfterValidator(bounds.PIXEL.check)]
 Extent = Annotated[Integer, AfterValidator(bounds.EXTENT.check)]
@@ -189,3 +190,27 @@ class ConnectionConfig(Section):
         except ConfigurationError as error:
             raise ConfigurationError(f"{section}.zenoh: {error}") from error
         return self.model_copy(update={"zenoh": file})
+
+
+def _existing(policy: str) -> str:
+    check_policy_id(policy)
+    return policy
+
+
+PolicyId = Annotated[str, BeforeValidator(lambda name: present_name("policy", name)), AfterValidator(_existing)]
+"""One of the policies; the name of one that is no longer here gets what took its place."""
+
+
+class LimitsConfig(Section):
+    """Some bounds of the exposure; None: unchanged."""
+
+    min_time_us: ExposureTimeUs | None = None
+    max_time_us: ExposureTimeUs | None = None
+    min_gain_db: GainDb | None = None
+    max_gain_db: GainDb | None = None
+
+    @model_validator(mode="after")
+    def _names_one(self) -> Self:
+        if not self.model_dump(exclude_none=True):
+            raise ValueError(f"no limit is named: give {', '.join(type(self).model_fields)}, or some of them")
+        return self

@@ -77,7 +77,7 @@ _SUN_STOPS = 3.0
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class CameraPlace:
     """Where a fake camera is on the rig, and how it is reached there."""
 
     name: CameraName
@@ -104,13 +104,13 @@ class Place:
         return f"127.0.0.{2 + self.number}"
 
 
-def places(cameras: int) -> list[Place]:
+def places(cameras: int) -> list[CameraPlace]:
     """One camera, a stereo pair, or pairs that look forward, back at what the sun lights, and to the left."""
     if cameras <= 2:
-        return [Place("left", "left"), Place("right", "right", number=1)][:cameras]
+        return [CameraPlace("left", "left"), CameraPlace("right", "right", number=1)][:cameras]
     views = (("front", 0, 0.0), ("rear", 180, _SUN_STOPS), ("port", -90, 0.0))
     sides: tuple[Literal["left", "right"], ...] = ("left", "right")
-    ring = [Place(f"{view}_{side}", side, yaw, stops) for view, yaw, stops in views for side in sides]
+    ring = [CameraPlace(f"{view}_{side}", side, yaw, stops) for view, yaw, stops in views for side in sides]
     return [replace(place, number=number) for number, place in enumerate(ring[:cameras])]
 
 
@@ -142,7 +142,7 @@ class FakeCamera:
     ready.
     """
 
-    def __init__(self, place: Place, folder: Path, arguments: Sequence[str]) -> None:
+    def __init__(self, place: CameraPlace, folder: Path, arguments: Sequence[str]) -> None:
         self.truth = folder / f"{place.name}.truth.jsonl"
         self.control = folder / f"{place.name}.control"
         self.overruns = 0

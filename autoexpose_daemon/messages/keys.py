@@ -18,8 +18,12 @@ from imaging.errors import ConfigurationError
 if TYPE_CHECKING:
     from imaging.frames import CameraName
 
-CAMERA_NAME = re.compile(r"(?!consumers$)[a-z][a-z0-9_]{0,63}")
-"""What the cameras of a configuration may be called; `consumers` stands in the same place of other keys."""
+CAMERA_NAME = re.compile(r"(?!(?:consumers|both|several)$)[a-z][a-z0-9_]{0,63}")
+"""What the cameras of a configuration may be called; `consumers` stands in the same place of other keys, and `both` and
+`several` in that of reasons why a trigger made no whole set."""
+
+ONE_GROUP = "all"
+"""The group of cameras that name none."""
 
 LOOPBACK = "tcp/127.0.0.1:7448"
 """Where a daemon listens unless configured otherwise; next to 7447, the port of zenoh routers."""

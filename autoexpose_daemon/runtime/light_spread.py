@@ -34,17 +34,18 @@ class LightSpread:
         self._stops: dict[CameraName, float] = {}
         self._apart: dict[CameraName, float] = {}  # as told
         self._due_ns = 0
-        self._looked_ns = 0
+        self._looked_ns: dict[CameraName, int] = {}
 
     def look(self, frames: FrameSet) -> None:
         """Look at the frames of a trigger, now and then."""
         now_ns = frames.reference.arrival_time_ns
         if not self._groups or now_ns < self._due_ns:
             return
-        share = min((now_ns - self._looked_ns) * 1e-9 / REMEMBERED_S, 1.0)
-        self._due_ns, self._looked_ns = now_ns + LOOK_NS, now_ns
+        self._due_ns = now_ns + LOOK_NS
         for camera, frame in frames.frames.items():
             seen = self._seen(camera, frame)
+            share = min((now_ns - self._looked_ns.get(camera, now_ns)) * 1e-9 / REMEMBERED_S, 1.0)
+            self._looked_ns[camera] = now_ns
             before = self._stops.get(camera, seen)
             self._stops[camera] = before + share * (seen - before)
         for group in self._groups:

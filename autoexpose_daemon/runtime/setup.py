@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from copy import copy
 from functools import partial
 
@@ -91,16 +91,18 @@ class Tuning:
             raise ConfigurationError(f"region.{camera}: the rig has no {camera} camera: leave it out")
         return self.regions | asked
 
-    def limits(self, cameras: Iterable[ExposureLimits]) -> ExposureLimits:
+    def limits(self, cameras: Mapping[CameraName, ExposureLimits]) -> ExposureLimits:
         """The bounds, cut to those of the cameras; raises ConfigurationError if nothing is left."""
         limits = self.config.exposure.limits()
-        for own in cameras:
+        for name, own in cameras.items():
             try:
                 limits = limits.within(own)
             except ConfigurationError as error:
+                offset_stops = self.config.cameras[name].offset_stops
+                less = f" with its offset_stops of {offset_stops:g} taken off" if offset_stops else ""
                 raise ConfigurationError(
-                    f"exposure: {error}; the camera takes {own.min_time_us:g} to {own.max_time_us:g} us, "
-                    f"{own.min_gain_db:g} to {own.max_gain_db:g} dB"
+                    f"exposure: {error}; the {name} camera takes {own.min_time_us:g} to {own.max_time_us:g} us, "
+                    f"{own.min_gain_db:g} to {own.max_gain_db:g} dB{less}"
                 ) from error
         return limits
 
@@ -143,7 +145,7 @@ def _open(tuning: Tuning, name: CameraName, setup: CameraSetup) -> Camera:
     camera = open_camera(tuning.config.cameras[name].serial, setup)
     try:
         tuning.config.check_frames(name, camera.description)
-        tuning.limits([camera.limits])
+        tuning.limits({name: camera.limits})
         tuning.check_region(name, camera.description)
     except ConfigurationError:
         camera.close()
@@ -171,7 +173,7 @@ class ActiveLoop:
         """Take over the limits of a camera; raises ConfigurationError if no common range is left."""
         self._limits[event.camera] = event.limits
         self.cameras[event.camera] = event.description
-        limits = self.tuning.limits(self._limits.values())
+        limits = self.tuning.limits(self._limits)
         if self.loop is None or limits != self.loop.setup.limits:
             self._install(self.tuning.loop(limits))
 
@@ -183,7 +185,7 @@ class ActiveLoop:
         """The loop of another tuning, for `use`; ConfigurationError if it does not fit cameras or frames."""
         for name, camera in self.cameras.items():
             tuning.config.check_frames(name, camera)
-        loop = tuning.loop(tuning.limits(self._limits.values()))
+        loop = tuning.loop(tuning.limits(self._limits))
         for name, camera in self.cameras.items():
             tuning.check_region(name, camera)
         if self._newest is not None:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.messages.client import ConsumerTally
+from autoexpose_daemon.messages.keys import ONE_GROUP
 from autoexpose_daemon.status.counters import Counts, ImuTally, LightTally, RequestTally, TrackingTally
 from drivers.camera import PtpState
 from drivers.rig.events import Command, Written

@@ -16,6 +16,7 @@ from calibration.commands.import_files import import_files
 from calibration.commands.measure_gain import gain, white
 from calibration.commands.measure_geometry import board, geometry
 from calibration.commands.measure_noise import latency, noise
+from calibration.commands.measure_offset import offset
 from calibration.commands.measure_vignetting import vignette
 from calibration.commands.rig import (
     CameraMode,
@@ -203,6 +204,7 @@ calibrate_app.command("import")(import_files)
 calibrate_app.command()(noise)
 calibrate_app.command()(latency)
 calibrate_app.command()(gain)
+calibrate_app.command()(offset)
 calibrate_app.command()(geometry)
 calibrate_app.command()(board)
 calibrate_app.command()(vignette)

@@ -8,16 +8,17 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-import yaml
 from rich.console import Console
 
 from calibration.commands.rig import (
     CameraMode,
     Cameras,
     ConfigFile,
+    check_new,
     check_place,
     check_rig,
     chosen_rig,
+    give_sections,
     places_of,
     print_judged,
     print_written,
@@ -25,7 +26,7 @@ from calibration.commands.rig import (
     response_of,
     stamp,
 )
-from calibration.document import CameraIdentity, verdict, written
+from calibration.document import CameraIdentity, verdict
 from calibration.gain import GainCurve, GainFile, capture_gain, solve_gain
 from calibration.session import Session
 from calibration.vignetting.field import FRAMES, bright_exposure_us
@@ -124,8 +125,7 @@ def white(
     console = Console(highlight=False)
     rig = chosen_rig(camera, config)
     check_rig(rig)
-    if output is not None and (output.exists() or not output.parent.is_dir()):
-        raise ConfigurationError(f"{output}: cannot be written: name a new file in an existing folder")
+    check_new(output)
     place = None if box is None else _box(box)
     sections: dict[str, Any] = {}
     if pixel_format is not None:
@@ -134,13 +134,7 @@ def white(
         ratios = _measure(mode, place, console)
         if ratios is not None:
             sections[mode.name] = {"serial": mode.serial, "features": as_list(_settings(ratios))}
-    text = yaml.safe_dump({"cameras": sections}, sort_keys=False, allow_unicode=True)
-    if sections and output is None:
-        typer.echo(text, nl=False)
-    elif sections and output is not None:
-        with written(output):
-            output.write_text(text, encoding="utf-8")
-        print_written(console, output)
+    give_sections(sections, output, console)
     if len(sections) < len(rig):
         raise typer.Exit(1)
 

@@ -14,10 +14,11 @@ from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
 import typer
+import yaml
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from calibration.document import CameraIdentity, Finding, Verdict, located, verdict
+from calibration.document import CameraIdentity, Finding, Verdict, located, verdict, written
 from calibration.gain import GainFile
 from calibration.images import read_images
 from calibration.response.file import Origin, ResponseFile
@@ -290,6 +291,25 @@ def print_judged(facts: Iterable[tuple[str, str]], findings: Sequence[Finding], 
 def print_written(console: Console, *files: object) -> None:
     """Print which files were written."""
     console.print(f"written: {', '.join(map(str, files))}", soft_wrap=True)
+
+
+def check_new(output: Path | None) -> None:
+    """Refuse to write sections over an existing file. Raises ConfigurationError."""
+    if output is not None and (output.exists() or not output.parent.is_dir()):
+        raise ConfigurationError(f"{output}: cannot be written: name a new file in an existing folder")
+
+
+def give_sections(sections: Mapping[CameraName, Any], output: Path | None, console: Console) -> None:
+    """Print what to add to the sections of cameras in a configuration, or write it to a new file; if there is any."""
+    if not sections:
+        return
+    text = yaml.safe_dump({"cameras": dict(sections)}, sort_keys=False, allow_unicode=True)
+    if output is None:
+        typer.echo(text, nl=False)
+        return
+    with written(output):
+        output.write_text(text, encoding="utf-8")
+    print_written(console, output)
 
 
 def check_gain(session: Session, gain_db: float) -> None:

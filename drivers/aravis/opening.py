@@ -215,7 +215,7 @@ def set_up(nodes: AravisNodes, found: FoundCamera, setup: CameraSetup) -> Aravis
     apply_features(nodes, setup)
     switch_auto_off(nodes)
     # First: a camera that cannot expose fails for that.
-    dialect = find_dialect(nodes, setup.gain_scale, setup.exposure_count_us)
+    dialect = find_dialect(nodes, setup.gain_scale, setup.exposure_count_us, setup.offset_stops)
     pixel_format = choose_pixel_format(nodes, setup.pixel_format)
     send_low_byte_first(nodes, pixel_format)
     limitations = [*dialect.limitations]

@@ -7,8 +7,8 @@ from typing import Literal
 
 from drivers.genicam.nodes import DECIBELS, EXACT, NodeMap, Quantity, hold, is_number, offered, switch, us_per_unit
 from imaging.errors import ConfigurationError, NodeError, UnsupportedCameraError
-from imaging.exposure import ExposureLimits, ExposureSetting
-from imaging.gain_scale import GainScale
+from imaging.exposure import DB_PER_STOP, ExposureLimits, ExposureSetting
+from imaging.gain_scale import FINE_DB, GainScale
 
 TIME_NODES = ("ExposureTime", "ExposureTimeAbs")
 """SFNC 2 and SFNC 1 names."""
@@ -36,7 +36,8 @@ GAIN_ROUNDING_DB = 0.5
 class ExposureDialect:
     """The nodes that drive exposure time (us) and gain (dB) of one camera, and its limitations in words.
 
-    `gain` is None when the camera has no gain whose dB are known: gain is then left alone and counts as 0 dB.
+    `gain` is None when the camera has no gain whose dB are known: gain is then left alone and counts as 0 dB. Otherwise
+    it counts less what makes up for the light that this camera misses, in every setting and in the limits.
     """
 
     time: Quantity
@@ -121,16 +122,26 @@ class ExposureDialect:
 
 
 def find_dialect(
-    nodes: NodeMap, gain_scale: GainScale | Literal["own numbers"] | None = None, count_us: float | None = None
+    nodes: NodeMap,
+    gain_scale: GainScale | Literal["own numbers"] | None = None,
+    count_us: float | None = None,
+    offset_stops: float = 0.0,
 ) -> ExposureDialect:
-    """Find the nodes that drive this camera's exposure; `gain_scale` and `count_us` as in `CameraSetup`.
+    """Find the nodes that drive this camera's exposure; `gain_scale`, `count_us`, `offset_stops` as in `CameraSetup`.
 
     Raises UnsupportedCameraError when the camera offers no exposure time that can be written, in a known unit;
-    ConfigurationError when the scale of its gain is for another gain, or the length of a count for a time that has a
-    unit.
+    ConfigurationError when the scale of its gain is for another gain, the length of a count for a time that has a unit,
+    or an offset for a camera whose gain is not driven.
     """
     time = _find_time(nodes, count_us)
     gain, limitations = _find_gain(nodes, gain_scale)
+    if offset_stops:
+        if gain is None:
+            raise ConfigurationError(
+                f"camera {nodes.serial}: offset_stops needs a gain that is driven: {limitations[0]}, or remove it"
+            )
+        gain, rounded = _offset(nodes, gain, offset_stops)
+        limitations += rounded
     return ExposureDialect(time, gain, limitations)
 
 
@@ -228,6 +239,21 @@ def _find_gain(
             _check_scale(nodes, gain_scale, f"its gain is {own.node}, not {gain_scale.node}")
         own = replace(own, gain_scale=gain_scale)
     return own, ()
+
+
+def _offset(nodes: NodeMap, gain: Quantity, offset_stops: float) -> tuple[Quantity, tuple[str, ...]]:
+    """The gain less what makes up for missing light, and what of that it cannot, in words.
+
+    In whole steps where all are alike, so that the steps of this camera's gain remain those of the others.
+    """
+    wanted_db = offset_db = offset_stops * DB_PER_STOP
+    step_db = gain.increment(nodes) if gain.gain_scale is None else 0.0
+    if step_db:
+        offset_db = round(wanted_db / step_db) * step_db
+    if abs(offset_db - wanted_db) > FINE_DB:
+        made_up = f"offset_stops {offset_stops:g} is {wanted_db:.2f} dB, made up for by {offset_db:.2f} dB"
+        return replace(gain, offset=offset_db), (f"{made_up}: its gain has steps of {step_db:g} dB",)
+    return replace(gain, offset=offset_db), ()
 
 
 def _why_stuck(nodes: NodeMap, gain: Quantity) -> str | None:

@@ -84,17 +84,18 @@ class Quantity:
     """A writable number node, of which one unit is `scale` of ours (us or dB).
 
     A `gain_scale` says instead what each of its numbers is in dB. `step` (ours) is an increment that the node itself
-    does not declare.
+    does not declare. `offset` (ours) is taken off whatever the node holds: of a gain, what makes up for missing light.
     """
 
     node: str
     scale: float = 1.0
     gain_scale: GainScale | None = None
     step: float = 0.0
+    offset: float = 0.0
 
     def ours(self, own: float) -> float:
         """A number of the node in our unit."""
-        return own * self.scale if self.gain_scale is None else self.gain_scale.gain_db(own)
+        return (own * self.scale if self.gain_scale is None else self.gain_scale.gain_db(own)) - self.offset
 
     def bounds(self, nodes: NodeMap) -> tuple[float, float]:
         """Least and greatest value that the node takes at present. Raises NodeError when they are no range."""
@@ -120,9 +121,12 @@ class Quantity:
         """The only gains (dB) that the node takes, if a `gain_scale` makes their steps uneven; empty otherwise."""
         if self.gain_scale is None:
             return ()
-        own = replace(self, gain_scale=None)
+        own = replace(self, gain_scale=None, offset=0.0)
         step = own.increment(nodes)
-        return self.gain_scale.gains_of_steps(*self.gain_scale.bounds(*own.bounds(nodes)), step) if step else ()
+        if not step:
+            return ()
+        gains_db = self.gain_scale.gains_of_steps(*self.gain_scale.bounds(*own.bounds(nodes)), step)
+        return tuple(gain_db - self.offset for gain_db in gains_db)
 
     def read(self, nodes: NodeMap) -> float:
         """The value that the node holds."""
@@ -142,12 +146,13 @@ class Quantity:
 
     def _own(self, nodes: NodeMap, value: float) -> float:
         """A value in the node's own unit; one at a limit must not exceed it by rounding."""
+        value += self.offset
         if self.gain_scale is not None:
             return self.gain_scale.setting(value)
         own = value / self.scale
-        if self.scale == 1.0 or nodes.kind(self.node) == "integer":
+        if (self.scale == 1.0 and not self.offset) or nodes.kind(self.node) == "integer":
             return own
-        return next((limit for limit in nodes.bounds(self.node) if math.isclose(own, limit)), own)
+        return next((limit for limit in nodes.bounds(self.node) if math.isclose(own, limit, abs_tol=1e-9)), own)
 
 
 def us_per_unit(unit: str | None) -> float | None:

@@ -15,7 +15,7 @@ from evaluation.scenes.scenarios import SCENARIOS
 from evaluation.stage.camera import LIMITS, Entrant
 from evaluation.stage.oracle import FRONT_END_DN, LEVELS, QUANTISATION, Information, Oracle, rounded_motion
 from evaluation.stage.rendering import Stage
-from fake_camera.world.simulation import CameraName
+from fake_camera.world.simulation import Side
 from imaging.exposure import ExposureSetting
 from imaging.response import ResponseFunction
 
@@ -63,13 +63,13 @@ def test_no_split_is_better_than_the_best_of_all() -> None:
 def test_two_cameras_share_one_exposure() -> None:
     stage, _ = course_of("lamp_right", "leaves", 6)
     stage.go_to(50)
-    cameras: tuple[CameraName, CameraName] = ("left", "right")
+    sides: tuple[Side, Side] = ("left", "right")
     balance = ExposurePriority()
-    quick, exhaustive = (Oracle(stage, cameras, exhaustive=flag).best(balance, 0.0) for flag in (False, True))
+    quick, exhaustive = (Oracle(stage, sides, exhaustive=flag).best(balance, 0.0) for flag in (False, True))
     assert quick is not None and exhaustive is not None
     assert quick.joint == pytest.approx(exhaustive.joint, rel=0.005)
     assert quick.joint < 0.99
-    judge = Oracle(stage, cameras)
+    judge = Oracle(stage, sides)
     ratios = []
     for level in LEVELS:
         setting = LIMITS.realise(float(level), balance.exposure_time_us(float(level), 0.0, LIMITS))
@@ -101,7 +101,7 @@ def test_nothing_to_see_is_no_best() -> None:
     class Dark:
         frame = 0
 
-        def expose(self, _side: CameraName, _setting: ExposureSetting) -> np.ndarray:
+        def expose(self, _side: Side, _setting: ExposureSetting) -> np.ndarray:
             return np.zeros((540, 720), np.uint8)
 
     assert Oracle(Dark()).best(ExposurePriority(), 0.0) is None  # type: ignore[arg-type]

@@ -63,7 +63,7 @@ def _published(bits: int, exposure_time_us: float) -> bytes:
     """One frame as it is sent, with what no camera has."""
     sent_us = 1234.5
     frame = Frame(np.ones((2, 3), np.uint16), bits, 1, 1, 1, 0, ExposureSetting(sent_us, 0.0))
-    sent = received(MessageWriter("rig", 1).messages(FrameSet(1, {"left": frame}), DECISION, 0, 0))
+    sent = received(MessageWriter("rig", 1).messages(FrameSet(1, {"left": frame}), {"left": DECISION}, 0, 0))
     return sent.replace(struct.pack("<d", sent_us), struct.pack("<d", exposure_time_us))
 
 
@@ -75,7 +75,7 @@ def _decided(frame_id: int, sequence: int, decided_us: float, shape: tuple[int, 
     """One frame with numbers that no daemon sends."""
     frame = Frame(np.ones(shape, np.uint8), 8, frame_id, 1, 1, 0, ExposureSetting(100.0, 0.0))
     decision = replace(DECISION, setting=ExposureSetting(decided_us, 0.0))
-    return received(MessageWriter("rig", 1).messages(FrameSet(1, {"left": frame}), decision, sequence, 0))
+    return received(MessageWriter("rig", 1).messages(FrameSet(1, {"left": frame}), {"left": decision}, sequence, 0))
 
 
 FOUND: dict[str, Iterable[bytes]] = {

@@ -24,7 +24,7 @@ from starlette.requests import HTTPConnection
 from starlette.responses import PlainTextResponse
 
 from autoexpose_daemon.client.control_client import rows_of
-from autoexpose_daemon.client.received import PairAssembler, PairQueue
+from autoexpose_daemon.client.received import ReceivedSet, SetAssembler, SetQueue
 from autoexpose_daemon.client.top import Sparklines, panel_of
 from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.config.load import load_config
@@ -264,21 +264,24 @@ def last_exposure_seeds() -> Iterator[bytes]:
     yield json.dumps(now).encode()
 
 
+CAMERAS = ("left", "right", "rear", "top")
+
+
 def published(data: bytes) -> None:
     """Messages as a consumer receives them: of which camera and what says their first byte."""
     tally = ConsumerTally()
-    assembler, queue = PairAssembler(tally), PairQueue(tally, 8)
+    assembler, queue = SetAssembler(ReceivedSet, tally), SetQueue[ReceivedSet](tally, 8)
     for message in unframed(data):
-        kind = message[0] if message else 0
-        take = assembler.image if kind & 1 else assembler.exposure
-        pair = take("right" if kind & 2 else "left", message[1:], 0)
-        if pair is not None:
-            queue.put(pair)
+        about = message[0] if message else 0
+        take = assembler.image if about & 1 else assembler.exposure
+        whole = take(CAMERAS[about >> 1 & 3], message[1:], 0)
+        if whole is not None:
+            queue.put(whole)
             taken = queue.take()
-            for frame in taken.stereo.frames.values():
+            for frame in taken.frames.values():
                 frame.grey8().mean()
                 str(frame.setting)
-            ExposureHistory().add(0.0, "all", taken.left.setting, taken.decision)
+            ExposureHistory().add(0.0, "all", taken.reference.setting, taken.decision)
     assert ConsumerTally.from_json(tally.to_json()) == tally  # what this consumer reports is a report
 
 
@@ -287,14 +290,14 @@ def received(sent: Iterable[Message]) -> bytes:
     parts = []
     for message in sent:
         if message.topic != "camera_info":
-            kind = (message.topic == "image") | (message.camera == "right") << 1
-            parts.append(bytes([kind]) + bytes(message.data))
+            about = (message.topic == "image") | CAMERAS.index(message.camera) << 1
+            parts.append(bytes([about]) + bytes(message.data))
     return framed(*parts)
 
 
 def published_seeds() -> Iterator[bytes]:
-    for cameras in (1, 2):
-        yield received(message for number in range(2) for message in messages(number, cameras=cameras))
+    for rig in (CAMERAS[:1], CAMERAS[:2], CAMERAS[:3]):
+        yield received(message for number in range(2) for message in messages(number, rig=rig))
 
 
 def imu_seeds() -> Iterator[bytes]:

@@ -108,8 +108,10 @@ def test_a_table_of_gains_is_cut_by_what_is_allowed_and_nothing_else() -> None:
     allowed = ExposureLimits(20.0, 7500.0, 1.0, 30.0).within(camera)
     assert (allowed.gains_db, allowed.min_gain_db, allowed.max_gain_db) == (table[2:], 1.3, 6.0)
     assert camera.rounded(ExposureSetting(100.0, 5.0)).gain_db == 6.0
-    with pytest.raises(ConfigurationError, match=r"2\.5 to 5 dB leave none of the gains that the camera has: 0, 0\.5"):
+    with pytest.raises(ConfigurationError, match=r"2\.5 to 5 dB leave none of the gains .* nearest are 2 and 6 dB"):
         ExposureLimits(20.0, 7500.0, 2.5, 5.0).within(camera)
+    with pytest.raises(ConfigurationError, match="8 to 6 dB leave no gain to choose"):
+        ExposureLimits(20.0, 7500.0, 8.0, 9.0).within(camera)
 
 
 def test_cameras_of_nearly_the_same_gains_keep_their_highest() -> None:

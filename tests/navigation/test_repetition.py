@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from autoexpose_daemon.client import ReceivedPair
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
-from imaging.frames import CameraName, Frame
+from imaging.frames import Frame
 from imaging.response import ResponseFunction
 from navigation.commands import _stop_on_signals, repeat_command
 from navigation.drive.repeat import Repeater
@@ -39,9 +39,8 @@ def view(shift_px: int = 0) -> NDArray[np.uint8]:
 
 
 def pair(image: NDArray[np.uint8], number: int = 1) -> ReceivedPair:
-    left = Frame(image, 8, number, 0, 0, 0, SETTING)
-    responses: dict[CameraName, ResponseFunction] = {"left": ResponseFunction.linear()}
-    return ReceivedPair(left, None, 0, number, number, None, 0, responses)
+    frames = {"left": Frame(image, 8, number, 0, 0, 0, SETTING)}
+    return ReceivedPair(frames, 0, number, number, None, 0, {"left": ResponseFunction.linear()})
 
 
 def teach_wall(path: Path, length_m: float, velocity: Velocity, every_m: float = 0.05) -> Path:

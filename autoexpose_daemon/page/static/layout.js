@@ -4,6 +4,7 @@ import { LANES } from "./charts.js";
 import { element } from "./numbers.js";
 
 const byId = (id) => document.getElementById(id);
+const [control, buttons] = [byId("control"), byId("buttons")]; // which move with their cards
 const made = (id) => byId(id).content.firstElementChild.cloneNode(true);
 
 export const figures = new Map(); // by camera
@@ -22,10 +23,10 @@ export function layOut(cameras, groups, onHover) {
   byId("pictures").replaceChildren(...figures.values());
   byId("pictures").classList.toggle("alone", cameras.length === 1);
   fillMap(cards, names, (name) => cardOf(name, groups[name], names.length > 1));
-  byId("decisions").replaceChildren(byId("control"), ...cards.values());
+  byId("decisions").replaceChildren(control, ...cards.values());
   const [first] = cards.values();
-  (names.length > 1 ? byId("control") : first.querySelector(".of-buttons")).append(byId("buttons"));
-  byId("control").hidden = names.length < 2 || byId("buttons").hidden;
+  (names.length > 1 ? control : first.querySelector(".of-buttons")).append(buttons);
+  control.hidden = names.length < 2 || buttons.hidden;
   const [title] = byId("history").children;
   lanes.length = 0;
   byId("history").replaceChildren(title, ...names.flatMap((name) => lanesOf(name, names.length > 1, onHover)));

@@ -75,7 +75,7 @@ def test_a_short_file_has_the_documented_defaults(tmp_path: Path) -> None:
         ("cameras: {front: {serial: A, respnse: x}}", ["cameras.front.respnse", "cameras.front.response"]),
         *(
             (f"cameras: {{'{name}': {{serial: A}}}}", [f"cameras: '{name}' is no name", "small letters"])
-            for name in ("", "Left", "2nd", "_a", "a b", "a/b", "a*", "../a", "gauche\u0301", "consumers")
+            for name in ("", "Left", "2nd", "_a", "a b", "a/b", "a*", "../a", "gauche\u0301", "consumers", "both")
         ),
         (f"cameras: {{{'x' * 65}: {{serial: A}}}}", ["is no name", "63"]),
         ("cameras: {a: {serial: S}, b: {serial: T}, c: {serial: S}}", ["cameras: a and c are the same camera, S"]),
@@ -136,6 +136,10 @@ def test_a_short_file_has_the_documented_defaults(tmp_path: Path) -> None:
         *(
             (LEFT + f"trigger: {{rate_hz: {rate}}}", ["trigger.rate_hz: ", "is out of bounds: give 0.1 to 1000 Hz"])
             for rate in ("1.0e-9", "1.0e+6", ".nan", ".inf")
+        ),
+        *(
+            (f"cameras: {{left: {{serial: A, offset_stops: {stops}}}}}", ["cameras.left.offset_stops: ", words])
+            for stops, words in (("8.5", "give -8 to 8 stops"), (".nan", "give -8 to 8 stops"), ("yes", "not a number"))
         ),
         (LEFT + "trigger: {rate_hz: yes}", ["trigger.rate_hz: true is not a number"]),
         (LEFT + "exposure: {max_gain_db: 7000}", ["exposure.max_gain_db: 7000.0 is out of bounds: give -60 to 100 dB"]),
@@ -394,3 +398,9 @@ def test_nothing_is_published_unless_the_section_is_there(tmp_path: Path) -> Non
     assert publish is not None
     assert (publish.rig, publish.listen, publish.connect) == ("rig", (LOOPBACK,), ())
     assert publish.ros2_domain is None
+
+
+def test_an_offset_reaches_its_camera_alone() -> None:
+    cameras = {"left": {"serial": "A"}, "right": {"serial": "B", "offset_stops": 2}}
+    config = Config.model_validate({"cameras": cameras})
+    assert [camera_setup(config, name).offset_stops for name in config.cameras] == [0.0, 2.0]

@@ -100,7 +100,7 @@ def test_ctrl_c_while_the_default_user_set_is_loaded_waits_until_the_camera_is_a
     [
         (
             "exposure: {min_gain_db: 60, max_gain_db: 100}",
-            "exposure: gain limits 60 to 47 dB leave no gain to choose; the",
+            "exposure: gain limits 60 to 47 dB leave no gain to choose; the left camera takes",
         ),
         ("control: {roi: {left: {rectangles: [{box: [5000, 5000, 10, 10]}]}}}", "frames are 720x540"),
     ],

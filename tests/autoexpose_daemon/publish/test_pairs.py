@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import random
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -21,7 +22,7 @@ from imaging.geometry import SIDES
 from tests.autoexpose_daemon.publish.steps import DECISION, SETTING
 
 PERIOD_NS = 16_666_667
-LONE: dict[str, CameraName] = {"left": "left", "right": "right"}
+LONE: dict[str, list[CameraName]] = {"left": ["left"], "right": ["right"]}
 
 
 def frame(number: int) -> Frame:
@@ -29,12 +30,15 @@ def frame(number: int) -> Frame:
 
 
 def messages(
-    number: int, *, cameras: int = 2, lone: CameraName | None = None, sequence: int | None = None
+    number: int,
+    *,
+    rig: Sequence[CameraName] = SIDES,
+    present: Sequence[CameraName] | None = None,
+    sequence: int | None = None,
 ) -> list[Message]:
     """Those of one step that a client asks for: exposure and image of each frame, by turns."""
-    present = SIDES[:cameras] if lone is None else (lone,)
-    step = FrameSet(number, {camera: frame(number) for camera in present})
-    return written(step, number if sequence is None else sequence, cameras)
+    step = FrameSet(number, {camera: frame(number) for camera in (rig if present is None else present)})
+    return written(step, number if sequence is None else sequence, len(rig))
 
 
 def written(step: FrameSet, sequence: int, cameras: int = 2) -> list[Message]:
@@ -81,7 +85,7 @@ def test_messages_of_the_cameras_may_overtake_each_other(steps: list[str], order
     queues: dict[CameraName, list[Message]] = {"left": [], "right": []}
     kinds = ["pair", *steps, "pair"]
     for number, kind in enumerate(kinds, start=1):
-        for message in messages(number, lone=LONE.get(kind)):
+        for message in messages(number, present=LONE.get(kind)):
             if kind != "lost":
                 queues[message.camera].append(message)
     while waiting := [queue for queue in queues.values() if queue]:
@@ -94,7 +98,7 @@ def test_messages_of_the_cameras_may_overtake_each_other(steps: list[str], order
 def test_lone_frames_before_the_daemon_starts_again_take_nothing_from_the_losses() -> None:
     receiver = Receiver()
     for number in range(30, 50):
-        receiver.receive(*messages(number, lone="left"))
+        receiver.receive(*messages(number, present=["left"]))
     for sequence in [*range(1, 40), *range(42, 61)]:
         receiver.receive(*messages(100 + sequence, sequence=sequence))
         assert receiver.tally.lost >= 0
@@ -113,7 +117,7 @@ def test_a_pair_holds_what_its_messages_say() -> None:
 
 def test_a_rig_of_one_camera_makes_pairs_of_one() -> None:
     receiver = Receiver()
-    receiver.receive(*messages(1, cameras=1))
+    receiver.receive(*messages(1, rig=["left"]))
     (pair,) = receiver.drain()
     assert pair.right is None
 

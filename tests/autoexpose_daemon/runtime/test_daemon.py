@@ -100,14 +100,14 @@ def test_a_shot_is_found_by_what_its_frames_say_while_the_exposure_is_locked() -
         seen = [pair for pair, _ in run.seen if pair.trigger > taken.trigger - 5]
         run.wait_until(lambda: run.seen[-1][0].reference.setting.agrees_with(locked), "the lock to go on")
         assert run.seen[-1][1].reason == "locked"
-    cameras = {
+    shown = {
         pair.trigger: {camera for camera, frame in pair.frames.items() if frame.setting.agrees_with(setting)}
         for pair in seen
     }
-    whole = [trigger for trigger, shown in cameras.items() if len(shown) == 2]
-    of_left = [trigger for trigger, shown in cameras.items() if "left" in shown]
+    whole = [trigger for trigger, by in shown.items() if len(by) == 2]
+    of_left = [trigger for trigger, by in shown.items() if "left" in by]
     assert taken.trigger == (whole or of_left)[0]  # a whole pair, even where one camera had shown it before
-    assert sum(map(bool, cameras.values())) <= 4
+    assert sum(map(bool, shown.values())) <= 4
 
 
 @pytest.mark.gige_only  # the right camera's trigger input is independent of the transport

@@ -76,3 +76,11 @@ def test_it_is_over_when_the_light_is_alike_again_and_a_glance_past_a_lamp_says_
     seen(spread, {"front_left": 20}, 5, 410)  # the other one is gone
     seen(spread, {"front_left": 20, "front_right": 20}, 20, 460)
     assert spread.sentences == {}
+
+
+def test_a_camera_that_was_gone_while_the_light_changed_is_judged_by_what_it_sees_now() -> None:
+    spread = LightSpread([FRONT], dict.fromkeys(FRONT, LINEAR))
+    seen(spread, {"front_left": 10, "front_right": 10})
+    seen(spread, {"front_left": 160}, 20, 200)
+    seen(spread, {"front_left": 160, "front_right": 160}, 1, 400)
+    assert spread.sentences == {}

@@ -25,14 +25,14 @@ from autoexpose_daemon.runtime.rig_health import (
     StuckStreams,
     Troubles,
 )
-from autoexpose_daemon.runtime.setup import ActiveLoop
+from autoexpose_daemon.runtime.setup import ActiveLoop, Tuning
 from autoexpose_daemon.status.describe import describe
 from autoexpose_daemon.status.panel import newest_setting
 from autoexpose_daemon.status.telemetry import GONE
 from drivers.camera import CameraDescription, IncompleteFrame, RefusedPackets
 from drivers.rig.events import CameraGone, CameraReady, CameraSilent, Command, FrameArrived, PacketsRefused
 from drivers.rig.supervision import Slots
-from imaging.errors import CameraLostError, NodeError, UnsupportedCameraError
+from imaging.errors import CameraLostError, ConfigurationError, NodeError, UnsupportedCameraError
 from imaging.exposure import ExposureLimits, ExposureSetting
 from imaging.frames import CameraName, Frame, FrameSet
 from imaging.geometry import SIDES
@@ -307,3 +307,15 @@ def test_brackets_that_do_not_fit_into_the_limits_are_told(
         "brackets of 6.0 stops do not fit into the 3.0 stops of these limits, and their outer shots are clipped: widen "
         "`exposure`, or narrow the brackets"
     ]
+
+
+def test_cameras_whose_offset_leaves_no_common_gain_are_refused_with_what_each_takes() -> None:
+    cameras = {"left": {"serial": "A"}, "right": {"serial": "B", "offset_stops": 5}}
+    active = ActiveLoop(Tuning(Config.model_validate({"cameras": cameras})))
+    camera, twelve_db = CameraDescription("Maker", "Model 7", "A"), ExposureLimits(20.0, 7500.0, 0.0, 12.0)
+    active.ready(CameraReady("left", camera, twelve_db))
+    with pytest.raises(ConfigurationError, match="leave no gain to choose") as refused:
+        active.ready(CameraReady("right", camera, replace(twelve_db, min_gain_db=-30.1, max_gain_db=-18.1)))
+    assert "the right camera takes 20 to 7500 us, -30.1 to -18.1 dB with its offset_stops of 5 taken off" in str(
+        refused.value
+    )

@@ -55,7 +55,7 @@ def test_one_rig_has_one_geometry_whoever_writes_it(tmp_path: Path, name: str, m
     for one, other in zip(found, reference, strict=True):
         assert astuple(one)[:3] == astuple(other)[:3]
         assert flat(one) == pytest.approx(flat(other), abs=1e-9)
-    check_pair(*found)
+    check_pair(found[0], found[1])
     for side, one in zip(SIDES, found, strict=True):
         (tmp_path / f"{side}.yaml").write_text(ros_yaml(one, side))
         assert load_geometry(tmp_path / f"{side}.yaml", side) == one

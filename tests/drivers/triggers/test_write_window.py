@@ -18,7 +18,7 @@ from drivers.triggers.writes import (
     LONGEST_GUARD_PERIODS,
     MARGIN_NS,
     REMEMBERED_WRITES,
-    RigWrites,
+    GroupWrites,
     WriteWindow,
 )
 from fake_camera.device.acquisition import Acquisition
@@ -74,7 +74,7 @@ def outcome(write_ms: tuple[float, float], triggers: int, seed: int, seldom_ms: 
     """
     numbers = random.Random(seed)
     grid = TriggerGrid(PERIOD_NS, 0)
-    kept, window, seen = RigWrites(SIDES), WriteWindow(), Outcome()
+    kept, window, seen = GroupWrites(SIDES), WriteWindow(), Outcome()
 
     def node_ns() -> int:
         slow = seldom_ms and numbers.random() < 0.005

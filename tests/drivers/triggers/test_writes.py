@@ -15,7 +15,7 @@ from drivers.triggers.writes import (
     SUSPECT_FRAMES,
     Command,
     EffectWatch,
-    RigWrites,
+    GroupWrites,
     WriteHistory,
 )
 from imaging.exposure import ExposureSetting
@@ -38,7 +38,7 @@ def pair(trigger: int, left: ExposureSetting, right: ExposureSetting, taken_ms: 
 
 
 def test_a_write_between_two_exposures_is_in_time() -> None:
-    writes = RigWrites(SIDES)
+    writes = GroupWrites(SIDES)
     writes.write(wrote("left", BRIGHT, 1, 500), None)  # before the first frame nothing is late
     writes.write(wrote("left", DIM, 1, 3), GRID)
     writes.write(wrote("right", DIM, 2, 19), GRID)
@@ -49,7 +49,7 @@ def test_a_write_between_two_exposures_is_in_time() -> None:
 
 @pytest.mark.parametrize("spans", [((1, 21), (1, 3)), ((1, 3), (19, 21)), ((1, 3), (21, 23)), ((1, 21), (1, 23))])
 def test_a_setting_that_an_exposure_cuts_in_two_is_late_once(spans: tuple[tuple[int, int], tuple[int, int]]) -> None:
-    writes = RigWrites(SIDES)
+    writes = GroupWrites(SIDES)
     writes.write(wrote("left", DIM, *spans[0]), GRID)
     writes.write(wrote("right", DIM, *spans[1]), GRID)
     assert writes.late == 1
@@ -57,8 +57,8 @@ def test_a_setting_that_an_exposure_cuts_in_two_is_late_once(spans: tuple[tuple[
     assert not writes.explains(pair(1 + EFFECT_TRIGGERS + 1, BRIGHT, DIM))
 
 
-def both_written() -> RigWrites:
-    writes = RigWrites(SIDES)
+def both_written() -> GroupWrites:
+    writes = GroupWrites(SIDES)
     for camera in ("left", "right"):
         writes.write(wrote(camera, BRIGHT, -19, -18), GRID)
     return writes
@@ -124,7 +124,7 @@ def test_a_setting_overtaken_on_its_way_to_a_camera_is_late() -> None:
 
 
 def test_cameras_that_differ_or_hold_half_a_setting_are_mismatched() -> None:
-    writes = RigWrites(SIDES)
+    writes = GroupWrites(SIDES)
     for camera in ("left", "right"):
         writes.write(wrote(camera, DIM, 1, 2), GRID)
         writes.write(wrote(camera, BRIGHT, 3, 4), GRID)
