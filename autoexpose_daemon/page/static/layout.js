@@ -1,55 +1,52 @@
-// What depends on the rig: a picture for each camera, a decision and lanes of history for each group of cameras.
+// What depends on the rig: a picture for each camera; a decision and lanes of history for each group of cameras.
 
 import { LANES } from "./charts.js";
 import { element } from "./numbers.js";
 
 const byId = (id) => document.getElementById(id);
-const [control, buttons] = [byId("control"), byId("buttons")]; // which move with their cards
+const [control, buttons] = [byId("control"), byId("buttons")]; // which move
 const made = (id) => byId(id).content.firstElementChild.cloneNode(true);
 
 export const figures = new Map(); // by camera
-export const cards = new Map(); // by group
+export const cards = new Map(); // decisions, by group
 export const lanes = []; // of all groups: { group, lane, canvas, value }
 
 let shown = null;
 
 // `groups`: names of cameras by group. `onHover` is told of a pointer on a lane, and with null of its end.
-export function layOut(cameras, groups, onHover) {
-  const wanted = JSON.stringify([cameras, groups]);
-  if (wanted === shown) return;
-  shown = wanted;
+export function layOut(groups, onHover) {
+  if (JSON.stringify(groups) === shown) return;
+  shown = JSON.stringify(groups);
   const names = Object.keys(groups);
-  fillMap(figures, cameras, figureOf);
-  byId("pictures").replaceChildren(...figures.values());
-  byId("pictures").classList.toggle("alone", cameras.length === 1);
-  fillMap(cards, names, (name) => cardOf(name, groups[name], names.length > 1));
-  byId("decisions").replaceChildren(control, ...cards.values());
-  const [first] = cards.values();
-  (names.length > 1 ? control : first.querySelector(".of-buttons")).append(buttons);
-  control.hidden = names.length < 2 || buttons.hidden;
-  const [title] = byId("history").children;
+  const several = names.length > 1;
+  for (const known of [figures, cards]) known.clear();
   lanes.length = 0;
-  byId("history").replaceChildren(title, ...names.flatMap((name) => lanesOf(name, names.length > 1, onHover)));
+  byId("groups").replaceChildren(...names.map((name) => blockOf(name, groups[name], several)));
+  byId("groups").classList.toggle("several", several);
+  (several ? control : cards.get(names[0]).querySelector(".of-buttons")).append(buttons);
+  control.hidden = !several || buttons.hidden;
+  const [title] = byId("history").children;
+  byId("history").replaceChildren(title, ...names.flatMap((name) => lanesOf(name, several, onHover)));
 }
 
-function fillMap(map, keys, make) {
-  map.clear();
-  for (const key of keys) map.set(key, make(key));
+function blockOf(group, cameras, several) {
+  const block = made("a-group");
+  const pictures = block.querySelector(".pictures");
+  pictures.append(...cameras.map(figureOf));
+  pictures.classList.toggle("alone", cameras.length === 1);
+  const card = block.querySelector(".decision");
+  card.querySelector("h2 span").textContent = several ? `Decision for ${group}` : "Decision";
+  card.querySelector(".curve-title").textContent = `Predicted metric of the ${cameras[0]} picture`;
+  cards.set(group, card);
+  return block;
 }
 
 function figureOf(camera) {
   const figure = made("a-picture");
   figure.dataset.camera = camera;
   figure.querySelector("figcaption").append(element("h2", camera));
+  figures.set(camera, figure);
   return figure;
-}
-
-function cardOf(group, [first], several) {
-  const card = made("a-decision");
-  card.dataset.group = group;
-  card.querySelector("h2 span").textContent = several ? `Decision for ${group}` : "Decision";
-  card.querySelector(".curve-title").textContent = `Predicted metric of the ${first} picture`;
-  return card;
 }
 
 function lanesOf(group, several, onHover) {

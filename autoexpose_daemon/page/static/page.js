@@ -69,8 +69,8 @@ function takeNumbers(message) {
   heardMs = performance.now();
   retryMs = 500;
   if (message.status) {
-    const { cameras, groups, tracking } = message.status;
-    layOut(Object.keys(cameras), namesOf(groups), hover);
+    const { groups, tracking } = message.status;
+    layOut(namesOf(groups), hover);
     showStatus(message.status, message.tables);
     for (const [name, card] of cards) {
       card.querySelector(".policy").textContent = policyWords(groups[name], cards.size === 1 ? tracking : null);
@@ -150,7 +150,7 @@ async function takePair(data) {
 // Before the daemon has told what rig it has.
 function layOutBy({ pictures, decisions }) {
   const cameras = pictures.map(({ camera }) => camera);
-  layOut(cameras, Object.fromEntries(Object.keys(decisions).map((group) => [group, cameras])), hover);
+  layOut(Object.fromEntries(Object.keys(decisions).map((group) => [group, cameras])), hover);
 }
 
 function showPicture(picture, bitmap, registered) {
@@ -241,5 +241,5 @@ function redraw() {
 }
 addEventListener("resize", redraw);
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", redraw);
-layOut(["left", "right"], { all: ["left", "right"] }, hover); // until it is known what rig there is
+layOut({ all: ["left", "right"] }, hover); // until it is known what rig there is
 connect();
