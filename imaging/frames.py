@@ -15,9 +15,6 @@ from imaging.pixels import Layout, Pixels, grey_plane, sparse
 CameraName = str
 """What a configuration calls a camera, such as `left` or `front_left`."""
 
-ONE_GROUP = "all"
-"""The group of cameras that name none."""
-
 SettingSource = Literal["chunk", "ledger"]
 ClockTroubleKind = Literal["counter", "stamps", "wrap", "reading", "jump"]
 

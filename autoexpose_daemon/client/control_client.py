@@ -35,8 +35,9 @@ class ControlClient:
     """A connection for requests, open while its context is entered. Each call waits for the daemon's answer.
 
     `rig`, `connect` and `zenoh_file` are those of `RigClient`; `name` says who asks, for the daemon's log: 1 to 64
-    printable characters, or None: user and host. Requests are for the cameras of `group`, None: all. Every call raises AutoexposeError when nothing has changed, with a
-    sentence that says why: the daemon's own, or that it cannot be reached.
+    printable characters, or None: user and host. Requests are for the cameras of `group`; None: for all. Every call
+    raises AutoexposeError when nothing has changed, with a sentence that says why: the daemon's own, or that it cannot
+    be reached.
     """
 
     def __init__(
@@ -109,7 +110,7 @@ class ControlClient:
         return self.ask({"region": {camera: {"rectangles": boxes, "background_weight": background_weight}}})
 
     def shot(self, exposure_time_us: float, gain_db: float = 0.0) -> AnsweredShot:
-        """Have one pair taken with another setting, in a rig of several groups by one of them; returns which one that was.
+        """Have one pair taken with another setting; returns which one that was. Of several groups one must be given.
 
         Raises AutoexposeError when the daemon refuses, or does not answer.
         """
@@ -177,6 +178,7 @@ def connection(
     zenoh: Annotated[
         Path | None, typer.Option(help="A configuration file of zenoh, for TLS and the like, instead of --connect.")
     ] = None,
+    *,
     by: Annotated[str | None, typer.Option(help="Who asks, for the daemon's log; user@host unless given.")] = None,
     group: Annotated[str | None, typer.Option(help="Group of cameras that is meant; all unless given.")] = None,
 ) -> None:

@@ -47,7 +47,7 @@ from drivers.genicam.trigger import ACTION, SOFTWARE
 from drivers.setup import FeatureSetting, as_list, parse_features
 from imaging.errors import ConfigurationError
 from imaging.exposure import ExposureSetting
-from imaging.frames import ONE_GROUP, CameraName
+from imaging.frames import CameraName
 from imaging.gain_scale import GainScale
 from imaging.geometry import CameraGeometry, Side
 from imaging.pixels import PixelFormat

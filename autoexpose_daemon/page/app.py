@@ -133,7 +133,7 @@ async def _send_pairs(socket: WebSocket, views: PairViews, asked: asyncio.Event,
 
 
 ASKED: Final = frozenset({"group", "locked", "ev_stops", "policy", "reset"})
-"""What there are buttons for, and whose cameras are meant, as in `config.request.Request`; the rest is for `autoexpose ctl`."""
+"""What there are buttons for, and for which group, as in `config.request.Request`; the rest is for `autoexpose ctl`."""
 
 NAME: Final = "page"
 """Who asks, for the daemon's log."""

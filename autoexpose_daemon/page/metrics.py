@@ -11,7 +11,14 @@ from prometheus_client.exposition import CONTENT_TYPE_PLAIN_0_0_4, generate_late
 from prometheus_client.registry import Collector
 
 from autoexpose_daemon.status.counters import DURATIONS, TrackingRefusal, TrackingTally, counters
-from autoexpose_daemon.status.document import CameraStatus, DurationStatus, GroupStatus, PublishStatus, RecorderStatus, Status
+from autoexpose_daemon.status.document import (
+    CameraStatus,
+    DurationStatus,
+    GroupStatus,
+    PublishStatus,
+    RecorderStatus,
+    Status,
+)
 from autoexpose_daemon.status.states import State
 from autoexpose_daemon.status.telemetry import DropReason
 from drivers.triggers.outcomes import LossReason, missing

@@ -26,9 +26,10 @@ from autoexpose_daemon.control.decision import Decision, Grounds
 from autoexpose_daemon.control.metrics.gradient import ExtremeShares, GradientMetric, PackedTables
 from autoexpose_daemon.control.picture.image import ImagePreparation, Shrinking, fit
 from autoexpose_daemon.messages.inputs import RegisteredView
+from autoexpose_daemon.messages.keys import ONE_GROUP
 from imaging.errors import ConfigurationError
 from imaging.exposure import ExposureSetting
-from imaging.frames import ONE_GROUP, CameraName, Frame
+from imaging.frames import CameraName, Frame
 from imaging.python310 import Self
 from imaging.response import ResponseFunction, prediction_tables
 

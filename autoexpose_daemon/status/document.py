@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Annotated
 
@@ -11,11 +10,12 @@ from pydantic import AfterValidator, Field, TypeAdapter, ValidationError
 
 from autoexpose_daemon.control.decision import Decision, Grounds
 from autoexpose_daemon.messages.client import ConsumerTally
+from autoexpose_daemon.messages.keys import ONE_GROUP
 from autoexpose_daemon.status.counters import Count, Counts, ImuTally, LightTally, RequestTally, TrackingTally
 from autoexpose_daemon.status.states import Health, State
 from drivers.camera import PtpState
 from imaging.exposure import ExposureSetting
-from imaging.frames import ONE_GROUP, CameraName
+from imaging.frames import CameraName
 
 LARGEST_GROUNDS_BYTES = 1 << 18
 """Four times what those of eight cameras take."""
@@ -186,7 +186,7 @@ class Status:
         return Health(self.state, self.reasons)
 
     @property
-    def by_group(self) -> Mapping[str, GroupStatus]:
+    def by_group(self) -> dict[str, GroupStatus]:
         """The groups by name; of a daemon that tells of none, one with all cameras."""
         if self.groups:
             return self.groups

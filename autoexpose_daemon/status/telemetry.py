@@ -19,7 +19,7 @@ from drivers.camera import PtpState
 from drivers.rig.events import Command, Written
 from drivers.triggers import RigRecord
 from imaging.exposure import ExposureLimits, ExposureSetting
-from imaging.frames import ONE_GROUP, CameraName, FrameSet
+from imaging.frames import CameraName, FrameSet
 from imaging.python310 import StrEnum
 
 GONE_NS = 5_000_000_000

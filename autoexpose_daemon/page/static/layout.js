@@ -31,6 +31,7 @@ export function layOut(groups, onHover) {
 
 function blockOf(group, cameras, several) {
   const block = made("a-group");
+  block.dataset.group = group;
   const pictures = block.querySelector(".pictures");
   pictures.append(...cameras.map(figureOf));
   pictures.classList.toggle("alone", cameras.length === 1);

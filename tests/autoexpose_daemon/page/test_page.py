@@ -44,7 +44,7 @@ from tests.autoexpose_daemon.publish.steps import (
     wait_until,
 )
 from tests.autoexpose_daemon.samples import EXPOSING, GROUNDS, registered_view
-from tests.autoexpose_daemon.scripted import scripted_daemon
+from tests.autoexpose_daemon.scripted import FRONT_AND_REAR, scripted_daemon
 
 pytestmark = [pytest.mark.wire, pytest.mark.needs("chromium")]
 
@@ -296,6 +296,32 @@ def test_what_is_shown_is_what_was_published(tab: Tab, page: PageProcess, at: st
         assert tab.complaints == []
         assert page.stop() == 0
         assert "Traceback" not in page.log
+
+
+def test_cameras_of_several_groups_are_shown_group_by_group(tab: Tab, page: PageProcess, at: str) -> None:
+    tab.open(page.url)
+    tab.wait_for(f"{STATE} === 'waiting'", "a page that expects a stereo pair")
+    sections: dict[str, Any] = {
+        "cameras": FRONT_AND_REAR,
+        "control": {"policy": "neves2009"},
+        "groups": {"rear": {"policy": "fixed"}},
+    }
+    with scripted_daemon(publish={"listen": [at]}, **sections):
+        tab.wait_for(f"{STATE} === 'exposing' && !document.querySelector('.stale')", "pictures")
+        words = "[...document.querySelectorAll('.curve-words')].map(({ innerText }) => innerText)"
+        tab.wait_for(f"{words}.every((said) => said.includes('with metric'))", "a prediction for each group")
+        tab.wait_for("document.querySelector('[data-group=rear] .reason').innerText === 'fixed'", "a decision")
+        cameras = "[...document.querySelectorAll('[data-group={}] figure')].map((each) => each.dataset.camera)"
+        assert tab.value(cameras.format("front")) == ["front_left", "front_right"]
+        assert tab.value(cameras.format("rear")) == ["rear"]
+        assert tab.text("[data-group=front] .decision h2").split() == ["Decision", "for", "front", "by", "neves2009"]
+        assert tab.text("[data-group=rear] .curve-title") == "Predicted metric of the rear picture"
+        assert "gain 0.0 dB" in tab.text("[data-camera=rear] dl").replace("\n", " ")
+        for place in ("[data-camera=rear] canvas", "[data-group=rear] .curve", "#history .lanes:last-child canvas"):
+            assert len(set(tab.value(f"{SHRUNK}('{place}', 40, 20)"))) > 5, place
+        assert tab.value("document.querySelectorAll('.lane').length") == 8
+        assert "group\trear" in tab.text("#cameras")
+        assert tab.complaints == []
 
 
 def compare(tab: Tab, run: Sequence[tuple[FrameSet, Decision | None]]) -> None:

@@ -45,9 +45,7 @@ SHOT = ExposureSetting(150.0, 3.0)
 
 
 @contextmanager
-def exposing(
-    at: str, recorder: ContinuousRecorder | None = None, **sections: Any
-) -> Iterator[tuple[Daemon, Seen]]:
+def exposing(at: str, recorder: ContinuousRecorder | None = None, **sections: Any) -> Iterator[tuple[Daemon, Seen]]:
     """A daemon that has pairs, and takes requests."""
     with scripted_daemon(recorder, publish={"listen": [at]}, **sections) as (daemon, _, seen):
         wait_until(lambda: len(seen) > 20 and daemon.telemetry.publishing and daemon.telemetry.publishing.sent, "pairs")
