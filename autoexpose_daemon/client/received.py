@@ -221,29 +221,39 @@ class _Parts:
 
 
 class _Sequence:
-    """Counts gaps in the daemon's sequence in `tally.lost`.
+    """Counts what is not handed out: gaps in the daemon's sequence in `tally.lost`, sets without a camera in `alone`.
 
-    The cameras' messages come by two routes, each in order: a lone frame may overtake the end of an earlier pair.
+    The cameras' messages come by routes of their own, each in order: what one says of a set may overtake the end of an
+    earlier one, and lag behind the end of its own.
     """
 
     def __init__(self, tally: ConsumerTally) -> None:
         self._tally = tally
         self._last: int | None = None
-        self._alone: list[int] = []  # later than `_last`, in order
+        self._alone: list[int] = []  # sent without a camera, later than `_last`, in order
 
-    def pair(self, sequence: int) -> None:
-        """Note a complete pair; pairs come in order."""
+    def whole(self, sequence: int) -> None:
+        """Note a complete set; they come in order."""
         self._restart_if_before(sequence)
         while self._alone and self._alone[0] < sequence:
-            self._advance(self._alone.pop(0))
+            self._pass_over_first()
+        if self._alone and self._alone[0] == sequence:  # it had all that were asked for
+            self._alone.pop(0)
         self._advance(sequence)
 
-    def alone(self, sequence: int) -> None:
-        """Note a lone frame."""
-        self._restart_if_before(sequence)
+    def alone(self, sequence: int, *, awaited: bool) -> None:
+        """Note what a camera says: its set was sent without another one. Not all cameras are `awaited`."""
+        if awaited:
+            self._restart_if_before(sequence)
+        if sequence in self._alone or (self._last is not None and sequence <= self._last):
+            return
         bisect.insort(self._alone, sequence)
         if len(self._alone) > _KEPT_STAMPS:
-            self._advance(self._alone.pop(0))
+            self._pass_over_first()
+
+    def _pass_over_first(self) -> None:
+        self._tally.alone += 1
+        self._advance(self._alone.pop(0))
 
     def _restart_if_before(self, sequence: int) -> None:
         """A new daemon counts from 0."""
@@ -277,20 +287,16 @@ class SetAssembler(Generic[Received]):
         self._parts: dict[int, _Parts] = {}
         self._kept_bytes = 0
         self._sequence = _Sequence(tally)
-        self._alone = -1  # the newest sequence that is known to lack a camera
 
     def exposure(self, camera: CameraName, data: bytes, now_ns: int) -> Received | None:
         """Take an ExposureInfo; returns the set that it completes. Raises `DamagedMessageError`."""
         info = read_exposure_info(data)
         if self._cameras is None and self._kind.MOST is not None and info.cameras > self._kind.MOST:
             raise DamagedMessageError(f"the rig has {info.cameras} cameras: give StereoClient the names of two of them")
-        if self._cameras is not None and camera not in self._cameras:
-            return None
-        if info.alone and self._cameras is None:
-            if info.sequence != self._alone:  # each camera that is there says so
-                self._alone = info.sequence
-                self._tally.alone += 1
-                self._sequence.alone(info.sequence)
+        awaited = self._cameras is None or camera in self._cameras
+        if info.alone:
+            self._sequence.alone(info.sequence, awaited=awaited)
+        if not awaited or (info.alone and self._cameras is None):
             return None
         stamp = stamp_ns(info)
         self._of(stamp).infos[camera] = info
@@ -329,7 +335,7 @@ class SetAssembler(Generic[Received]):
         frames = {camera: frame_of(parts.infos[camera], parts.images[camera]) for camera in cameras}
         found = {camera: decision_of(parts.infos[camera]) for camera in cameras}
         decisions = {camera: decision for camera, decision in found.items() if decision is not None}
-        self._sequence.pair(info.sequence)  # after what may refuse the set, which then counts as lost
+        self._sequence.whole(info.sequence)  # after what may refuse the set, which then counts as lost
         return self._kind(frames, stamp, info.trigger, info.sequence, found[cameras[0]], now_ns, decisions=decisions)
 
 

@@ -1,1 +1,1 @@
-"""From a stereo pair to the next exposure: pure steps without threads, clocks or I/O."""
+"""From a set of frames to the next exposure: pure steps without threads, clocks or I/O."""

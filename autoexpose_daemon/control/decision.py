@@ -51,7 +51,7 @@ class Grounds:
 
 @dataclass(frozen=True, slots=True)
 class Decision:
-    """The next setting for both cameras, and what it is based on."""
+    """The next setting for cameras that are exposed together, and what it is based on."""
 
     setting: ExposureSetting  # exposure time (us) and gain (dB), within the limits and on their increments
     level: float  # the exposure level aimed at (stops), within the limits, before quantisation

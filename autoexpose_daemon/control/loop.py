@@ -1,4 +1,4 @@
-"""One step of the control loop: a stereo pair in, a decision out."""
+"""One step of the control loop: a set of frames in, a decision out."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ STATE_FORMAT = "autoexpose-control/14"
 
 
 class ControlLoop(Stateful):
-    """Decides once per stereo pair, for both cameras.
+    """Decides once per set of frames, for cameras that are exposed together.
 
     Targets are absolute: the level of this frame, from its metadata, plus a change. So frames in flight while a setting
     is written are never corrected twice. Raises ConfigurationError for a policy that does not exist.
@@ -130,11 +130,11 @@ class ControlLoop(Stateful):
             )
 
     def step(self, inputs: StepInputs | FrameSet) -> Decision:
-        """Look at a pair, alone or with whatever else is known, and decide on the next setting of both cameras.
+        """Look at a pair, alone or with whatever else is known, and decide on the next setting of its cameras.
 
         Frames must have at least 90x68 pixels, colour mosaics 180x136. They may have been taken with different
-        settings: everything refers to the reference frame, the left one if present and not `uncounted`, and to its own
-        setting. Raises ConfigurationError for a frame that is too small, a region or a vignetting that does not fit the
+        settings: everything refers to the reference frame, the first that is not `uncounted`, and to its own setting.
+        Raises ConfigurationError for a frame that is too small, a region or a vignetting that does not fit the
         frames, or an angular rate beyond `FASTEST_TURN_RAD_S` or without a focal length.
         """
         self.inputs = inputs = StepInputs.of(inputs)

@@ -68,8 +68,8 @@ class Look:
 class Observation:
     """Everything a policy may look at."""
 
-    # the frames, the reference first: the left camera's, unless it is missing or `ExposurePolicy.uncounted`. Everything
-    # else refers to it
+    # the frames, the reference first: the first camera's, unless it is missing or `ExposurePolicy.uncounted`.
+    # Everything else refers to it
     looks: Sequence[Look]
     setting: ExposureSetting  # exposure time and gain that the frame was actually taken with
     metric: float | None  # M_g of `image`, 0..1 per pixel; may be None for a policy that is not `FILTERED`
@@ -141,7 +141,7 @@ Objective = Literal["metric", "information"]
 
 
 class ExposurePolicy(Stateful, ABC):
-    """Decides on one exposure level per stereo pair. One that is in the table is built from a `ControlSetup` alone.
+    """Decides on one exposure level per set of frames. One that is in the table is built from a `ControlSetup` alone.
 
     What a policy carries from frame to frame is plain data in the attributes that it annotates: see `snapshot`.
     """

@@ -25,7 +25,7 @@ class ControlSetup:
     policy_id: str  # one of `POLICY_IDS`
     # response function of each camera; a single one, given here, applies to all
     responses: dict[CameraName, ResponseFunction]
-    limits: ExposureLimits  # bounds and increments that both cameras can take
+    limits: ExposureLimits  # bounds and increments that all cameras can take
     start: ExposureSetting  # the setting the cameras start with; the policy `fixed` stays there
     parameters: ControlParameters = field(default_factory=ControlParameters)  # tuning and choices
     # what counts in a camera's picture; without one, everything

@@ -28,7 +28,7 @@ class ConsumerTally:
     missed: int = 0
     lost: int = 0  # pairs that the daemon sent, but that never arrived complete
     too_slow: int = 0  # pairs that arrived, and were replaced by newer ones before the consumer asked
-    alone: int = 0  # triggers with a frame of only one camera
+    alone: int = 0  # triggers of which the daemon had no frame of a camera
 
     def __post_init__(self) -> None:
         counts = (getattr(self, name) for name in self.__slots__)

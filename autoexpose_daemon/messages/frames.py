@@ -1,4 +1,4 @@
-"""From a stereo pair and its decision to messages, and back."""
+"""From a set of frames and what was decided on it to messages, and back."""
 
 from __future__ import annotations
 

@@ -135,7 +135,7 @@ class _Collector(Collector):
         for counter, count in counters(status.counts):
             yield self._counter(counter.name, counter.meaning, count)
         lost = _of_all((*LossReason, *map(missing, status.cameras)), status.lost)
-        yield self._counter("lost_triggers", "Triggers that made no stereo pair.", lost, "reason")
+        yield self._counter("lost_triggers", "Triggers that made no whole set of frames.", lost, "reason")
 
     def _durations(self, status: Status) -> Iterator[Metric]:
         for duration in DURATIONS:

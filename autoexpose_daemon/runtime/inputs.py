@@ -169,7 +169,7 @@ APART_NS: Final = 2_000_000
 """How far the stamp of a report may be from its frame's: the clock behind both may be slewed in between."""
 
 MOST_WAITING: Final = 16
-"""Reports that may wait for the next frame: on both cameras, from as many consumers as can steer."""
+"""Reports that may wait for the next frame: on two cameras, from as many consumers as can steer."""
 
 _SAID_S = 60.0
 _WORDS = {

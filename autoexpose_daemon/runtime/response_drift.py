@@ -69,24 +69,24 @@ class ResponseDrift:
             if camera.watch.counted > counted:
                 self._judge(name, camera)
 
-    def _judge(self, camera_name: CameraName, camera: _Camera) -> None:
+    def _judge(self, name: CameraName, camera: _Camera) -> None:
         residual = camera.watch.residual_grey
         if residual is None:
             return
-        self.residual_grey[camera_name] = residual
-        if camera_name not in self.misfits and residual > DOUBTFUL_GREY:
-            self.misfits[camera_name] = (
+        self.residual_grey[name] = residual
+        if name not in self.misfits and residual > DOUBTFUL_GREY:
+            self.misfits[name] = (
                 f"response off by {residual:.1f} grey levels rms when the exposure changes: "
                 f"autoexpose calibrate response --camera {camera.serial}"
             )
-            log.warning("%s camera: %s", camera_name, self.misfits[camera_name])
-        elif camera_name in self.misfits and residual < TRUSTED_GREY:
-            del self.misfits[camera_name]
-            log.info("%s camera: its response holds again", camera_name)
-        if self._refines and camera_name in self._copies and camera.watch.counted >= camera.next_attempt:
+            log.warning("%s camera: %s", name, self.misfits[name])
+        elif name in self.misfits and residual < TRUSTED_GREY:
+            del self.misfits[name]
+            log.info("%s camera: its response holds again", name)
+        if self._refines and name in self._copies and camera.watch.counted >= camera.next_attempt:
             camera.next_attempt = camera.watch.counted + REFINE_EVERY
-            arguments = camera_name, camera.file, self._copies[camera_name], list(camera.watch.changes)
-            threading.Thread(target=_refine, args=arguments, name=f"refine-{camera_name}", daemon=True).start()
+            arguments = name, camera.file, self._copies[name], list(camera.watch.changes)
+            threading.Thread(target=_refine, args=arguments, name=f"refine-{name}", daemon=True).start()
 
 
 def refined_paths(calibrated: Mapping[CameraName, Path]) -> dict[CameraName, Path]:

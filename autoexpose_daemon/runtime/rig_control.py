@@ -148,10 +148,11 @@ class RigControl:
         """The groups that a request is for, which all take it; ConfigurationError if there is none, or one does not."""
         if request.group is not None and request.group not in self.groups:
             raise ConfigurationError(f"there is no group {request.group}: give one of {', '.join(self.groups)}")
+        if strangers := request.regions.keys() - self.config.cameras.keys():
+            raise ConfigurationError(f"region.{min(strangers)}: the rig has no {min(strangers)} camera: leave it out")
         groups = {name: group for name, group in self.groups.items() if request.group in (None, name)}
-        if strangers := request.regions.keys() - {camera for group in groups.values() for camera in group.cameras}:
-            who = "the rig" if request.group is None else f"group {request.group}"
-            raise ConfigurationError(f"region.{min(strangers)}: {who} has no {min(strangers)} camera: leave it out")
+        if others := request.regions.keys() - {camera for group in groups.values() for camera in group.cameras}:
+            raise ConfigurationError(f"region.{min(others)}: that camera is not in group {request.group}: leave it out")
         if request.only_regions:
             groups = {name: group for name, group in groups.items() if request.regions.keys() & set(group.cameras)}
         if len(groups) > 1:

@@ -43,7 +43,7 @@ def _counter(topic: Topic, label: str, meaning: str, unusual: bool = True) -> An
 class Counts:
     """The counters, in the order in which they are shown; a daemon of a different version may lack some of them."""
 
-    pairs: Count = _counter("triggers", "stereo pairs", "Triggers that made a stereo pair.", unusual=False)
+    pairs: Count = _counter("triggers", "stereo pairs", "Triggers that made a whole set of frames.", unusual=False)
     pairs_without_decision: Count = _counter(
         "triggers", "pairs without a decision", "Pairs that control skipped for a newer one, or had used a frame of.")
     mismatched_pairs: Count = _counter(

@@ -90,7 +90,7 @@ def _reasons(telemetry: Telemetry, expected: Expectation, now_ns: int) -> Iterat
     if not (gone or silent or incomplete) and _silent(
         telemetry.last_pair_ns, expected, now_ns - round(expected.silence_ns)
     ):
-        yield "frames form no stereo pairs"
+        yield "frames form no whole sets" if len(expected.cameras) > 2 else "frames form no stereo pairs"
     for (name, kind), trouble in troubles.items():
         if kind not in (GONE, ADJUSTED):
             yield f"{name} camera: {trouble}"

@@ -179,7 +179,7 @@ def _drive_line(nodes: NodeMap, line: str) -> None:
     if "ExposureActive" not in offered(nodes, "LineSource"):
         raise UnsupportedCameraError(
             f"camera {nodes.serial}: {line} cannot signal when it exposes (no LineSource ExposureActive): choose an "
-            "output line (trigger output_line), or trigger both cameras from outside"
+            "output line (trigger output_line), or trigger all cameras from outside"
         )
     hold(nodes, "LineSource", "ExposureActive")
 

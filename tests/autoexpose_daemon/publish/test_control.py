@@ -390,6 +390,6 @@ def test_groups_of_cameras_are_asked_together_or_one_by_one(within: Within) -> N
         assert front.requests.locked is not None and behind.requests.locked is None
         assert (front.requests.changed, behind.requests.changed) == ((), ("region rear",))
         assert "there is no group port: give one of front, rear" in refused("--group", "port", "lock")
-        assert "group front has no rear camera" in refused("--group", "front", "region", "rear")
+        assert "region.rear: that camera is not in group front" in refused("--group", "front", "region", "rear")
         assert "the rig has no left camera" in refused("region", "left")
         assert "give group, one of front, rear" in refused("shot", "--time-us", "500")

@@ -193,8 +193,8 @@ def test_a_daemon_tells_what_its_decision_rests_on() -> None:
         scripted_daemon(control={"policy": "belief"}, publish={"listen": [at]}) as (_, _, seen),
     ):
         answers = (client.ask_grounds() for _ in itertools.count())
-        grounds = next(answer for answer in answers if answer is not None)
-        assert list(grounds.scenes) == ["left", "right"]
+        both = ["left", "right"]  # the very first decision may rest on one frame alone
+        grounds = next(answer for answer in answers if answer is not None and list(answer.scenes) == both)
         decided = [decision.level for _, decision in list(seen) if decision is not None]
         assert min(abs(level - grounds.best_level) for level in decided) < 0.01
 
