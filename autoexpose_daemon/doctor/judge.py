@@ -23,7 +23,8 @@ _RAISE_LIMIT = (
 )
 _RAISE_LIMIT_FURTHER = (
     f"sed s/{USBFS_MEMORY_MB}/{{}}/ systemd/usbfs-memory.conf | "
-    "sudo tee /etc/tmpfiles.d/autoexpose-usbfs-memory.conf && sudo systemd-tmpfiles --create autoexpose-usbfs-memory.conf"
+    "sudo tee /etc/tmpfiles.d/autoexpose-usbfs-memory.conf && "
+    "sudo systemd-tmpfiles --create autoexpose-usbfs-memory.conf"
 )
 _BLIND = {
     "no bus": (
