@@ -216,7 +216,7 @@ def main(arguments: list[str] | None = None) -> int:
             gc.collect()
             gc.freeze()  # a full collection over what the compiler leaves behind takes 60 ms: four frames late
             wire = f"Line0 {options.line0} at {options.line0_rate_hz:g} Hz" if options.line0 else "no Line0"
-            name = f"fake camera {options.serial} ({options.side})"
+            name = f"fake camera {options.serial} ({options.place})"
             print(f"{name} {where}, {wire}, scene {options.scene}{_worn(xml)}", file=notes, flush=True)
             status, begun_s = 0, time.process_time()
             if options.exec:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import argparse
 import ipaddress
+from dataclasses import fields
 from pathlib import Path
 from typing import TypeVar, get_args
 
 from fake_camera.genapi.raw_gain import RawGainLaw
 from fake_camera.imaging import PIXEL_FORMATS
+from fake_camera.places import PLACES, Place
 from fake_camera.ptp import host_master
 from fake_camera.ptp.port import EVENT_PORT
 from fake_camera.usb3.usbip.messages import TCP_PORT
@@ -20,6 +22,7 @@ _ADDRESS = "127.0.0.1"
 _SERIAL_CHARACTERS = {"GigE Vision": 15, "USB3 Vision": 63}  # registers of 16 and 64 bytes, with a final zero
 _SIZES = ", ".join(f"{width}x{height}" for width, height in SIZES)
 _PTP = f"have a PTP clock, on this UDP port and the next ({EVENT_PORT}), and take action commands"
+_OF_A_PLACE = [field.name for field in fields(Place)]
 _ASK = "60; ask: print how long a frame takes, and read the rate from standard input"
 
 
@@ -40,9 +43,10 @@ def parse_arguments(arguments: list[str]) -> argparse.Namespace:
     add("--ptp", type=host_master.event_port, nargs="?", const=EVENT_PORT, metavar="PORT", help=_PTP)
     add("--switch", type=_switch, metavar="FILE,MBPS,KIB", help="send through a switch, shared by all that name FILE")
     add("--serial", default="FAKE-LEFT", help="its serial number (%(default)s)")
-    add("--side", choices=["left", "right"], default="left", help="its side of the stereo rig (%(default)s)")
-    add("--yaw-deg", type=_yaw, default=0.0, metavar="DEG", help="how far its pair is turned right (%(default)s)")
-    add("--sunlit-stops", type=_sun, default=0.0, metavar="N", help="more light on what it sees (%(default)s)")
+    add("--place", choices=PLACES, metavar="NAME", help=f"on a rig, in place of the next three: {', '.join(PLACES)}")
+    add("--side", choices=["left", "right"], help="its side of the stereo pair (left)")
+    add("--yaw-deg", type=_yaw, metavar="DEG", help="how far its pair is turned right (0)")
+    add("--sunlit-stops", type=_sun, metavar="N", help="more light on what it sees (0)")
     add("--line0", metavar="NAME", help="trigger wire, shared by all cameras that name it (none)")
     add(
         "--line0-rate-hz",
@@ -70,10 +74,21 @@ def parse_arguments(arguments: list[str]) -> argparse.Namespace:
     add("--truth", type=Path, metavar="FILE", help="write the light at each pulse of the wire as JSON lines")
     add("--control", type=Path, metavar="SOCKET", help="Unix socket that takes orders as JSON lines")
     options = parser.parse_args(arguments)
+    _place(parser, options)
     _refuse_contradictions(parser, options)
     if not options.usb3:
         options.address = options.address or _ADDRESS
     return options
+
+
+def _place(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
+    """Fill in side, yaw and sun: those given, or those of the place."""
+    given = {name: value for name in _OF_A_PLACE if (value := getattr(options, name)) is not None}
+    if options.place is not None and given:
+        parser.error(f"--place says where the camera is: leave out --{next(iter(given)).replace('_', '-')}")
+    options.place = options.place or options.side or "left"
+    for name in _OF_A_PLACE:
+        setattr(options, name, given.get(name, getattr(PLACES[options.place], name)))
 
 
 def _refuse_contradictions(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
@@ -92,7 +107,7 @@ def _refuse_contradictions(parser: argparse.ArgumentParser, options: argparse.Na
     if options.steered and (options.still or options.light is not None):
         parser.error("--steered: orders say how the camera moves and how bright it is, leave out --still and --light")
     if (options.yaw_deg or options.sunlit_stops) and options.scene != "room":
-        parser.error("--yaw-deg and --sunlit-stops are for the scene `room`: leave them out")
+        parser.error("--yaw-deg, --sunlit-stops and places but left and right are for the scene `room`: leave them out")
     for name in ("switch", "ptp", "second_address"):
         if options.usb3 and getattr(options, name) is not None:
             parser.error(f"--{name.replace('_', '-')} is for GigE Vision cameras: leave it out")

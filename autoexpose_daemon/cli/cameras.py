@@ -105,7 +105,7 @@ def demo(
     summary: Annotated[Path | None, typer.Option(help="Write the figures of the run to this JSON file.")] = None,
     plot: Annotated[Path | None, typer.Option(help="Plot the run to this PNG file.")] = None,
     cameras: Annotated[
-        int, typer.Option(help="How many: one, a stereo pair, or pairs that look forward, back and left, 1 to 6.")
+        int, typer.Option(help="How many: one, a stereo pair, or pairs to the front, rear, left and right, 1 to 8.")
     ] = 2,
     scene: Annotated[str, typer.Option(help="What the cameras see: `room`, or a Radiance .hdr file.")] = "room",
     light: Annotated[Path | None, typer.Option(help="A light script for the fake cameras (YAML).")] = None,

@@ -16,11 +16,12 @@ import time
 from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 from imaging.errors import AutoexposeError, ConfigurationError
+from imaging.geometry import SIDES
 
 if TYPE_CHECKING:
     from imaging.frames import CameraName
@@ -72,25 +73,22 @@ def without_fake_bus() -> dict[str, str]:
     return {name: value for name, value in os.environ.items() if name not in of_bus}
 
 
-MOST_CAMERAS = 6
-_SUN_STOPS = 3.0
+_VIEWS = ("front", "rear", "port", "starboard")
+MOST_CAMERAS = len(SIDES) * len(_VIEWS)
 
 
 @dataclass(frozen=True, slots=True)
 class CameraPlace:
-    """Where a fake camera is on the rig, and how it is reached there."""
+    """A fake camera of the rig: its name, which tells the fake where it is, and how it is reached."""
 
     name: CameraName
-    side: Literal["left", "right"]
-    yaw_deg: int = 0
-    sunlit_stops: float = 0.0
-    number: int = 0
+    number: int
 
     @property
     def serial(self) -> str:
         """Its serial number, of at most 15 characters."""
         view, _, side = self.name.upper().rpartition("_")
-        return f"FAKE-{view}-{side[0]}" if view else f"FAKE-{side}"
+        return f"FAKE-{view[:5]}-{side[0]}" if view else f"FAKE-{side}"
 
     @property
     def group(self) -> dict[str, str]:
@@ -105,13 +103,9 @@ class CameraPlace:
 
 
 def places(cameras: int) -> list[CameraPlace]:
-    """One camera, a stereo pair, or pairs that look forward, back at what the sun lights, and to the left."""
-    if cameras <= 2:
-        return [CameraPlace("left", "left"), CameraPlace("right", "right", number=1)][:cameras]
-    views = (("front", 0, 0.0), ("rear", 180, _SUN_STOPS), ("port", -90, 0.0))
-    sides: tuple[Literal["left", "right"], ...] = ("left", "right")
-    ring = [CameraPlace(f"{view}_{side}", side, yaw, stops) for view, yaw, stops in views for side in sides]
-    return [replace(place, number=number) for number, place in enumerate(ring[:cameras])]
+    """One camera, a stereo pair, or pairs that look forward, back at what the sun lights, to the left and right."""
+    names = SIDES if cameras <= len(SIDES) else [f"{view}_{side}" for view in _VIEWS for side in SIDES]
+    return [CameraPlace(name, number) for number, name in enumerate(names[:cameras])]
 
 
 _NICENESS = "10"  # real cameras do not take the daemon's CPU time
@@ -151,9 +145,7 @@ class FakeCamera:
         self._error_log = folder / f"{place.name}.stderr"
         # setpriv: if this process is killed, its cameras must not survive and hold their addresses
         command = ["setpriv", "--pdeathsig", "TERM", sys.executable, "-m", "fake_camera"]
-        command += ["--serial", place.serial, "--side", place.side, "--nice", _NICENESS, "--truth", str(self.truth)]
-        if place.yaw_deg or place.sunlit_stops:
-            command += ["--yaw-deg", str(place.yaw_deg), "--sunlit-stops", str(place.sunlit_stops)]
+        command += ["--serial", place.serial, "--place", place.name, "--nice", _NICENESS, "--truth", str(self.truth)]
         command += ["--control", str(self.control), *arguments]
         with self._error_log.open("w") as error_log:
             self._process = subprocess.Popen(

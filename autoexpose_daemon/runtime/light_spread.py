@@ -17,6 +17,8 @@ APART_STOPS = 1.5
 """One exposure still serves cameras whose light differs by less."""
 TOGETHER_STOPS = 1.0
 """It differed by more, and is said to be over from here on."""
+BLACK_GREY, WHITE_GREY = 1.0, 254.0
+"""Frames whose mean is beyond have next to nothing in them."""
 
 
 class LightSpread:
@@ -35,6 +37,7 @@ class LightSpread:
         self._apart: dict[CameraName, float] = {}  # as told
         self._due_ns = 0
         self._looked_ns: dict[CameraName, int] = {}
+        self._mean_grey: dict[CameraName, float] = {}
 
     def look(self, frames: FrameSet) -> None:
         """Look at the frames of a trigger, now and then."""
@@ -43,23 +46,27 @@ class LightSpread:
             return
         self._due_ns = now_ns + LOOK_NS
         for camera, frame in frames.frames.items():
-            seen = self._seen(camera, frame)
-            share = min((now_ns - self._looked_ns.get(camera, now_ns)) * 1e-9 / REMEMBERED_S, 1.0)
-            self._looked_ns[camera] = now_ns
-            before = self._stops.get(camera, seen)
-            self._stops[camera] = before + share * (seen - before)
+            self._see(camera, frame, now_ns)
         for group in self._groups:
             if present := {camera: self._stops[camera] for camera in group if camera in frames.frames}:
                 self._judge(present)
 
-    def _seen(self, camera: CameraName, frame: Frame) -> float:
-        """The mean light of a frame (stops); of a saturated one at least that."""
-        return float(np.log2(self._light[camera][frame.sparse_grey8()].mean())) - frame.setting.level
+    def _see(self, camera: CameraName, frame: Frame, now_ns: int) -> None:
+        """Note the mean light of a frame (stops): of a white one it is at least that, of a black one at most."""
+        grey = frame.sparse_grey8()
+        self._mean_grey[camera] = float(grey.mean())
+        seen = float(np.log2(self._light[camera][grey].mean())) - frame.setting.level
+        share = min((now_ns - self._looked_ns.get(camera, now_ns)) * 1e-9 / REMEMBERED_S, 1.0)
+        before = self._stops.get(camera, seen)
+        self._stops[camera] = before + share * (seen - before)
+        self._looked_ns[camera] = now_ns
 
     def _judge(self, stops: Mapping[CameraName, float]) -> None:
         darkest = min(stops, key=stops.__getitem__)
         for camera in stops:
             apart, said = stops[camera] - stops[darkest], self._apart.get(camera)
+            if self._mean_grey[camera] < BLACK_GREY or self._mean_grey[darkest] > WHITE_GREY:
+                apart = 0.0  # nobody knows
             if apart <= (APART_STOPS if said is None else TOGETHER_STOPS):
                 self._apart.pop(camera, None)
                 self.sentences.pop(camera, None)

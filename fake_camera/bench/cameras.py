@@ -7,16 +7,16 @@ import json
 import random
 import socket
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any, Literal
 
 from fake_camera.bench.process import CameraProcess, Start, started
 from fake_camera.device.faults import Fault
+from fake_camera.places import Side, names_of_rig
 from fake_camera.usb3.run import client_environment
-
-Side = Literal["left", "right"]
 
 CONTROL_TIMEOUT_S = 5.0
 
@@ -98,6 +98,7 @@ def gige_camera(
     *,
     address: str | None = None,
     side: Side = "left",
+    place: str | None = None,
     line0: str | None = None,
     description: Path | None = None,
     light: Mapping[str, Any] | Path | None = None,
@@ -113,7 +114,9 @@ def gige_camera(
     serial, address, line0
         Made up, so that tests may run at the same time, where they are not given.
     side
-        Of the stereo rig.
+        Of the stereo pair.
+    place
+        On a rig of pairs, in place of the side, by its name in `camera_rig`.
     description
         A GenICam description (XML) of a real camera to wear.
     light
@@ -124,7 +127,7 @@ def gige_camera(
         How to begin the process.
     """
     address = address or loopback_address()
-    arguments = ["--address", address, "--side", side, *_worn(description), *options]
+    arguments = ["--address", address, *_at(side, place), *_worn(description), *options]
     with _running(serial, line0, arguments, light, start) as camera:
         yield RunningCamera(address=address, socket=None, **camera)
 
@@ -135,6 +138,7 @@ def usb3_camera(
     *,
     socket: Path | None = None,
     side: Side = "left",
+    place: str | None = None,
     line0: str | None = None,
     description: Path | None = None,
     light: Mapping[str, Any] | Path | None = None,
@@ -144,27 +148,35 @@ def usb3_camera(
     """The same on USB3 Vision: programs with its `environment()` see it on their bus."""
     with tempfile.TemporaryDirectory() as folder:
         socket = socket or Path(folder, "camera")
-        arguments = ["--usb3", "--socket", str(socket), "--side", side, *_worn(description), *options]
+        arguments = ["--usb3", "--socket", str(socket), *_at(side, place), *_worn(description), *options]
         with _running(serial, line0, arguments, light, start) as camera:
             yield RunningCamera(address="", socket=socket, **camera)
 
 
 @contextlib.contextmanager
 def camera_rig(
+    n: int = 2,
     *,
+    transport: Literal["gige", "usb3"] = "gige",
     description: Path | None = None,
     light: Mapping[str, Any] | Path | None = None,
     options: Sequence[str] = (),
     start: Start = started,
-) -> Iterator[dict[Side, RunningCamera]]:
-    """Two GigE Vision cameras on one trigger wire, side by side."""
+) -> Iterator[dict[str, RunningCamera]]:
+    """Run one to eight cameras on one trigger wire until the context ends, by the names of their places.
+
+    Up to two are `left` and `right`, side by side. More are such pairs turned around a robot, one after the other:
+    `front_left`, `front_right`, and likewise `rear`, on which the sun shines, `port` and `starboard`. A program sees
+    those on USB3 Vision in a `client_environment` of all their sockets.
+    """
     line0 = unique("wire")
+    run: Callable[..., AbstractContextManager[RunningCamera]] = gige_camera if transport == "gige" else usb3_camera
     with contextlib.ExitStack() as stack:
         yield {
-            side: stack.enter_context(
-                gige_camera(side=side, line0=line0, description=description, light=light, options=options, start=start)
+            name: stack.enter_context(
+                run(place=name, line0=line0, description=description, light=light, options=options, start=start)
             )
-            for side in get_args(Side)
+            for name in names_of_rig(n)
         }
 
 
@@ -202,6 +214,10 @@ def _running(
             yield {
                 "serial": serial, "line0": line0, "control": control, "truth_file": truth_file, "process": process,
             }  # fmt: skip
+
+
+def _at(side: Side, place: str | None) -> list[str]:
+    return ["--side", side] if place is None else ["--place", place]
 
 
 def _worn(description: Path | None) -> list[str]:

@@ -4,6 +4,10 @@ What kind of camera is said by a marker, with the arguments of the functions of 
 
     @pytest.mark.camera_twin(description=Path("blackfly.xml"), light={"light": [{"at_s": 0, "lux": 50}]})
     def test_my_driver(gige_camera): ...
+
+
+    @pytest.mark.camera_twin(n=4)
+    def test_my_robot(camera_rig): ...
 """
 
 from __future__ import annotations
@@ -14,7 +18,7 @@ from typing import Any
 import pytest
 
 from fake_camera.bench import cameras
-from fake_camera.bench.cameras import RunningCamera, Side
+from fake_camera.bench.cameras import RunningCamera
 from fake_camera.bench.nursery import forked
 
 MARKER = "camera_twin"
@@ -45,7 +49,7 @@ def usb3_camera(request: pytest.FixtureRequest) -> Iterator[RunningCamera]:
 
 
 @pytest.fixture
-def camera_rig(request: pytest.FixtureRequest) -> Iterator[dict[Side, RunningCamera]]:
-    """Two GigE Vision cameras on one trigger wire, by side."""
+def camera_rig(request: pytest.FixtureRequest) -> Iterator[dict[str, RunningCamera]]:
+    """Cameras on one trigger wire by their places: without a marker, two GigE Vision cameras, `left` and `right`."""
     with cameras.camera_rig(**_arguments(request)) as rig:
         yield rig

@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Literal, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fake_camera.imaging import PIXEL_FORMATS, ImageSettings, ImageSource, Pixels
+from fake_camera.places import Side
 from fake_camera.world.colour import Tints
 from fake_camera.world.lighting import LightScript
 from fake_camera.world.render.renderer import Pinhole, Renderer, Surface
@@ -21,8 +22,6 @@ from fake_camera.world.scene.room import furnished_room
 from fake_camera.world.scene.wall import Wall
 from fake_camera.world.sensor import DEFAULT_F_NUMBER, SIZES, Sensor, SensorModel
 from fake_camera.world.steered import Steered
-
-Side = Literal["left", "right"]
 
 _GOLDEN_RATIO = (1.0 + math.sqrt(5.0)) / 2.0
 """Neighbours in the order of surfaces get different hues."""

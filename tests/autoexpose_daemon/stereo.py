@@ -1,4 +1,4 @@
-"""Two fake cameras on one wire and a daemon on them, in real time through stock Aravis."""
+"""Fake cameras on one wire, two or a rig of pairs, and a daemon on them, in real time through stock Aravis."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import os
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -24,8 +24,9 @@ from autoexpose_daemon.runtime.setup import openers
 from autoexpose_daemon.service.service import add_outlets
 from autoexpose_daemon.status.describe import describe
 from autoexpose_daemon.status.panel import line_of
+from fake_camera.places import names_of_rig
 from fake_camera.usb3.run import CAMERAS_VARIABLE
-from imaging.frames import FrameSet
+from imaging.frames import CameraName, FrameSet
 from imaging.geometry import SIDES
 from tests.fakes import FakeCamera, camera_on_this_bus, fake_camera, unique
 from tests.meanwhile import meanwhile
@@ -43,12 +44,19 @@ JOIN_WARNING = pytest.mark.filterwarnings("ignore:.*g_thread_join")
 class Run:
     """A running daemon, seen from a test."""
 
-    left: FakeCamera
-    right: FakeCamera
+    cameras: Mapping[CameraName, FakeCamera]
     truths: list[Path]
     daemon: Daemon
     seen: list[tuple[FrameSet, Decision]] = field(default_factory=list)
     failure: list[BaseException] = field(default_factory=list)
+
+    @property
+    def left(self) -> FakeCamera:
+        return self.cameras["left"]
+
+    @property
+    def right(self) -> FakeCamera:
+        return self.cameras["right"]
 
     @property
     def triggers_on_the_wire(self) -> int:
@@ -90,21 +98,44 @@ def stereo_cameras(
 
 
 @contextlib.contextmanager
+def rig_cameras(n: int, *options: str, **arguments: Any) -> Iterator[dict[CameraName, FakeCamera]]:
+    """So many on one trigger wire, as `fake_camera.bench.camera_rig` has them, also on this process's own USB bus."""
+    wire = unique("wire")
+    with contextlib.ExitStack() as stack:
+        yield {
+            name: stack.enter_context(START_CAMERA(place=name, line0=wire, options=options, **arguments))
+            for name in names_of_rig(n)
+        }
+
+
+@contextlib.contextmanager
 def running_daemon(
     cameras: tuple[FakeCamera, FakeCamera, list[Path]],
     settings: dict[str, Any] | None = None,
     *,
     latched: bool = True,
 ) -> Iterator[Run]:
-    """A daemon on both cameras, stopped and checked for its account when the block ends.
+    """A daemon on both cameras, as `running` has it."""
+    left, right, truths = cameras
+    with running({"left": left, "right": right}, truths, settings, latched=latched) as run:
+        yield run
+
+
+@contextlib.contextmanager
+def running(
+    cameras: Mapping[CameraName, FakeCamera],
+    truths: list[Path],
+    settings: dict[str, Any] | None = None,
+    *,
+    latched: bool = True,
+) -> Iterator[Run]:
+    """A daemon on cameras, stopped and checked for its account when the block ends.
 
     Without a latch for the time stamps of `cameras` the account is not compared with the wire: the first and the last
     trigger are then placed by when frames arrive, which on a loaded machine may be a trigger later.
     """
-    left, right, truths = cameras
-    config = Config.model_validate(
-        {"cameras": {"left": {"serial": left.serial}, "right": {"serial": right.serial}}} | (settings or {})
-    )
+    named = {name: {"serial": camera.serial} for name, camera in cameras.items()}
+    config = Config.model_validate({"cameras": named} | (settings or {}))
     seen: list[tuple[FrameSet, Decision]] = []
 
     def see(step: ControlStep) -> None:
@@ -112,7 +143,7 @@ def running_daemon(
             seen.append((step.pair, step.decision))
 
     daemon = add_outlets(Daemon(config, openers(config), outlets=[see]), config)
-    run = Run(left, right, truths, daemon, seen)
+    run = Run(cameras, truths, daemon, seen)
 
     def control(stop: threading.Event) -> None:
         try:

@@ -18,6 +18,7 @@ from fake_camera.__main__ import _description, main
 from fake_camera.device.features import Features
 from fake_camera.files import read_regular
 from fake_camera.genicam.registers import slots
+from fake_camera.options import parse_arguments
 from fake_camera.signals import stopped_by_signals, wait_for
 from fake_camera.world.lighting import LightScript
 from fake_camera.world.scene.panorama import load_radiance
@@ -93,6 +94,13 @@ def test_ends_cleanly_in_the_middle_of_sending_through_a_switch(tmp_path: Path) 
         ("--lens-f-number 0", "argument --lens-f-number: '0' is not a number from 0.5 to 32"),
         ("--ptp 65535", "argument --ptp: '65535' is not a whole number from 1 to 65534"),
         ("ptp-master --port none", "argument --port: 'none' is not a whole number from 1 to 65534"),
+        ("--yaw-deg 400", "argument --yaw-deg: '400' is not a number from -360 to 360"),
+        ("--sunlit-stops -1", "argument --sunlit-stops: '-1' is not a number from 0 to 10"),
+        ("--place above", "argument --place: invalid choice: 'above'"),
+        ("--place rear_left --side left", "--place says where the camera is: leave out --side"),
+        ("--place rear_left --yaw-deg 0", "leave out --yaw-deg"),
+        ("--place rear_left --scene wall", "places but left and right are for the scene `room`"),
+        ("--sunlit-stops 1 --scene board", "--sunlit-stops and places"),
         ("--usb3 --tcp --ptp", "--ptp is for GigE Vision cameras: leave it out"),
         ("--seed many", "argument --seed: 'many' is not a whole number"),
         ("--usb3", "--usb3 needs a way to reach the camera: --socket PATH, --tcp or --exec COMMAND"),
@@ -107,6 +115,25 @@ def test_an_option_that_cannot_be_is_named(options: str, words: str, capsys: pyt
     with pytest.raises(SystemExit):
         main(options.split())
     assert words in " ".join(capsys.readouterr().err.split())
+
+
+@pytest.mark.parametrize(
+    ("options", "place", "side", "yaw_deg", "sunlit_stops"),
+    [
+        ("", "left", "left", 0, 0),
+        ("--side right --yaw-deg 90 --sunlit-stops 1", "right", "right", 90, 1),
+        ("--place right --scene wall", "right", "right", 0, 0),
+        ("--place rear_left", "rear_left", "left", 180, 3),
+        ("--place port_right", "port_right", "right", -90, 0),
+        ("--place starboard_left", "starboard_left", "left", 90, 0),
+    ],
+)
+def test_a_place_says_side_yaw_and_sun(
+    options: str, place: str, side: str, yaw_deg: float, sunlit_stops: float
+) -> None:
+    found = parse_arguments(options.split())
+    assert (found.place, found.side) == (place, side)
+    assert (found.yaw_deg, found.sunlit_stops) == (yaw_deg, sunlit_stops)
 
 
 @pytest.mark.wire

@@ -16,6 +16,7 @@ from collections import Counter, deque
 from dataclasses import dataclass
 from pathlib import Path
 
+from autoexpose_daemon.demo.fakes import MOST_CAMERAS
 from imaging.python310 import Self
 from tests.soak.clock import SECOND
 from tests.soak.day import Day, LogCounter
@@ -52,9 +53,11 @@ def main() -> int:
         logger.setLevel(logging.INFO)
         logger.addHandler(log)
         logger.propagate = False
-    print(f"soak: {arguments.hours:g} h of virtual time, seed {arguments.seed}", flush=True)
+    print(
+        f"soak: {arguments.hours:g} h of virtual time, {arguments.cameras} cameras, seed {arguments.seed}", flush=True
+    )
     began_s = time.monotonic()
-    day = Day(arguments.seed, log)
+    day = Day(arguments.seed, log, arguments.cameras)
     minutes = round(60 * arguments.hours)
     totals: Counter[str] = Counter()
     faults: Counter[str] = Counter()
@@ -89,6 +92,7 @@ def _arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="python -m tests.soak", description=__doc__)
     parser.add_argument("--hours", type=float, default=24.0, help="of virtual time")
     parser.add_argument("--seed", type=int, default=random.SystemRandom().randrange(10**6), help="of faults and jitter")
+    parser.add_argument("--cameras", type=int, choices=range(2, MOST_CAMERAS + 1), default=2, help="in groups of two")
     return parser.parse_args()
 
 

@@ -11,11 +11,11 @@ from dataclasses import dataclass, field
 from autoexpose_daemon.control.step import ControlStep
 from autoexpose_daemon.status.counters import counters
 from autoexpose_daemon.status.states import Health, State
-from drivers.triggers.outcomes import LossReason
+from drivers.triggers.outcomes import LossReason, missing
 from tests.soak.camera import VirtualFrame
 from tests.soak.clock import SECOND
 from tests.soak.faults import FAULTS, Expected, Script
-from tests.soak.rig import VirtualRig
+from tests.soak.rig import VirtualRig, configuration
 from tests.soak.wire import Wire
 
 MINUTE_NS = 60 * SECOND
@@ -27,9 +27,6 @@ QUIET_NS = 5 * SECOND
 
 LOG_LINES = 40
 """A line an event, never one a frame: more than so many in a minute are too many."""
-
-LOSSES = ("startup", "shutdown", "left_missing", "right_missing", "both_missing", "incomplete", "trigger_ignored",
-          "camera_gone", "stale")  # fmt: skip
 
 
 @dataclass
@@ -56,9 +53,12 @@ class LogCounter(logging.Handler):
 class Day:
     """A virtual rig and the books of it."""
 
-    def __init__(self, seed: int, log: LogCounter) -> None:
+    def __init__(self, seed: int, log: LogCounter, cameras: int = 2) -> None:
         self._log = log
-        self.rig = VirtualRig(seed, self._see_pair, self._see_health)
+        config = configuration(cameras)
+        self.rig = VirtualRig(seed, self._see_pair, self._see_health, config=config)
+        self._cameras = tuple(config.cameras)
+        self._losses = (*LossReason, *map(missing, self._cameras))
         self._numbers = random.Random(seed)
         self.wire = Wire(self.rig, self.rig.clock.now_ns + 4 * SECOND)
         self._script = Script(self.rig, self.wire, self._numbers)
@@ -117,12 +117,18 @@ class Day:
     def _wrong_counts(self, counts: Counter[str], expected: Expected) -> Iterator[str]:
         triggers = self.wire.triggers - self._triggers
         self._triggers = self.wire.triggers
-        accounted = counts["pairs"] + sum(counts[reason] for reason in LOSSES)
+        accounted = counts["pairs"] + sum(counts[reason] for reason in self._losses)
         if accounted != triggers:
             yield f"{triggers} triggers, {accounted} accounted for"
+        for camera in self._cameras:
+            frames = counts[f"frames of {camera}"] + counts[f"lost of {camera}"]
+            if frames != triggers:
+                yield f"{triggers} triggers, {frames} of the {camera} camera accounted for"
         lost = self.wire.lost()
-        for name in counts.keys() - {"pairs"}:
+        for name in counts.keys() - {"pairs", *(f"frames of {camera}" for camera in self._cameras)}:
             least, most = expected.counts.get(name, (0, 0))
+            if name.startswith("lost of"):
+                most = sum(expected.counts.get(reason, (0, 0))[1] for reason in ("stale", "incomplete"))
             if not least <= counts[name] - lost[name] <= most:
                 yield f"{name}: {counts[name]} counted, {lost[name]} on the wire and {least} to {most} by the fault"
 
@@ -140,23 +146,22 @@ class Day:
 
     def _counts(self) -> dict[str, int]:
         telemetry = self.rig.control.telemetry
-        losses = {reason: telemetry.lost.get(reason, 0) for reason in LOSSES}
+        losses = {str(reason): telemetry.lost.get(reason, 0) for reason in self._losses}
         counted = counters(telemetry.counts)
         anomalies = {counter.name: count for counter, count in counted if counter.unusual}
-        return losses | anomalies | {"pairs": telemetry.counts.pairs}
+        frames = {f"frames of {camera}": telemetry.cameras.frames.get(camera, 0) for camera in self._cameras}
+        frames |= {f"lost of {camera}": telemetry.cameras.frames_lost.get(camera, 0) for camera in self._cameras}
+        return losses | anomalies | frames | {"pairs": telemetry.counts.pairs}
 
     def _see_pair(self, step: ControlStep) -> None:
         pair = step.pair
-        if len(pair.frames) < 2:
-            return
-        assert isinstance(pair.frames["left"], VirtualFrame) and isinstance(pair.frames["right"], VirtualFrame)
-        left, right = pair.frames["left"].pulse, pair.frames["right"].pulse
-        if left != right:
-            self._mispaired.append(f"a pair of the pulses {left} and {right}")
-        elif left >= 0:
-            if left <= self._last_pulse:
-                self._mispaired.append(f"pulse {left} after {self._last_pulse}")
-            self._last_pulse = left
+        pulses = {frame.pulse for frame in pair.frames.values() if isinstance(frame, VirtualFrame)}
+        if len(pulses) > 1:
+            self._mispaired.append(f"a set of the pulses {pulses}")
+        elif len(pair.frames) == len(self._cameras) and (pulse := pulses.pop()) >= 0:
+            if pulse <= self._last_pulse:
+                self._mispaired.append(f"pulse {pulse} after {self._last_pulse}")
+            self._last_pulse = pulse
 
     def _see_health(self, now_ns: int, health: Health) -> None:
         self._healths.append((now_ns, health))

@@ -77,6 +77,11 @@ class Script:
         """One of the cameras."""
         return self.numbers.choice(self.rig.devices)
 
+    def several_devices(self) -> list[Device]:
+        """Two cameras, or more, or all."""
+        devices = self.rig.devices
+        return self.numbers.sample(devices, self.numbers.randint(2, len(devices)))
+
     def duration_ns(self, shortest_s: float, longest_s: float) -> int:
         """A length of time, short ones as likely as long ones."""
         return round(math.exp(self.numbers.uniform(math.log(shortest_s), math.log(longest_s))) * SECOND)
@@ -108,12 +113,13 @@ def camera_lost(script: Script) -> Expected:
     return Expected(duration_ns, gone if duration_ns > 2 * SECOND else None, (gone, *no_frames(device)), counts)
 
 
-def both_cameras_lost(script: Script) -> Expected:
-    duration_ns = script.duration_ns(0.01, 10.0)
-    for device, back_ns in zip(script.rig.devices, (script.numbers.randint(1, duration_ns), duration_ns), strict=True):
+def cameras_lost(script: Script) -> Expected:
+    duration_ns, devices = script.duration_ns(0.01, 10.0), script.several_devices()
+    for number, device in enumerate(devices):
         device.vanish()
+        back_ns = script.numbers.randint(1, duration_ns) if number else duration_ns
         script.after(back_ns, partial(setattr, device, "present", True))
-    counts = OVERTAKEN | {"reconnects": (2, 2)}
+    counts = OVERTAKEN | {"reconnects": (len(devices), len(devices))}
     return Expected(duration_ns, None, ("camera gone", "no triggers", "no frames from the", NO_PAIRS), counts)
 
 
@@ -139,7 +145,8 @@ def trigger_halved(script: Script) -> Expected:
 def trigger_doubled(script: Script) -> Expected:
     script.wire.doubled = pulses = script.numbers.randint(1, 300)
     says = WRONG_RATE if pulses > SURELY_JUDGED else None
-    return Expected(periods_ns(pulses), says, (WRONG_RATE,), {"surplus_frames": (2 * pulses, 2 * pulses)})
+    surplus = len(script.rig.devices) * pulses
+    return Expected(periods_ns(pulses), says, (WRONG_RATE,), {"surplus_frames": (surplus, surplus)})
 
 
 def frames_lost(script: Script) -> Expected:
@@ -148,9 +155,10 @@ def frames_lost(script: Script) -> Expected:
     return Expected(periods_ns(frames), None, no_frames(device), FIRST_PAIRS)
 
 
-def frames_of_both_lost(script: Script) -> Expected:
-    frames = script.numbers.randint(1, 300)
-    for device in script.rig.devices:
+def frames_of_several_lost(script: Script) -> Expected:
+    devices = script.several_devices()
+    frames = script.numbers.randint(1, 300 if len(devices) == len(script.rig.devices) else STUCK_FRAMES)
+    for device in devices:
         device.lose = frames
     return Expected(periods_ns(frames), None, ("no triggers", "no frames from the", NO_PAIRS), FIRST_PAIRS)
 
@@ -242,7 +250,7 @@ def process_stops(script: Script) -> Expected:
 
 
 FAULTS: tuple[Callable[[Script], Expected], ...] = (
-    camera_lost, both_cameras_lost, trigger_stops, trigger_halved, trigger_doubled, frames_lost, frames_of_both_lost,
+    camera_lost, cameras_lost, trigger_stops, trigger_halved, trigger_doubled, frames_lost, frames_of_several_lost,
     frames_truncated, triggers_ignored, frame_late, writes_refused, writes_clipped, writes_slow, exposure_freezes,
     clock_jumps, control_stalls, process_stops,
 )  # fmt: skip

@@ -11,6 +11,7 @@ from types import MappingProxyType, SimpleNamespace
 from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.step import StepInputs
+from autoexpose_daemon.demo.fakes import places
 from autoexpose_daemon.runtime.daemon import silence_s
 from autoexpose_daemon.runtime.rig_control import Outlet, RigControl
 from autoexpose_daemon.runtime.setup import Tuning
@@ -22,7 +23,6 @@ from imaging.frames import CameraName, FrameSet
 from tests.soak.camera import LIMITS, Device
 from tests.soak.clock import MS, SECOND, Actor, Clock, run
 
-SIDES: tuple[CameraName, CameraName] = ("left", "right")
 RATE_HZ = 60.0
 PERIOD_NS = SECOND / RATE_HZ * (1 + 20e-6)
 """Of the wire: a crystal is off by some ppm."""
@@ -33,32 +33,43 @@ LOOK_NS = 250 * MS
 LONGEST_REST_NS = 3 * SECOND
 """The scripted policy changes its mind at least so often."""
 
-CONFIG = Config.model_validate(
-    {
-        "cameras": {camera: {"serial": camera} for camera in SIDES},
-        "trigger": {"mode": "external", "line": "Line0", "rate_hz": RATE_HZ},
-        "exposure": {"max_time_us": LIMITS.max_time_us},
-    }
-)
+
+def configuration(cameras: int) -> Config:
+    """That of a rig of so many cameras: a stereo pair, or pairs that are exposed each on its own."""
+    return Config.model_validate(
+        {
+            "cameras": {place.name: {"serial": place.name} | place.group for place in places(cameras)},
+            "trigger": {"mode": "external", "line": "Line0", "rate_hz": RATE_HZ},
+            "exposure": {"max_time_us": LIMITS.max_time_us},
+        }
+    )
+
+
+CONFIG = configuration(2)
 
 
 class ScriptedLoop:
-    """Decides without images: the level follows a sine of 20 s and steps every 7 s, and rests in between."""
+    """Decides without images: the level follows a sine of 20 s and steps every 7 s, and rests in between.
+
+    Each group has less light than the one before it, and other moments.
+    """
 
     flicker_hz: float | None = None
     light_belief: float | None = None
     uncounted: Mapping[CameraName, str] = MappingProxyType({})
 
-    def __init__(self, limits: ExposureLimits, clock: Clock) -> None:
+    def __init__(self, limits: ExposureLimits, clock: Clock, group: int, groups: int) -> None:
         self.setup = SimpleNamespace(limits=limits)
         self._clock = clock
+        self._group, self._groups = group, groups
         self._decision: dict[int, Decision] = {}
 
     def step(self, inputs: StepInputs | FrameSet) -> Decision:
         pair = StepInputs.of(inputs).pair
-        self._clock.now_ns += (1 + pair.trigger % 5) * MS
-        tenths = pair.reference.host_time_ns // (100 * MS)
-        level = 10.0 + round(1.5 * math.sin(tenths * math.tau / 200), 1) + (0.5 if tenths // 70 % 2 else 0.0)
+        self._clock.now_ns += (1 + pair.trigger % 5) * MS // self._groups
+        tenths = pair.reference.host_time_ns // (100 * MS) + 23 * self._group
+        wave = round(1.5 * math.sin(tenths * math.tau / 200), 1)
+        level = 10.0 - self._group + wave + (0.5 if tenths // 70 % 2 else 0.0)
         decision = self._decision.get(round(10 * level))
         if decision is None:
             setting = self.setup.limits.realise(level, 2000.0)
@@ -68,12 +79,17 @@ class ScriptedLoop:
 
 
 class ScriptedTuning(Tuning):
-    def __init__(self, config: Config, clock: Clock) -> None:
+    def __init__(self, config: Config, clock: Clock, group: int = 0, groups: int = 1) -> None:
         super().__init__(config)
         self._clock = clock
+        self._group, self._groups = group, groups
+
+    def of_group(self, group: str) -> ScriptedTuning:
+        groups = list(self.config.cameras_of_groups)
+        return ScriptedTuning(self.config.of_group(group), self._clock, groups.index(group), len(groups))
 
     def loop(self, limits: ExposureLimits) -> ScriptedLoop:  # type: ignore[override]
-        return ScriptedLoop(limits, self._clock)
+        return ScriptedLoop(limits, self._clock, self._group, self._groups)
 
 
 class Events:
@@ -142,7 +158,7 @@ class Unit:
 
 
 class VirtualRig:
-    """Two cameras on a wire, and the daemon's parts on them.
+    """Cameras on a wire, and the daemon's parts on them.
 
     Parameters
     ----------
@@ -153,7 +169,7 @@ class VirtualRig:
     see_health
         Told of the state of the daemon at every change.
     tuning
-        What control goes by; None: a script that looks at no image.
+        What control goes by; None: a script that looks at no image, on a rig as `config` has it.
     new_device
         Makes a camera.
     """
@@ -165,12 +181,14 @@ class VirtualRig:
         see_health: Callable[[int, Health], None],
         tuning: Tuning | None = None,
         new_device: Callable[[CameraName, Clock, int], Device] = Device,
+        *,
+        config: Config = CONFIG,
     ) -> None:
         self.clock = Clock()
         self._events = Events(self.clock)
-        tuning = tuning or ScriptedTuning(CONFIG, self.clock)
+        tuning = tuning or ScriptedTuning(config, self.clock)
         config = tuning.config
-        self.devices = [new_device(camera, self.clock, seed) for camera in SIDES]
+        self.devices = [new_device(camera, self.clock, seed) for camera in config.cameras]
         for device in self.devices:
             device.period_ns = SECOND / config.trigger.rate_hz
         self.units = {device.camera: Unit(device, self._events, self.clock, config) for device in self.devices}
@@ -181,7 +199,7 @@ class VirtualRig:
         self._see_health = see_health
         self._health = Health(State.STARTING)
         triggered = config.trigger.mode == "external"
-        self._expectation = Expectation(SIDES, 1 / config.trigger.rate_hz, triggered, self.clock.now_ns)
+        self._expectation = Expectation(tuple(config.cameras), 1 / config.trigger.rate_hz, triggered, self.clock.now_ns)
         watch = Actor(self._look, self.clock.now_ns)
         self._watch = watch
         self.threads = [self._control, watch, *(a for unit in self.units.values() for a in (unit.nodes, unit.frames))]

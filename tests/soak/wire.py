@@ -39,17 +39,20 @@ class Wire:
         self.actors = [Actor(self._pulse, first_ns), Actor(self._extra_pulse)]
 
     def lost(self) -> Counter[str]:
-        """Why triggers since the last call made no pair, by the fates of their frames."""
+        """Why triggers since the last call made no whole set, and how many frames each camera lost."""
         fates: dict[int, dict[CameraName, str]] = defaultdict(dict)
         for device in self._rig.devices:
             for number, fate in device.fates:
                 if number >= 0:
                     fates[number][device.camera] = fate
             device.fates.clear()
+        cameras = [device.camera for device in self._rig.devices]
         for number in self._left_out:
-            fates[number]["left"] = "ignored"
+            fates[number] = dict.fromkeys(cameras, "ignored")
         self._left_out.clear()
-        return Counter(_reason(of_trigger) for of_trigger in fates.values())
+        lost = Counter(_reason(of_trigger, len(cameras)) for of_trigger in fates.values())
+        lost.update(f"lost of {camera}" for of_trigger in fates.values() for camera in of_trigger)
+        return lost
 
     def _pulse(self) -> None:
         self._rig.pulse(self.triggers)
@@ -76,8 +79,10 @@ class Wire:
         self.actors[1].plan(math.inf)
 
 
-def _reason(fates: dict[CameraName, str]) -> str:
+def _reason(fates: dict[CameraName, str], cameras: int) -> str:
     for fate, reason in (("gone", "camera_gone"), ("incomplete", "incomplete"), ("ignored", "trigger_ignored")):
         if fate in fates.values():
             return reason
-    return "both_missing" if len(fates) == 2 else f"{next(iter(fates))}_missing"
+    if len(fates) == 1:
+        return f"{next(iter(fates))}_missing"
+    return "both_missing" if cameras == 2 else "several_missing"

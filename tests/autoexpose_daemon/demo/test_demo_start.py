@@ -16,6 +16,7 @@ from rich.console import Console
 
 from autoexpose_daemon.demo.fakes import (
     FOLDER_VARIABLE,
+    MOST_CAMERAS,
     FakeCamera,
     begin_again_on_fake_bus,
     newest_lux,
@@ -27,6 +28,7 @@ from autoexpose_daemon.demo.options import SIZES, DemoOptions, Transport
 from autoexpose_daemon.demo.run import run_demo
 from autoexpose_daemon.demo.show import configuration, cores, held_rate_hz, rate_notice, sets_per_s
 from fake_camera.imaging import ImageSettings, Pixels
+from fake_camera.places import names_of_rig
 from fake_camera.warm_up import frame_s
 from fake_camera.world.sensor import SIZES as simulated_sizes
 from imaging.errors import AutoexposeError, ConfigurationError
@@ -121,8 +123,8 @@ def test_a_container_has_as_many_cores_as_its_quota(tmp_path: Path) -> None:
         ({"light": Path("/dev/zero")}, "--light /dev/zero is not a file: name a light script (docs/fake-camera.md)"),
         ({"pixel_format": "Mono9"}, "--pixel-format Mono9 is not supported: docs/configuration.md lists what is"),
         ({"size": "99x99"}, f"--size 99x99 cannot be simulated: give one of {', '.join(SIZES)}"),
-        ({"cameras": 0}, "--cameras 0 is not within 1 to 6"),
-        ({"cameras": 7}, "--cameras 7 is not within 1 to 6"),
+        ({"cameras": 0}, "--cameras 0 is not within 1 to 8"),
+        ({"cameras": 9}, "--cameras 9 is not within 1 to 8"),
         (
             {"cameras": 4, "bracket": True},
             "--navigate, --bracket and --scene are for a stereo pair: leave them out, or --cameras",
@@ -197,9 +199,14 @@ def test_six_cameras_are_three_pairs_each_exposed_by_its_own_light() -> None:
     config = configuration(replace(OPTIONS, cameras=6), 30.0)
     assert list(config.cameras) == [f"{view}_{side}" for view in ("front", "rear", "port") for side in SIDES]
     assert config.cameras_of_groups == {view: (f"{view}_left", f"{view}_right") for view in ("front", "rear", "port")}
-    serials = [camera.serial for camera in config.cameras.values()]
-    assert len(set(serials)) == 6 and all(len(serial) <= 15 for serial in serials)
-    assert len({place.address for place in places(6)}) == 6
     assert list(configuration(replace(OPTIONS, cameras=1), 30.0).cameras) == ["left"]
     pair = configuration(OPTIONS, 30.0)
     assert list(pair.cameras) == ["left", "right"] and list(pair.cameras_of_groups) == ["all"]
+
+
+@pytest.mark.parametrize("cameras", range(1, MOST_CAMERAS + 1))
+def test_the_fakes_know_the_places_that_the_demo_names_and_gige_vision_takes_their_serials(cameras: int) -> None:
+    rig = places(cameras)
+    assert [place.name for place in rig] == names_of_rig(cameras)
+    assert len({place.serial for place in rig}) == len({place.address for place in rig}) == cameras
+    assert max(len(place.serial) for place in rig) <= 15

@@ -84,3 +84,21 @@ def test_a_camera_that_was_gone_while_the_light_changed_is_judged_by_what_it_see
     seen(spread, {"front_left": 160}, 20, 200)
     seen(spread, {"front_left": 160, "front_right": 160}, 1, 400)
     assert spread.sentences == {}
+
+
+@pytest.mark.parametrize(("grey", "stops"), [(0, -3.0), (255, 3.0)])
+def test_frames_with_nothing_in_them_tell_nothing_of_light_whatever_they_were_exposed_with(
+    grey: int, stops: float
+) -> None:
+    names = (FRONT[0], REAR[0])
+    spread = LightSpread([names], dict.fromkeys(names, LINEAR))
+    seen(spread, dict.fromkeys(names, grey), stops=stops)
+    assert spread.sentences == {}
+
+
+@pytest.mark.parametrize(("front", "rear"), [(0, 128), (128, 255)])
+def test_a_black_frame_beside_one_that_is_not_is_in_less_light_and_a_white_one_in_more(front: int, rear: int) -> None:
+    names = (FRONT[0], REAR[0])
+    spread = LightSpread([names], dict.fromkeys(names, LINEAR))
+    seen(spread, {FRONT[0]: front, REAR[0]: rear}, stops=-2.0)
+    assert list(spread.sentences) == [REAR[0]]

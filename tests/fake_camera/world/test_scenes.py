@@ -4,18 +4,20 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import get_args
 
 import cv2
 import numpy as np
 import pytest
 
 from fake_camera.imaging import ImageSettings, ImageSource
+from fake_camera.places import Side
 from fake_camera.world.lighting import Change, LightScript
 from fake_camera.world.render.renderer import Pinhole, Renderer, Surface
 from fake_camera.world.scene import kept_room as kept
 from fake_camera.world.scene.kept_room import kept_room
 from fake_camera.world.scene.panorama import DISPARITY_PX, GREY, Panorama, load_radiance
-from fake_camera.world.scene.path import BASELINE_M, CameraPath, right_of
+from fake_camera.world.scene.path import BASELINE_M, CameraPath, right_of, turn_right
 from fake_camera.world.scene.room import furnished_room
 from fake_camera.world.sensor import DEFAULT_F_NUMBER
 from fake_camera.world.simulation import RoomView, build_image_source
@@ -23,6 +25,23 @@ from tests.data import data
 
 FULL = ImageSettings(2000.0, 0.0, 0.0, 1.0, "Mono8", 0, 0, 720, 540, 1, 1)
 STEADY = LightScript((Change(0.0, 150.0),))
+
+
+SIDES: tuple[Side, ...] = get_args(Side)
+
+
+class AtRest:
+    """A trajectory."""
+
+    def pose(self, time_s: float) -> np.ndarray:
+        return np.eye(4)
+
+
+def wall_ahead() -> Renderer:
+    """One that faces a camera at rest."""
+    corner, across, down = np.array([-4.0, -4.0, 4.0]), np.array([8.0, 0.0, 0.0]), np.array([0.0, 8.0, 0.0])
+    pattern = np.random.default_rng(1).uniform(0.1, 0.9, (64, 64)).astype(np.float32)
+    return Renderer([Surface(corner, across, down, pattern)], Pinhole(96, 72, 100.0))
 
 
 @pytest.fixture(scope="module")
@@ -70,6 +89,16 @@ def test_radiance_is_affine_in_the_light(view: RoomView) -> None:
     times = np.array([1.0])
     dark, one, many = (view.radiance(times, lux).copy() for lux in (0.0, 1.0, 150.0))
     np.testing.assert_allclose(many, dark + 150.0 * (one - dark), rtol=1e-3, atol=1e-3)
+
+
+@pytest.mark.parametrize("stops", [0.0, 1.0, 3.0])
+def test_what_the_sun_shines_on_is_so_many_stops_brighter(stops: float) -> None:
+    times = np.array([1.0])
+    plain, sunlit = (RoomView(wall_ahead(), AtRest(), "left", sunlit_stops=more) for more in (0.0, stops))
+    bright = sunlit.radiance(times, 150.0).copy()
+    np.testing.assert_allclose(bright, 2**stops * plain.radiance(times, 150.0), rtol=1e-4)
+    bright = sunlit.exposed(1.0, 0.002, 150.0).copy()
+    np.testing.assert_allclose(bright, 2**stops * plain.exposed(1.0, 0.002, 150.0), rtol=1e-4)
 
 
 def test_seeds_make_different_rooms_and_equal_seeds_equal_ones() -> None:
@@ -208,6 +237,24 @@ def test_starts_from_rest_and_has_no_jerks() -> None:
 def test_is_periodic_once_at_full_speed() -> None:
     path = CameraPath()
     np.testing.assert_allclose(path.pose(5.0), path.pose(5.0 + path.period_s), atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("yaw_deg", "right_forward"),
+    [(0, ((1, 0), (0, 1))), (90, ((0, -1), (1, 0))), (180, ((-1, 0), (0, -1))), (-90, ((0, 1), (-1, 0)))],
+)
+def test_a_pair_that_is_turned_looks_there_and_stays_a_pair(
+    yaw_deg: float, right_forward: tuple[tuple[int, int], tuple[int, int]]
+) -> None:
+    """Its axes to the right and forward, by those of the path; the one down stays, and so does the left camera."""
+    renderer, path = wall_ahead(), CameraPath()
+    left, right = (RoomView(renderer, path, side, yaw_deg) for side in SIDES)
+    pose = path.pose(3.0)
+    for axis, (x, z) in zip((0, 2), right_forward, strict=True):
+        np.testing.assert_allclose(left.pose(3.0)[:, axis], x * pose[:, 0] + z * pose[:, 2], atol=1e-12)
+    np.testing.assert_array_equal(left.pose(3.0)[:, (1, 3)], pose[:, (1, 3)])
+    np.testing.assert_allclose(right.pose(3.0), right_of(left.pose(3.0)))
+    np.testing.assert_allclose(turn_right(yaw_deg) @ turn_right(-yaw_deg), np.eye(4), atol=1e-12)
 
 
 def test_poses_are_rigid_and_the_right_camera_is_80_mm_along_x() -> None:
