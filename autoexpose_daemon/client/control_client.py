@@ -7,7 +7,7 @@ import os
 import socket
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal
+from typing import Annotated, Any, Final
 
 import typer
 import zenoh
@@ -17,7 +17,7 @@ from autoexpose_daemon.config.section import LONGEST_NAME
 from autoexpose_daemon.control.policies.ids import POLICY_IDS
 from autoexpose_daemon.messages.keys import LOOPBACK, check_endpoints, check_rig_name, check_zenoh_file, rig_key
 from autoexpose_daemon.publish.session import Endpoints, SessionError, open_session
-from autoexpose_daemon.status.counters import Answer, AnsweredShot
+from autoexpose_daemon.status.counters import Answer, AnsweredShot, GroupAnswer
 from autoexpose_daemon.status.panel import plain
 from documents.text import readable
 from imaging.errors import AutoexposeError, ConfigurationError
@@ -34,9 +34,10 @@ Rectangle = tuple[int, int, int, int]
 class ControlClient:
     """A connection for requests, open while its context is entered. Each call waits for the daemon's answer.
 
-    `rig`, `connect` and `zenoh_file` are those of `StereoClient`; `name` says who asks, for the daemon's log: 1 to 64
-    printable characters, or None: user and host. Every call raises AutoexposeError when nothing has changed, with a
-    sentence that says why: the daemon's own, or that it cannot be reached.
+    `rig`, `connect` and `zenoh_file` are those of `RigClient`; `name` says who asks, for the daemon's log: 1 to 64
+    printable characters, or None: user and host. Requests are for the cameras of `group`; None: for all. Every call
+    raises AutoexposeError when nothing has changed, with a sentence that says why: the daemon's own, or that it cannot
+    be reached.
     """
 
     def __init__(
@@ -45,9 +46,11 @@ class ControlClient:
         connect: Sequence[str] = (LOOPBACK,),
         zenoh_file: Path | None = None,
         name: str | None = None,
+        group: str | None = None,
     ) -> None:
         check_rig_name(rig)
         self._rig = rig
+        self._group = group
         self._name = _user_and_host() if name is None else name
         self._endpoints = Endpoints.of_client(connect, zenoh_file)
         self._session: zenoh.Session | None = None
@@ -107,7 +110,7 @@ class ControlClient:
         return self.ask({"region": {camera: {"rectangles": boxes, "background_weight": background_weight}}})
 
     def shot(self, exposure_time_us: float, gain_db: float = 0.0) -> AnsweredShot:
-        """Have one pair taken with another setting; returns which one that was.
+        """Have one pair taken with another setting; returns which one that was. Of several groups one must be given.
 
         Raises AutoexposeError when the daemon refuses, or does not answer.
         """
@@ -125,7 +128,7 @@ class ControlClient:
 
         Raises AutoexposeError when the daemon refuses, or does not answer.
         """
-        request = new_request({"by": self._name, **changes})
+        request = new_request({"by": self._name, "group": self._group, **changes})
         if self._session is None:
             raise AutoexposeError("this client is not open: use it in a `with` block")
         for reply in self._session.get(rig_key(self._rig, "control"), payload=request.to_json(), timeout=_PATIENCE_S):
@@ -175,13 +178,15 @@ def connection(
     zenoh: Annotated[
         Path | None, typer.Option(help="A configuration file of zenoh, for TLS and the like, instead of --connect.")
     ] = None,
+    *,
     by: Annotated[str | None, typer.Option(help="Who asks, for the daemon's log; user@host unless given.")] = None,
+    group: Annotated[str | None, typer.Option(help="Group of cameras that is meant; all unless given.")] = None,
 ) -> None:
-    """Say which daemon to ask; these options come before the command."""
+    """Say which daemon to ask, and for which cameras; these options come before the command."""
     check_endpoints(connect or [])
     if zenoh is not None:
         check_zenoh_file(zenoh)
-    context.obj = ControlClient(rig, connect or [LOOPBACK], zenoh, by)
+    context.obj = ControlClient(rig, connect or [LOOPBACK], zenoh, by, group)
 
 
 @ctl_app.command()
@@ -231,7 +236,7 @@ def limits(
 @ctl_app.command()
 def region(
     context: typer.Context,
-    camera: Annotated[Literal["left", "right"], typer.Argument(help="Which camera.")],
+    camera: Annotated[str, typer.Argument(help="Which camera, by its name in the configuration.")],
     rectangle: Annotated[
         list[str] | None,
         typer.Option(help="X,Y,WIDTH,HEIGHT in pixels of the frames; give several. Without any, everything counts."),
@@ -270,7 +275,13 @@ def _show(context: typer.Context, ask: Callable[[ControlClient], Answer]) -> Non
 
 
 def rows_of(answer: Answer) -> list[tuple[str, str]]:
-    """The settings in force, as rows of a name and a text."""
+    """The settings in force, as rows of a name and a text; of several groups, one after another."""
+    if len(answer.groups) < 2:
+        return _rows(answer)
+    return [row for name, group in answer.groups.items() for row in (("group", name), *_rows(group))]
+
+
+def _rows(answer: GroupAnswer) -> list[tuple[str, str]]:
     requests = answer.requests
     rows = [
         ("policy", answer.policy),

@@ -87,9 +87,13 @@ class StatusClient:
         fresh = newest is not None and time.monotonic() - newest[1] < _LONGEST_SINCE_REGISTRATION_S
         return newest[0] if newest is not None and fresh else None
 
-    def ask_grounds(self) -> Grounds | None:
-        """Ask the daemon what its latest decision rests on; None if its policy has no belief, or it does not answer."""
-        answer = self._holder.ask(rig_key(self.rig, "grounds"), _PATIENCE_S)
+    def ask_grounds(self, group: str | None = None) -> Grounds | None:
+        """Ask the daemon what the latest decision of a group rests on; None: of the first one.
+
+        The answer is None if its policy has no belief, or if the daemon does not answer.
+        """
+        key = rig_key(self.rig, "grounds")
+        answer = self._holder.ask(key if group is None else f"{key}?group={group}", _PATIENCE_S)
         return None if answer is None else grounds_from_json(answer)
 
     def wait(self, timeout_s: float) -> Status | None:

@@ -17,7 +17,7 @@ from rich.text import Text
 
 from autoexpose_daemon.client.status_client import MOST_RIGS, Condition, FleetClient, RigLine, StatusClient
 from autoexpose_daemon.status.document import Fault, Status
-from autoexpose_daemon.status.panel import COLOURS, duration_text, plain, table_of
+from autoexpose_daemon.status.panel import COLOURS, duration_text, plain, policies_of, table_of
 from imaging.errors import AutoexposeError
 
 _PATIENCE_S = 5.0
@@ -57,10 +57,11 @@ def follow(
 
 
 class Sparklines:
-    """Curves of exposure time, gain and metric over the last minute."""
+    """Curves of exposure time, gain and metric of each group over the last minute."""
 
     def __init__(self) -> None:
         self._time_s = 0.0
+        self._groups: list[str] = []
         self._rows: dict[str, deque[float]] = {}
 
     def add(self, status: Status) -> None:
@@ -68,18 +69,23 @@ class Sparklines:
         if status.unix_time_s == self._time_s:
             return
         self._time_s = status.unix_time_s
-        applied = next((camera.applied for camera in status.cameras.values() if camera.applied is not None), None)
-        values = {} if applied is None else {"exposure, us": applied.exposure_time_us, "gain, dB": applied.gain_db}
-        metric = None if status.decision is None else status.decision.metric
-        values |= {} if metric is None else {"metric": metric}
-        for name, value in values.items():
-            if abs(value) < _LARGEST:  # and not NaN
-                self._rows.setdefault(name, deque(maxlen=_HISTORY)).append(value)
+        if self._groups != list(status.by_group):  # at first, and after a reload
+            self._groups = list(status.by_group)
+            self._rows.clear()
+        for name, group in status.by_group.items():
+            of_group = f"{name}: " if len(status.by_group) > 1 else ""
+            applied = status.setting_of(group)
+            values = {} if applied is None else {"exposure, us": applied.exposure_time_us, "gain, dB": applied.gain_db}
+            metric = None if group.decision is None else group.decision.metric
+            values |= {} if metric is None else {"metric": metric}
+            for what, value in values.items():
+                if abs(value) < _LARGEST:  # and not NaN
+                    self._rows.setdefault(of_group + what, deque(maxlen=_HISTORY)).append(value)
 
     def add_rows(self, table: Table) -> None:
         """Add a row for each curve: name, curve and range."""
         for name, values in self._rows.items():
-            table.add_row(name, f"[cyan]{sparkline(values)}[/cyan]   {min(values):.4g} to {max(values):.4g}")
+            table.add_row(plain(name), f"[cyan]{sparkline(values)}[/cyan]   {min(values):.4g} to {max(values):.4g}")
 
 
 def sparkline(values: Sequence[float]) -> str:
@@ -91,7 +97,7 @@ def sparkline(values: Sequence[float]) -> str:
 
 def panel_of(status: Status, sparklines: Sparklines, silent_s: float, height: int) -> Panel:
     """A panel of at most `height` lines for a status received `silent_s` ago."""
-    title = f"autoexpose {status.rig}, {status.policy}, up {duration_text(status.uptime_s)}"
+    title = f"autoexpose {status.rig}, {policies_of(status)}, up {duration_text(status.uptime_s)}"
     colour = COLOURS[status.state]
     if silent_s > _SILENT_S:
         colour = "red"

@@ -63,10 +63,10 @@ class Request(Section):
             raise ValueError("no camera is named: give a region by the name of each camera concerned")
         return region
 
-    def of(self, cameras: Collection[CameraName]) -> Request:
-        """The same without regions of other cameras than these."""
+    def of(self, group: str | None, cameras: Collection[CameraName]) -> Request:
+        """The same for a group with these cameras, without regions of others; None: there is no other group."""
         areas = {camera: area for camera, area in self.regions.items() if camera in cameras}
-        return self.model_copy(update={"region": areas or None})
+        return self.model_copy(update={"group": group, "region": areas or None})
 
     @property
     def only_regions(self) -> bool:
@@ -82,6 +82,11 @@ class Request(Section):
     def words(self) -> str:
         """What is asked for, in words; empty: nothing."""
         return ", ".join(self._parts())
+
+    @property
+    def in_full(self) -> str:
+        """What is asked for, of which group, and who asks."""
+        return f"{self.words}{'' if self.group is None else f' of group {self.group}'}, asked by {self.by}"
 
     def _parts(self) -> Iterator[str]:
         if self.reset:

@@ -74,7 +74,7 @@ def show_features(serial: str, changed: bool, save: Path | None) -> None:
 def show_difference(serial: str, file: Path) -> bool:
     """Print where a camera differs from the features of a configuration file; True if there is no difference."""
     config = load_config(file)
-    camera = _side_of(serial, config, file)
+    camera = _name_of(serial, config, file)
     last = {feature.key: feature for feature in config.cameras[camera].features}  # of equal keys the last counts
     with open_nodes(serial) as nodes:
         settings = [feature for feature in last.values() if nodes.kind(feature.name) != "command"]
@@ -87,13 +87,13 @@ def show_difference(serial: str, file: Path) -> bool:
     return not found
 
 
-def _side_of(serial: str, config: Config, file: Path) -> CameraName:
+def _name_of(serial: str, config: Config, file: Path) -> CameraName:
     for name, camera in config.cameras.items():
         if camera.serial == serial:
             return name
     if len(config.cameras) == 1:  # the features of another camera, such as its twin
-        return "left"
-    raise ConfigurationError(f"{file}: neither camera is {serial}: name a file with that camera, or with a single one")
+        return config.primary
+    raise ConfigurationError(f"{file}: no camera is {serial}: name a file with that camera, or with a single one")
 
 
 def _free(nodes: NodeMap, settings: Sequence[FeatureSetting]) -> list[FeatureSetting]:

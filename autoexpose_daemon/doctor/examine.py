@@ -31,16 +31,20 @@ def judge(facts: Facts, need: Need) -> list[Diagnosis]:
 
 
 def judge_policy(config: Config) -> Iterator[Diagnosis]:
-    """Build the policy as the daemon would."""
+    """Build the policy of each group of cameras as the daemon would."""
     from imaging.response import ResponseFunction  # noqa: PLC0415  loads OpenCV
 
-    limits, start = config.exposure.limits(), config.start
-    try:
-        from autoexpose_daemon.control.loop import ControlLoop  # noqa: PLC0415  needs the C extension
+    said: set[str] = set()
+    for group in map(config.of_group, config.cameras_of_groups):
+        limits, start, policy = group.exposure.limits(), group.start, group.control.policy
+        try:
+            from autoexpose_daemon.control.loop import ControlLoop  # noqa: PLC0415  needs the C extension
 
-        ControlLoop(config.control.policy, ResponseFunction.linear(), limits, start, config.control.parameters())
-    except ConfigurationError as error:
-        yield Diagnosis("policy", "stops", str(error))
+            ControlLoop(policy, ResponseFunction.linear(), limits, start, group.control.parameters())
+        except ConfigurationError as error:
+            if str(error) not in said:
+                said.add(str(error))
+                yield Diagnosis("policy", "stops", str(error))
 
 
 def judge_features(config: Config) -> Iterator[Diagnosis]:

@@ -185,9 +185,19 @@ class Need:
         return not self.serials or serial in self.serials.values()
 
     def name(self, serial: str | None) -> str:
-        """A camera by its side, if it has one, and its serial number."""
+        """A camera by its name, if it has one, and its serial number."""
         camera = next((f"{camera} " for camera, known in self.serials.items() if known == serial), "")
         return f"{camera}camera {serial or 'of unknown serial'}"
+
+    def names(self, serials: Sequence[str | None]) -> str:
+        """Cameras as `name` has them, in a list."""
+        *most, last = map(self.name, serials)
+        return f"{', '.join(most)} and {last}" if most else last
+
+    @property
+    def planned_shares(self) -> int:
+        """By how many cameras `transport.plan` divides a link: all of the rig, wherever they are."""
+        return len(self.serials)
 
 
 def _number(value: object) -> int | None:

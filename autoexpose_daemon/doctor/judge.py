@@ -11,7 +11,8 @@ from drivers.host.network import SOCKET_BUFFER_BYTES, Control, GigeCamera, Netwo
 from drivers.host.usb import USB3_MBPS, UsbCamera, UsbFacts, usb_bytes_per_s
 
 USBFS_MEMORY_MB = 1000
-"""Room for the transfers of any two cameras; the kernel's own limit of 16 MB is too small for them."""
+"""What is installed: room for the transfers of any two cameras. The kernel's own limit of 16 MB is too small."""
+_USBFS_MEMORY_MB_EACH = USBFS_MEMORY_MB // 2
 
 _INSTALL_RULE = (
     "sudo install -m 644 systemd/60-usb3-vision.rules /etc/udev/rules.d/ && "
@@ -19,6 +20,11 @@ _INSTALL_RULE = (
 )
 _RAISE_LIMIT = (
     "sudo install -m 644 systemd/usbfs-memory.conf /etc/tmpfiles.d/ && sudo systemd-tmpfiles --create usbfs-memory.conf"
+)
+_RAISE_LIMIT_FURTHER = (
+    f"sed s/{USBFS_MEMORY_MB}/{{}}/ systemd/usbfs-memory.conf | "
+    "sudo tee /etc/tmpfiles.d/autoexpose-usbfs-memory.conf && "
+    "sudo systemd-tmpfiles --create autoexpose-usbfs-memory.conf"
 )
 _BLIND = {
     "no bus": (
@@ -49,7 +55,7 @@ def judge_usb(usb: UsbFacts, need: Need, there: Sequence[str]) -> Iterator[Diagn
     wanted = [camera for camera in usb.cameras if need.wants(camera.serial)]
     yield from _judge_hubs(wanted, need)
     if usb.blind != "no bus":
-        yield _judge_memory(usb.usbfs_memory_mb, bool(wanted))
+        yield _judge_memory(usb.usbfs_memory_mb, len(wanted))
         yield _judge_rule(usb.udev_rule, bool(wanted))
 
 
@@ -120,8 +126,7 @@ def _judge_bandwidth(
 ) -> Diagnosis:
     """Whether a place has the bytes per second that these cameras need; `available` None: nobody knows."""
     several, frames = len(serials) > 1, need.in_words(serials)
-    names = " and ".join(map(need.name, serials))
-    sentence = f"{names} {'share' if several else 'is on'} {place} and need{'' if several else 's'} "
+    sentence = f"{need.names(serials)} {'share' if several else 'is on'} {place} and need{'' if several else 's'} "
     sentence += f"{needed / 1e6:.0f} MB/s"
     if available is None:
         return Diagnosis(check, "ok", f"{sentence} of an unknown bandwidth ({frames})")
@@ -131,17 +136,20 @@ def _judge_bandwidth(
     return Diagnosis(check, "warning", f"{sentence}: frames will be lost", fix)
 
 
-def _judge_memory(limit_mb: float | None, used: bool) -> Diagnosis:
+def _judge_memory(limit_mb: float | None, cameras: int) -> Diagnosis:
+    several = max(cameras, 2)
+    needed_mb = several * _USBFS_MEMORY_MB_EACH
     if limit_mb is None:
         sentence = "usbfs_memory_mb, the limit on the memory of USB transfers, cannot be read"
     elif limit_mb == 0:
         return Diagnosis("usbfs-memory", "ok", "usbfs_memory_mb is 0: USB transfers may take any amount of memory")
     else:
         sentence = f"usbfs_memory_mb allows {limit_mb:g} MB for all USB transfers"
-        if limit_mb >= USBFS_MEMORY_MB:
+        if limit_mb >= needed_mb:
             return Diagnosis("usbfs-memory", "ok", sentence)
-        sentence += f", less than the {USBFS_MEMORY_MB} that two cameras may take"
-    return _if_used("usbfs-memory", sentence, used, "USB3", so="", fix=_RAISE_LIMIT)
+        sentence += f", less than the {needed_mb} that {several} cameras may take"
+    fix = _RAISE_LIMIT if needed_mb == USBFS_MEMORY_MB else _RAISE_LIMIT_FURTHER.format(needed_mb)
+    return _if_used("usbfs-memory", sentence, cameras > 0, "USB3", so="", fix=fix)
 
 
 def _judge_rule(udev_rule: str | None, used: bool) -> Diagnosis:
@@ -194,12 +202,16 @@ def judge_gige(gige: GigeFacts, need: Need) -> Iterator[Diagnosis]:
         mbps = need.link_mbps or interface.speed_mbps
         yield _judge_packets(interface, sharing, need)
         serials, fix = [camera.serial for camera in sharing], f"ethtool {interface.name}   # shows the link's speed; "
-        needed = need.bytes_per_s(serials, need.packet_size_bytes or min(interface.mtu_bytes, LARGEST_PACKET_BYTES))
+        packet_bytes = need.packet_size_bytes or min(interface.mtu_bytes, LARGEST_PACKET_BYTES)
+        needed = need.bytes_per_s(serials, packet_bytes)
         available = None if mbps is None else bytes_per_s(mbps, 1)
         fix += "give each camera an interface, or lower trigger.rate_hz"
-        yield _judge_bandwidth(
+        enough = _judge_bandwidth(
             "gige-bandwidth", interface.name, serials, need, needed=needed, available=available, fix=fix
         )
+        yield enough
+        if need.plan and mbps is not None and enough.severity == "ok":
+            yield from _judge_shares(interface, mbps, serials, packet_bytes, need)
         if len(sharing) > 1 and mbps is not None:
             yield _judge_bursts(interface, mbps, sharing, need)
         if gige.no_filter is not None:
@@ -286,11 +298,28 @@ def _fragmented(interface: NetworkInterface, name: str, packet_bytes: int) -> Di
     )
 
 
+def _judge_shares(
+    interface: NetworkInterface, speed_mbps: float, serials: Sequence[str | None], packet_bytes: int, need: Need
+) -> Iterator[Diagnosis]:
+    """What the daemon refuses, though the link would carry it: cameras on other links are charged to this one."""
+    share = bytes_per_s(speed_mbps, need.planned_shares)
+    for serial in serials:
+        if (needed := need.bytes_per_s([serial], packet_bytes)) > share:
+            yield Diagnosis(
+                "gige-bandwidth",
+                "warning",
+                f"{need.name(serial)} needs {needed / 1e6:.0f} MB/s ({need.in_words([serial])}), and transport.plan "
+                f"allows it {share / 1e6:.0f} MB/s of {interface.name}, its share among {need.planned_shares} cameras: "
+                "the daemon refuses that",
+                "transport.plan: false   # in the configuration, or lower trigger.rate_hz",
+            )
+
+
 def _judge_bursts(
     interface: NetworkInterface, speed_mbps: float, cameras: Sequence[GigeCamera], need: Need
 ) -> Diagnosis:
-    names = " and ".join(need.name(camera.serial) for camera in cameras)
-    share = bytes_per_s(speed_mbps, len(cameras)) / 1e6
+    names = need.names([camera.serial for camera in cameras])
+    share = bytes_per_s(speed_mbps, need.planned_shares or len(cameras)) / 1e6
     if need.plan:
         return Diagnosis("gige-bursts", "ok", f"{names} each send at most {share:.0f} MB/s to {interface.name}")
     return Diagnosis(

@@ -7,6 +7,7 @@ import json
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Iterable, Sequence
 from contextlib import asynccontextmanager, suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -105,17 +106,16 @@ async def _send_numbers(
     since_s = time.monotonic() - LENGTH_S
     while True:
         rows = history.since(since_s)
-        since_s = rows[-1][0] if rows else since_s
+        since_s = max((of_group[-1][0] for of_group in rows.values()), default=since_s)
         status = client.status
         numbers: dict[str, Any] = {
             "rig": views.rig,
             "now_s": time.monotonic(),
             "silent_s": client.silent_s,
             "trouble": client.trouble,
-            "status": status,
+            "status": None if status is None else replace(status, groups=status.by_group),
             "tables": None if status is None else tables(status),
-            "grounds": views.grounds,
-            "curve": views.curve,
+            "promises": views.promises,
             "history": rows,
             "policies": policies,
         }
@@ -132,8 +132,8 @@ async def _send_pairs(socket: WebSocket, views: PairViews, asked: asyncio.Event,
         await socket.send_bytes(pair)
 
 
-ASKED: Final = frozenset({"locked", "ev_stops", "policy", "reset"})
-"""What there are buttons for, as in `config.request.Request`; the rest is for `autoexpose ctl`."""
+ASKED: Final = frozenset({"group", "locked", "ev_stops", "policy", "reset"})
+"""What there are buttons for, and for which group, as in `config.request.Request`; the rest is for `autoexpose ctl`."""
 
 NAME: Final = "page"
 """Who asks, for the daemon's log."""
@@ -165,7 +165,8 @@ class Buttons:
 
     def _pass_on(self, changes: dict[str, Any]) -> str:
         with ControlClient(self._rig, self._connect, name=NAME) as control:
-            return control.ask(changes).requests.latest
+            answer = control.ask(changes)
+        return "; ".join(group.requests.latest for group in answer.groups.values()) or answer.requests.latest
 
 
 STATIC = Path(__file__).with_name("static")
@@ -215,10 +216,11 @@ async def _record_status(client: StatusClient, views: PairViews, history: Exposu
         if status is None or status is seen or status.rate_hz == 0:
             continue
         seen = status
-        applied = status.cameras["left"].applied if "left" in status.cameras else None
         heard_s = time.monotonic() - client.silent_s
-        if applied is not None and heard_s > views.pair_s:
-            history.add(heard_s, applied, status.decision)
+        for name, group in status.by_group.items():
+            applied = status.setting_of(group)
+            if applied is not None and heard_s > views.pair_s:
+                history.add(heard_s, name, applied, group.decision)
 
 
 def _file(name: str) -> Callable[[Request], Awaitable[Response]]:

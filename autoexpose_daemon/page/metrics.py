@@ -3,18 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from operator import attrgetter
 
 from prometheus_client import CollectorRegistry
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric, SummaryMetricFamily
 from prometheus_client.exposition import CONTENT_TYPE_PLAIN_0_0_4, generate_latest
 from prometheus_client.registry import Collector
 
-from autoexpose_daemon.status.counters import DURATIONS, RequestTally, TrackingRefusal, TrackingTally, counters
-from autoexpose_daemon.status.document import CameraStatus, DurationStatus, PublishStatus, RecorderStatus, Status
+from autoexpose_daemon.status.counters import DURATIONS, TrackingRefusal, TrackingTally, counters
+from autoexpose_daemon.status.document import (
+    CameraStatus,
+    DurationStatus,
+    GroupStatus,
+    PublishStatus,
+    RecorderStatus,
+    Status,
+)
 from autoexpose_daemon.status.states import State
 from autoexpose_daemon.status.telemetry import DropReason
 from drivers.triggers.outcomes import LossReason, missing
 from imaging.exposure import ExposureSetting
+from imaging.frames import CameraName
 
 CONTENT_TYPE = CONTENT_TYPE_PLAIN_0_0_4
 
@@ -44,6 +53,7 @@ class _Collector(Collector):
         if status is None:
             return
         yield from self._condition(status)
+        yield from self._groups(status.by_group)
         yield from self._cameras(status)
         yield from self._counts(status)
         yield from self._durations(status)
@@ -52,7 +62,7 @@ class _Collector(Collector):
         if status.recorder is not None:
             yield from self._recorder(status.recorder)
         if status.requests is not None:
-            yield from self._requests(status.requests)
+            yield from self._requests(status.by_group)
         if status.tracking is not None:
             yield from self._tracking(status.tracking)
 
@@ -65,35 +75,61 @@ class _Collector(Collector):
             ("open_seconds", "Time since it opened its cameras; counters start there.", status.open_s),
         ):
             yield self._gauge(name, help_text, value)
-        yield self._gauge("policy", "1 for the policy that decides.", [((status.policy,), 1.0)], "policy")
-        yield self._gauge("flicker_hertz", "Flicker of the light that was found.", status.flicker_hz)
-        if status.decision is not None:
-            for name, help_text, figure in (
-                ("image_metric", "The metric of the newest left frame, per pixel.", status.decision.metric),
-                ("saturated_ratio", "Share of its pixels that are saturated.", status.decision.saturated_share),
-                ("black_ratio", "Share of its pixels that are black.", status.decision.black_share),
-            ):
-                yield self._gauge(name, help_text, figure)
+
+    def _groups(self, groups: Mapping[str, GroupStatus]) -> Iterator[Metric]:
+        policies = [((name, group.policy), 1.0) for name, group in groups.items()]
+        yield self._gauge("policy", "1 for the policy that decides.", policies, "group", "policy")
+        flickers = [((name,), group.flicker_hz) for name, group in groups.items()]
+        yield self._gauge("flicker_hertz", "Flicker of the light that was found.", flickers, "group")
+        decided = {name: group.decision for name, group in groups.items() if group.decision is not None}
+        for name, help_text, figure_of in (
+            ("image_metric", "The metric of the group's first camera, per pixel.", attrgetter("metric")),
+            ("saturated_ratio", "Share of its pixels that are saturated.", attrgetter("saturated_share")),
+            ("black_ratio", "Share of its pixels that are black.", attrgetter("black_share")),
+        ):
+            figures = [((group,), figure_of(decision)) for group, decision in decided.items()]
+            yield self._gauge(name, help_text, figures, "group")
 
     def _cameras(self, status: Status) -> Iterator[Metric]:
-        requested = None if status.decision is None else status.decision.setting
-        tables: list[tuple[str, str, Callable[[CameraStatus], float | None]]] = [
-            ("camera_up", "Whether the camera is open.", lambda camera: float(camera.camera is not None)),
-            ("requested_exposure_time_seconds", "Exposure time last decided on.", lambda _: _time_s(requested)),
-            ("applied_exposure_time_seconds", "Exposure time of the newest frame.", lambda it: _time_s(it.applied)),
-            ("requested_gain_decibels", "Gain last decided on.", lambda _: _gain_db(requested)),
-            ("applied_gain_decibels", "Gain of the newest frame.", lambda camera: _gain_db(camera.applied)),
-            ("response_drift_grey_levels", "Error of the camera's response function.", lambda it: it.drift_grey),
-            ("ptp_offset_seconds", "The camera's clock minus its PTP master's.", _ptp_offset_s),
+        decided = {camera: group.decision for group in status.by_group.values() for camera in group.cameras}
+        requested = {camera: decision.setting for camera, decision in decided.items() if decision is not None}
+        cameras = status.cameras
+        tables: list[tuple[str, str, Callable[[CameraName], float | None]]] = [
+            ("camera_up", "Whether the camera is open.", lambda name: float(cameras[name].camera is not None)),
+            (
+                "requested_exposure_time_seconds",
+                "Exposure time last decided on.",
+                lambda name: _time_s(requested.get(name)),
+            ),
+            (
+                "applied_exposure_time_seconds",
+                "Exposure time of the newest frame.",
+                lambda name: _time_s(cameras[name].applied),
+            ),
+            ("requested_gain_decibels", "Gain last decided on.", lambda name: _gain_db(requested.get(name))),
+            ("applied_gain_decibels", "Gain of the newest frame.", lambda name: _gain_db(cameras[name].applied)),
+            (
+                "response_drift_grey_levels",
+                "Error of the camera's response function.",
+                lambda name: cameras[name].drift_grey,
+            ),
+            (
+                "ptp_offset_seconds",
+                "The camera's clock minus its PTP master's.",
+                lambda name: _ptp_offset_s(cameras[name]),
+            ),
             (
                 "calibration_misfit",
                 "Whether the camera's calibration does not fit.",
-                lambda it: float(it.misfit is not None),
+                lambda name: float(cameras[name].misfit is not None),
             ),
         ]
         for name, help_text, value_of in tables:
-            values = [((of,), value_of(camera)) for of, camera in status.cameras.items()]
-            yield self._gauge(name, help_text, values, "camera")
+            yield self._gauge(name, help_text, [((camera,), value_of(camera)) for camera in cameras], "camera")
+        frames = [((name,), camera.frames) for name, camera in cameras.items()]
+        yield self._counter("frames", "Triggers whose frame arrived from the camera, whole.", frames, "camera")
+        lost = [((name,), camera.lost) for name, camera in cameras.items()]
+        yield self._counter("lost_frames", "Triggers whose frame did not.", lost, "camera")
 
     def _counts(self, status: Status) -> Iterator[Metric]:
         for counter, count in counters(status.counts):
@@ -128,12 +164,16 @@ class _Collector(Collector):
         yield self._counter("recorder_steps", "Control steps it was given.", recorder.steps)
         yield self._counter("recorder_dropped_steps", "Steps dropped for lack of room.", recorder.dropped)
 
-    def _requests(self, requests: RequestTally) -> Iterator[Metric]:
-        locked = float(requests.locked is not None)
-        yield self._gauge("exposure_locked", "Whether the exposure is locked.", locked)
-        yield self._gauge("ev_stops", "EV compensation.", requests.ev_stops)
-        yield self._counter("control_requests", "Requests to control that were taken.", requests.taken)
-        yield self._counter("refused_control_requests", "Requests that were refused.", requests.refused)
+    def _requests(self, groups: Mapping[str, GroupStatus]) -> Iterator[Metric]:
+        requests = {name: group.requests for name, group in groups.items()}
+        locked = [((name,), float(each.locked is not None)) for name, each in requests.items()]
+        yield self._gauge("exposure_locked", "Whether the exposure is locked.", locked, "group")
+        ev_stops = [((name,), each.ev_stops) for name, each in requests.items()]
+        yield self._gauge("ev_stops", "EV compensation.", ev_stops, "group")
+        taken = [((name,), each.taken) for name, each in requests.items()]
+        yield self._counter("control_requests", "Requests to control that were taken.", taken, "group")
+        refused = [((name,), each.refused) for name, each in requests.items()]
+        yield self._counter("refused_control_requests", "Requests that were refused.", refused, "group")
 
     def _tracking(self, tracking: TrackingTally) -> Iterator[Metric]:
         steered = float(tracking.age_s is not None)

@@ -20,12 +20,13 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic_core import to_json
 
-from autoexpose_daemon.client import ReceivedPair, StereoClient
+from autoexpose_daemon.client import ReceivedSet, RigClient
 from autoexpose_daemon.client.status_client import StatusClient
 from autoexpose_daemon.control.decision import Decision, Grounds
 from autoexpose_daemon.control.metrics.gradient import ExtremeShares, GradientMetric, PackedTables
 from autoexpose_daemon.control.picture.image import ImagePreparation, Shrinking, fit
 from autoexpose_daemon.messages.inputs import RegisteredView
+from autoexpose_daemon.messages.keys import ONE_GROUP
 from imaging.errors import ConfigurationError
 from imaging.exposure import ExposureSetting
 from imaging.frames import CameraName, Frame
@@ -140,36 +141,37 @@ LENGTH_S = 300.0
 SERIES = (
     "exposure_time_us", "gain_db", "level", "metric", "asked_time_us", "asked_gain_db", "asked_level",
 )  # fmt: skip
-"""The columns of a row: what pairs were taken with and measured, and what was requested."""
+"""The columns of a row: what a group's frames were taken with and measured, and what was requested."""
 
 Range = tuple[float, float] | None
 """The least and the greatest value; None without any."""
 
 
 class _Bucket:
-    """Half a second."""
+    """Half a second, by group."""
 
     def __init__(self, start_s: float) -> None:
         self.start_s = start_s
-        self.ranges: list[Range] = [None] * len(SERIES)
+        self.ranges: dict[str, list[Range]] = {}
 
-    def add(self, values: Sequence[float | None]) -> None:
-        """Widen the ranges by one value of each series."""
+    def add(self, group: str, values: Sequence[float | None]) -> None:
+        """Widen the ranges of a group by one value of each series."""
+        ranges = self.ranges.setdefault(group, [None] * len(SERIES))
         for column, value in enumerate(values):
             if value is not None and math.isfinite(value):
-                low, high = self.ranges[column] or (value, value)
-                self.ranges[column] = min(low, value), max(high, value)
+                low, high = ranges[column] or (value, value)
+                ranges[column] = min(low, value), max(high, value)
 
 
 class ExposureHistory:
-    """Rows of the last five minutes, oldest first. Any thread may add or read."""
+    """Rows of the last five minutes for each group of cameras, oldest first. Any thread may add or read."""
 
     def __init__(self) -> None:
         self._rows: deque[_Bucket] = deque(maxlen=round(LENGTH_S / BUCKET_S))
         self._lock = threading.Lock()
 
-    def add(self, now_s: float, applied: ExposureSetting, decision: Decision | None) -> None:
-        """Add the setting of a pair and the decision on it; `now_s` is from CLOCK_MONOTONIC."""
+    def add(self, now_s: float, group: str, applied: ExposureSetting, decision: Decision | None) -> None:
+        """Add the setting of a group's frames and the decision on them; `now_s` is from CLOCK_MONOTONIC."""
         taken = (*astuple(applied), applied.level)
         asked = (None,) * 4
         if decision is not None:
@@ -178,23 +180,31 @@ class ExposureHistory:
         with self._lock:
             if not self._rows or self._rows[-1].start_s < start_s:
                 self._rows.append(_Bucket(start_s))
-            self._rows[-1].add((*taken, *asked))
+            self._rows[-1].add(group, (*taken, *asked))
 
-    def since(self, time_s: float) -> list[tuple[Any, ...]]:
-        """Rows from `time_s` on: time (s), then the range of each of `SERIES`. The newest may still change."""
+    def since(self, time_s: float) -> dict[str, list[tuple[Any, ...]]]:
+        """Rows of each group from `time_s` on: time (s), then the range of each of `SERIES`. The newest may change."""
+        found: dict[str, list[tuple[Any, ...]]] = {}
         with self._lock:
-            return [(row.start_s, *row.ranges) for row in self._rows if row.start_s >= time_s]
+            for row in self._rows:
+                if row.start_s >= time_s:
+                    for group, ranges in row.ranges.items():
+                        found.setdefault(group, []).append((row.start_s, *ranges))
+        return found
 
 
 def pair_message(
-    pair: ReceivedPair, pictures: Mapping[CameraName, FramePicture], registered: RegisteredView | None = None
+    pair: ReceivedSet,
+    pictures: Mapping[CameraName, FramePicture],
+    firsts: Mapping[str, CameraName],  # the first camera of each group
+    registered: RegisteredView | None = None,
 ) -> bytes:
     """Length of the text (4 bytes, little-endian), the text in JSON, then the JPEGs in its order."""
-    frames = pair.stereo.frames
+    decisions = {group: pair.decisions.get(camera) for group, camera in firsts.items()}
     text = {
         "trigger": pair.trigger,
-        "pictures": [_described(camera, frames[camera], picture) for camera, picture in pictures.items()],
-        "decision": None if pair.decision is None else _decided(pair.decision),
+        "pictures": [_described(camera, pair.frames[camera], picture) for camera, picture in pictures.items()],
+        "decisions": {group: decision and _decided(decision) for group, decision in decisions.items()},
         "registered": None if registered is None else _registered(registered),
     }
     head = to_json(text, inf_nan_mode="null")
@@ -202,7 +212,7 @@ def pair_message(
 
 
 def _described(camera: CameraName, frame: Frame, picture: FramePicture) -> dict[str, Any]:
-    about = {"side": camera, "jpeg_bytes": len(picture.jpeg), "frame_width": picture.width, **asdict(frame.setting)}
+    about = {"camera": camera, "jpeg_bytes": len(picture.jpeg), "frame_width": picture.width, **asdict(frame.setting)}
     return about | _fields(picture, "metric", "saturated_share", "black_share")
 
 
@@ -235,7 +245,7 @@ _LINEAR = ResponseFunction.linear()
 
 @dataclass(frozen=True, slots=True)
 class Curve:
-    """The M_g of the newest left image as predicted at other exposures; all levels are in stops.
+    """The M_g of the newest image of a group's first camera as predicted at other exposures; all levels are in stops.
 
     `level` is the image's own, `decided_level` what the daemon decided on for it; None if it skipped the pair.
     """
@@ -246,19 +256,26 @@ class Curve:
     decided_level: float | None
 
 
+@dataclass(frozen=True, slots=True)
+class Promise:
+    """What a group's newest decision rests on: a belief, or for policies that have none the curve of a prediction."""
+
+    grounds: Grounds | None = None
+    curve: Curve | None = None
+
+
 class PairViews:
-    """The newest pair as a message to browsers. A thread consumes pairs, only while there are viewers.
+    """The newest pair, or set of a rig with another number of cameras, as a message to browsers.
 
-    Created and watched on an event loop, whose coroutines it wakes.
+    A thread consumes pairs, only while there are viewers. Created and watched on an event loop, whose coroutines it
+    wakes.
 
-    `grounds` is what the newest decision rests on; the `curve` is drawn for policies that have no belief. Both are None
-    before the first, once nobody watches, and once pairs no longer come. `pair_s` is when the newest pair arrived, from
-    CLOCK_MONOTONIC; 0 before the first.
+    `promises` are by group; there are none before the first pair, once nobody watches, and once pairs no longer come.
+    `pair_s` is when the newest pair arrived, from CLOCK_MONOTONIC; 0 before the first.
     """
 
     def __init__(self, rig: str, connect: Sequence[str], status: StatusClient, history: ExposureHistory) -> None:
-        self.grounds: Grounds | None = None
-        self.curve: Curve | None = None
+        self.promises: dict[str, Promise] = {}
         self.pair_s = 0.0
         self.rig = rig
         self._connect = connect
@@ -272,7 +289,7 @@ class PairViews:
         self._watched = threading.Condition()
         self._watching = 0
         self._closed = False
-        self._client: StereoClient | None = None
+        self._client: RigClient | None = None
         self._thread = threading.Thread(target=self._run, name="pairs", daemon=True)
 
     def __enter__(self) -> Self:
@@ -312,37 +329,46 @@ class PairViews:
 
     def _run(self) -> None:
         while self._wait_for_viewers():
-            with StereoClient(self.rig, self._connect, name=f"page-{os.getpid()}") as self._client:
+            with RigClient(self.rig, self._connect, name=f"page-{os.getpid()}") as self._client:
                 self._follow(self._client)
-                self.grounds = self.curve = None  # old by the time that someone watches again
+                self.promises = {}  # old by the time that someone watches again
 
     def _wait_for_viewers(self) -> bool:
         with self._watched:
             self._watched.wait_for(lambda: self._watching or self._closed)
             return not self._closed
 
-    def _follow(self, client: StereoClient) -> None:
+    def _follow(self, client: RigClient) -> None:
         picture_ns = curve_ns = 0
         while self._watching and not self._closed:
-            pair = client.next_pair(_PATIENCE_S)
+            pair = client.next_set(_PATIENCE_S)
             if pair is None:
                 if time.monotonic() - self.pair_s > STALE_S:
-                    self.grounds = self.curve = None  # old for who begins to watch now
+                    self.promises = {}  # old for who begins to watch now
                 continue
             self.pair_s = pair.received_ns * 1e-9
-            self._history.add(self.pair_s, pair.left.setting, pair.decision)
+            firsts = self._firsts(pair)
+            for group, camera in firsts.items():
+                self._history.add(self.pair_s, group, pair.frames[camera].setting, pair.decisions.get(camera))
             try:
                 if pair.received_ns >= picture_ns:
                     picture_ns = pair.received_ns + PICTURE_PERIOD_NS
-                    self._show(pair)
+                    self._show(pair, firsts)
                 if pair.received_ns >= curve_ns:
                     curve_ns = pair.received_ns + CURVE_PERIOD_NS
-                    self.grounds = self._status.ask_grounds()
-                    self.curve = self._curve(pair) if self.grounds is None else None
+                    self.promises = {group: self._promise(pair, group, camera) for group, camera in firsts.items()}
             except ConfigurationError as error:  # the frames are too small or narrow
                 if str(error) != self._last_error:
                     self._last_error = str(error)
                     log.warning("no pictures: %s", error)
+
+    def _firsts(self, pair: ReceivedSet) -> dict[str, CameraName]:
+        """The first camera of each group in a pair; of one group, until the daemon has told its status."""
+        status = self._status.status
+        groups = {} if status is None else {name: group.cameras for name, group in status.by_group.items()}
+        known = {name: [camera for camera in cameras if camera in pair.frames] for name, cameras in groups.items()}
+        firsts = {name: cameras[0] for name, cameras in known.items() if cameras}
+        return firsts or {ONE_GROUP: next(iter(pair.frames))}
 
     def _maker(self, camera: CameraName) -> PictureMaker:
         response = self._status.responses.get(camera, _LINEAR)
@@ -351,14 +377,18 @@ class PairViews:
             known = self._makers[camera] = PictureMaker(response)
         return known
 
-    def _curve(self, pair: ReceivedPair) -> Curve:
-        metrics = self._maker("left").curve(pair.left)
-        decided = None if pair.decision is None else pair.decision.level
-        return Curve(tuple(DELTA_LEVELS), tuple(metrics), pair.left.setting.level, decided)
+    def _promise(self, pair: ReceivedSet, group: str, camera: CameraName) -> Promise:
+        grounds = self._status.ask_grounds(group)
+        if grounds is not None:
+            return Promise(grounds=grounds)
+        frame, decision = pair.frames[camera], pair.decisions.get(camera)
+        metrics = self._maker(camera).curve(frame)
+        decided = None if decision is None else decision.level
+        return Promise(curve=Curve(tuple(DELTA_LEVELS), tuple(metrics), frame.setting.level, decided))
 
-    def _show(self, pair: ReceivedPair) -> None:
-        pictures = {camera: self._maker(camera).picture(frame) for camera, frame in pair.stereo.frames.items()}
-        self._newest = self._newest[0] + 1, pair_message(pair, pictures, self._status.registered)
+    def _show(self, pair: ReceivedSet, firsts: Mapping[str, CameraName]) -> None:
+        pictures = {camera: self._maker(camera).picture(frame) for camera, frame in pair.frames.items()}
+        self._newest = self._newest[0] + 1, pair_message(pair, pictures, firsts, self._status.registered)
         self._loop.call_soon_threadsafe(self._ring)
 
     def _ring(self) -> None:

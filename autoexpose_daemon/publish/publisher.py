@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import itertools
 import logging
+import math
 import threading
 import time
 from collections import deque
@@ -40,37 +41,43 @@ from imaging.python310 import FutureTimeoutError, Self
 
 log = logging.getLogger(__name__)
 
-Explain = Callable[[], Future[Grounds | None]]
-"""Asks control, which answers between two pairs."""
+Explain = Mapping[str, Callable[[], Future[Grounds | None]]]
+"""Asks control of each group, which answers between two pairs."""
 
 WAITING_QUERIES = 4
 
 _PERIOD_S = 0.25
-"""Control spends some milliseconds on an answer: at most four times a second, however many ask."""
+"""Control spends some milliseconds on an answer: at most four times a second for all groups, however many ask."""
 
 _PATIENCE_S = 1.0
 
 
 class GroundsDoor:
-    """Answers queries for the key `autoexpose/<rig>/grounds`, except while control does not respond."""
+    """Answers queries for the key `autoexpose/<rig>/grounds`, except while control does not respond.
+
+    The parameter `group` says of which group; without it of the first.
+    """
 
     def __init__(self, explain: Explain) -> None:
         self._explain = explain
-        self._made = b""
-        self._made_s = -_PERIOD_S
+        self._made: dict[str, tuple[float, bytes]] = {}
 
     def serve(self, queries: zenoh.Queryable[Handler[zenoh.Query]]) -> None:
         """Answer queries until the session closes."""
         with contextlib.suppress(zenoh.ZError):  # the session was closed
             while True:
                 with queries.recv() as query, contextlib.suppress(FutureTimeoutError):
-                    query.reply(query.key_expr, self._newest())
+                    query.reply(query.key_expr, self._newest(query.parameters.get("group")))
 
-    def _newest(self) -> bytes:
-        if time.monotonic() - self._made_s >= _PERIOD_S:
-            self._made = grounds_to_json(self._explain().result(_PATIENCE_S))
-            self._made_s = time.monotonic()
-        return self._made
+    def _newest(self, group: str | None) -> bytes:
+        group = next(iter(self._explain)) if group is None else group
+        if group not in self._explain:
+            return grounds_to_json(None)
+        made_s, made = self._made.get(group, (-math.inf, b""))
+        if time.monotonic() - made_s >= _PERIOD_S * len(self._explain):
+            made = grounds_to_json(self._explain[group]().result(_PATIENCE_S))
+            self._made[group] = time.monotonic(), made
+        return made
 
 
 MAILBOX_PAIRS = 12
@@ -92,7 +99,7 @@ class Publisher:
     A session that cannot be opened is retried, with the reason in `tally.trouble`; nothing else stops.
 
     `light` takes what `autoexpose repeat` sends about the light ahead, `tracking` what consumers report about theirs,
-    and `ask` control requests; `explain` asks control what its latest decision rests on. What is None is not offered.
+    and `ask` control requests; `explain` asks control what the latest decision rests on. What is None is not offered.
     `calibrations`, called for each pair, returns the geometry of the cameras that are calibrated.
     """
 

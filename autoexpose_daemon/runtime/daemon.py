@@ -154,10 +154,11 @@ class Daemon:
         self._orders.put(partial(self._control.ask, request, answer))
         return answer
 
-    def explain(self) -> Future[Grounds | None]:
-        """Have control tell, between two pairs, what its latest decision rests on; None if that is no belief."""
+    def explain(self, group: str) -> Future[Grounds | None]:
+        """Have control tell, between two pairs, what a group's latest decision rests on; None if that is no belief."""
         told: Future[Grounds | None] = Future()
-        self._orders.put(lambda: told.set_result(None if self.loop is None else self.loop.grounds))
+        active = self.groups[group].active
+        self._orders.put(lambda: told.set_result(None if active.loop is None else active.loop.grounds))
         return told
 
     def _obey(self) -> None:

@@ -12,7 +12,7 @@ from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.step import Override
 from autoexpose_daemon.runtime.setup import ActiveLoop, Tuning
-from autoexpose_daemon.status.counters import Answer, AnsweredShot, Bounds, RequestTally
+from autoexpose_daemon.status.counters import Answer, AnsweredShot, Bounds, GroupAnswer, RequestTally
 from drivers.log_throttle import LogThrottle
 from imaging.errors import AutoexposeError, ConfigurationError
 from imaging.exposure import ExposureLimits, ExposureSetting
@@ -129,7 +129,7 @@ class Requests:
         except ConfigurationError as error:
             self._tally.refused += 1
             if self._throttle.due("refused", now_ns):
-                log.info("refused: %s, asked by %s: %s", request.words, request.by, error)
+                log.info("refused: %s: %s", request.in_full, error)
             answer.set_exception(error)
             return
         if request.words:
@@ -251,7 +251,7 @@ class Requests:
 
     def _note(self, request: Request) -> None:
         self._tally.taken += 1
-        self._tally.latest = f"{request.words}, asked by {request.by}"
+        self._tally.latest = request.in_full
         self._fresh = (*self._fresh, self._tally.latest)[-_MOST_FRESH:]
         log.info("%s", self._tally.latest)
 
@@ -265,5 +265,10 @@ class Requests:
             self.shot.answer.set_exception(AutoexposeError(f"the shot failed: {why}"))
             self.shot = None
 
+    def answer(self) -> GroupAnswer:
+        """What applies now."""
+        return GroupAnswer(self._active.tuning.config.control.policy, replace(self._tally))
+
     def _answer(self, shot: AnsweredShot | None = None) -> Answer:
-        return Answer(self._active.tuning.config.control.policy, replace(self._tally), shot)
+        now = self.answer()
+        return Answer(now.policy, now.requests, shot)

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future
 from dataclasses import replace
+from functools import partial
 from typing import Protocol
 
 from autoexpose_daemon.config.document import Config
@@ -64,6 +65,15 @@ def _host_triggers(config: Config, now_ns: int) -> HostTriggers:
             return HostTriggers()
 
 
+def _pass_on(answer: Future[Answer], groups: Mapping[str, GroupControl], of_first: Future[Answer]) -> None:
+    """Answer as the first of these groups did, and for all of them."""
+    if (error := of_first.exception()) is not None:
+        answer.set_exception(error)
+    else:
+        answers = {name: group.requests.answer() for name, group in groups.items()}
+        answer.set_result(replace(of_first.result(), groups=answers))
+
+
 class RigControl:
     """Keeps the cameras of a rig well exposed, based on what they report."""
 
@@ -119,35 +129,42 @@ class RigControl:
 
     def ask(self, request: Request, answer: Future[Answer]) -> None:
         """Change what a request asks for, and answer it; see `Requests.ask`."""
+        if not answer.set_running_or_notify_cancel():
+            return
         try:
             concerned = self._concerned(request)
         except ConfigurationError as error:
-            if answer.set_running_or_notify_cancel():
-                self.telemetry.requests.refused += 1
-                answer.set_exception(error)
+            self.telemetry.requests.refused += 1
+            answer.set_exception(error)
             return
-        first, *others = concerned
-        first.requests.ask(request.of(first.cameras), answer, self._now_ns())
-        for group in others:
-            group.requests.ask(request.of(group.cameras), Future(), self._now_ns())
+        (first, of_first), *others = [(group, self._part(request, name)) for name, group in concerned.items()]
+        for group, part in others:  # before the first, whose answer tells what came of it
+            group.requests.ask(part, Future(), self._now_ns())
+        done: Future[Answer] = Future()
+        done.add_done_callback(partial(_pass_on, answer, concerned))
+        first.requests.ask(of_first, done, self._now_ns())
 
-    def _concerned(self, request: Request) -> list[GroupControl]:
+    def _concerned(self, request: Request) -> dict[str, GroupControl]:
         """The groups that a request is for, which all take it; ConfigurationError if there is none, or one does not."""
         if request.group is not None and request.group not in self.groups:
             raise ConfigurationError(f"there is no group {request.group}: give one of {', '.join(self.groups)}")
         if strangers := request.regions.keys() - self.config.cameras.keys():
             raise ConfigurationError(f"region.{min(strangers)}: the rig has no {min(strangers)} camera: leave it out")
-        groups = [group for name, group in self.groups.items() if request.group in (None, name)]
-        if others := request.regions.keys() - {camera for group in groups for camera in group.cameras}:
+        groups = {name: group for name, group in self.groups.items() if request.group in (None, name)}
+        if others := request.regions.keys() - {camera for group in groups.values() for camera in group.cameras}:
             raise ConfigurationError(f"region.{min(others)}: that camera is not in group {request.group}: leave it out")
         if request.only_regions:
-            groups = [group for group in groups if request.regions.keys() & set(group.cameras)]
+            groups = {name: group for name, group in groups.items() if request.regions.keys() & set(group.cameras)}
         if len(groups) > 1:
             if request.shot is not None:
                 raise ConfigurationError(f"a shot is of one group: give group, one of {', '.join(self.groups)}")
-            for group in groups:
-                group.requests.check(request.of(group.cameras))
+            for name, group in groups.items():
+                group.requests.check(self._part(request, name))
         return groups
+
+    def _part(self, request: Request, group: str) -> Request:
+        """What a request is for one group."""
+        return request.of(group if len(self.groups) > 1 else None, self.groups[group].cameras)
 
     def close(self) -> None:
         """Account for the triggers up to now that will never make a pair."""

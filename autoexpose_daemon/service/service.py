@@ -141,7 +141,7 @@ def add_outlets(daemon: Daemon, config: Config, recorder: Recorder | GroupRecord
         partial(_texts, daemon),
         light,
         daemon.ask,
-        explain=daemon.explain,
+        explain={group: partial(daemon.explain, group) for group in daemon.groups},
         tracking=tracking,
         calibrations=lambda: _of_all_groups(daemon, attrgetter("calibrations")),
     )

@@ -226,12 +226,19 @@ class AnsweredShot:
 
 
 @dataclass(frozen=True, slots=True)
-class Answer:
-    """The state of control after a request: the policy that decides, what was requested, and the pair of a shot."""
+class GroupAnswer:
+    """The state of control of one group: the policy that decides, and what was requested."""
 
     policy: _Text
     requests: RequestTally
+
+
+@dataclass(frozen=True, slots=True)
+class Answer(GroupAnswer):
+    """The state of control after a request, of the first group that was asked, and the pair of a shot."""
+
     shot: AnsweredShot | None = None
+    groups: Annotated[dict[str, GroupAnswer], Field(max_length=100)] = field(default_factory=dict)  # that were asked
 
     def to_json(self) -> str:
         """The text that is sent."""

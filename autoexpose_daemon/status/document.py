@@ -10,14 +10,15 @@ from pydantic import AfterValidator, Field, TypeAdapter, ValidationError
 
 from autoexpose_daemon.control.decision import Decision, Grounds
 from autoexpose_daemon.messages.client import ConsumerTally
+from autoexpose_daemon.messages.keys import ONE_GROUP
 from autoexpose_daemon.status.counters import Count, Counts, ImuTally, LightTally, RequestTally, TrackingTally
 from autoexpose_daemon.status.states import Health, State
 from drivers.camera import PtpState
 from imaging.exposure import ExposureSetting
 from imaging.frames import CameraName
 
-LARGEST_GROUNDS_BYTES = 1 << 16
-"""Four times what those of two cameras take."""
+LARGEST_GROUNDS_BYTES = 1 << 18
+"""Four times what those of eight cameras take."""
 
 _GROUNDS: TypeAdapter[Grounds | None] = TypeAdapter(Grounds | None)
 
@@ -183,6 +184,22 @@ class Status:
     def health(self) -> Health:
         """State and reasons."""
         return Health(self.state, self.reasons)
+
+    @property
+    def by_group(self) -> dict[str, GroupStatus]:
+        """The groups by name; of a daemon that tells of none, one with all cameras."""
+        if self.groups:
+            return self.groups
+        requests = self.requests or RequestTally()
+        whole = GroupStatus(
+            tuple(self.cameras), self.policy, self.decision, self.flicker_hz, requests, self.decision_ms
+        )
+        return {ONE_GROUP: whole}
+
+    def setting_of(self, group: GroupStatus) -> ExposureSetting | None:
+        """The setting of a group's newest frame: that of its first camera that has one."""
+        seen = (self.cameras[camera].applied for camera in group.cameras if camera in self.cameras)
+        return next((applied for applied in seen if applied is not None), None)
 
     def to_json(self) -> str:
         """The text that is sent."""

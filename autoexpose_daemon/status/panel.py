@@ -13,8 +13,9 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
+from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.status.counters import DURATIONS, unusual_counts
-from autoexpose_daemon.status.document import CameraStatus, DurationStatus, PublishStatus, Status
+from autoexpose_daemon.status.document import CameraStatus, DurationStatus, GroupStatus, PublishStatus, Status
 from autoexpose_daemon.status.states import State
 from drivers.triggers.outcomes import MISSING, LossReason
 from imaging.exposure import ExposureSetting
@@ -88,13 +89,9 @@ def duration_text(seconds: float) -> str:
 def line_of(status: Status) -> str:
     """A status in one line."""
     parts = [f"{status.rate_hz:.1f} pairs/s", f"{status.counts.pairs} pairs", f"lost: {_counts(status.lost)}"]
-    applied = newest_setting(status)
-    if applied is not None:
-        parts.append(f"{applied} (E {applied.level:.2f})")
-    if status.decision is not None and status.decision.metric is not None:
-        parts.append(f"metric {status.decision.metric:.4f}")
-    if requested := str(status.requests or ""):
-        parts.append(f"requested: {requested}")
+    for name, group in status.by_group.items():
+        said = "; ".join(_in_line(group, status.setting_of(group)))
+        parts += [f"{name} {said}" if len(status.by_group) > 1 else said] if said else []
     parts += [f"{name} {text}" for name, text in _responses(status)]
     parts += [f"{counter.label}: {count}" for counter, count in unusual_counts(status.counts)]
     parts += [f"{name} {text}" for name, text in _outlets(status)]
@@ -103,34 +100,78 @@ def line_of(status: Status) -> str:
     return "; ".join(parts)
 
 
+def _in_line(group: GroupStatus, applied: ExposureSetting | None) -> Iterator[str]:
+    if applied is not None:
+        yield f"{applied} (E {applied.level:.2f})"
+    if group.decision is not None and group.decision.metric is not None:
+        yield f"metric {group.decision.metric:.4f}"
+    if requested := str(group.requests):
+        yield f"requested: {requested}"
+
+
 def _rows(status: Status) -> Iterator[tuple[str, str]]:
     absent = "not open yet" if status.state is State.STARTING else "gone"
-    yield from ((f"{name} camera", _camera(camera, absent)) for name, camera in status.cameras.items())
+    for name, camera in status.cameras.items():
+        lost = f"   lost: {camera.lost}" if camera.lost and len(status.cameras) > 2 else ""  # of two, the reasons tell
+        yield f"{name} camera", _camera(camera, absent) + lost
     yield "pairs", f"{status.counts.pairs}   {status.rate_hz:.1f} per second   for {duration_text(status.open_s)}"
     yield "lost", lost_in_words(status.lost)
     yield from ((counter.label, str(count)) for counter, count in unusual_counts(status.counts))
-    applied = newest_setting(status)
-    if applied is not None:
-        yield "level E", f"{applied.level:.2f} stops  {_bar(applied.level)}"
-    if status.decision is not None:
-        if status.decision.metric is not None:
-            yield "metric", f"{status.decision.metric:.4f}"
-        yield "saturated", f"{status.decision.saturated_share:.0%}   black {status.decision.black_share:.0%}"
-        yield "decision", f"{status.decision.setting}: {status.decision.reason}"
-    if requested := str(status.requests or ""):
-        yield "requested", requested
-    if status.flicker_hz is not None:
-        yield "flicker", f"{status.flicker_hz:g} Hz"
+    groups = [(name, group, status.setting_of(group)) for name, group in status.by_group.items()]
+    if len(groups) > 1:
+        yield from ((f"group {name}", "   ".join(_of_several(group, applied))) for name, group, applied in groups)
+    else:
+        yield from (row for _, group, applied in groups for row in _of_one(group, applied))
     yield from _responses(status)
     yield from _outlets(status)
     for duration in DURATIONS:
         yield from ((duration.label, text) for text in _percentiles(getattr(status, duration.field)))
 
 
+def _of_one(group: GroupStatus, applied: ExposureSetting | None) -> Iterator[tuple[str, str]]:
+    if applied is not None:
+        yield "level E", f"{applied.level:.2f} stops  {_bar(applied.level)}"
+    if group.decision is not None:
+        if group.decision.metric is not None:
+            yield "metric", f"{group.decision.metric:.4f}"
+        yield "saturated", _extremes(group.decision)
+        yield "decision", _decided(group.decision)
+    if requested := str(group.requests):
+        yield "requested", requested
+    if group.flicker_hz is not None:
+        yield "flicker", f"{group.flicker_hz:g} Hz"
+
+
+def _of_several(group: GroupStatus, applied: ExposureSetting | None) -> Iterator[str]:
+    """A group in one line, beside others."""
+    yield group.policy
+    if applied is not None:
+        yield f"E {applied.level:.2f}"
+    if group.decision is not None:
+        yield from (_decided(group.decision), f"saturated {_extremes(group.decision)}")
+    if requested := str(group.requests):
+        yield f"requested: {requested}"
+    if group.flicker_hz is not None:
+        yield f"flicker {group.flicker_hz:g} Hz"
+
+
+def _decided(decision: Decision) -> str:
+    return f"{decision.setting}: {decision.reason}"
+
+
+def _extremes(decision: Decision) -> str:
+    return f"{decision.saturated_share:.0%}   black {decision.black_share:.0%}"
+
+
 def _camera(camera: CameraStatus, absent: str) -> str:
     applied = "" if camera.applied is None else f"   {camera.applied}"
     ptp = "" if camera.ptp is None else f"   PTP {camera.ptp}"
     return absent if camera.camera is None else camera.camera + applied + ptp
+
+
+def policies_of(status: Status) -> str:
+    """The policies that decide: one, or those of the groups in their order."""
+    return " and ".join(dict.fromkeys(group.policy for group in status.by_group.values()))
 
 
 def newest_setting(status: Status) -> ExposureSetting | None:

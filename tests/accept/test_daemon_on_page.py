@@ -45,9 +45,9 @@ def test_what_is_shown_is_what_was_published(monkeypatch: pytest.MonkeyPatch) ->
         tab.screen(1280, 900)
         tab.open(page.url)
         tab.wait_for(f"{STATE} === 'exposing' && !document.querySelector('.stale')", "pictures")
-        tab.wait_for("document.getElementById('curve-words').innerText !== ''", "a prediction curve")
+        tab.wait_for("document.querySelector('.curve-words').innerText !== ''", "a prediction curve")
         compare(tab, run.seen)
-        for canvas in ("#curve", ".lane canvas"):
+        for canvas in (".curve", ".lane canvas"):
             assert len(set(tab.value(f"{SHRUNK}('{canvas}', 40, 20)"))) > 5
         if SCREENSHOTS is not None:
             take_screenshots(tab, Path(SCREENSHOTS))
@@ -63,7 +63,8 @@ def take_screenshots(tab: Tab, folder: Path) -> None:
     steady = (
         f"parseFloat(document.getElementById('headline').innerText.split('pairs/s')[1]) > {0.9 * SCREENSHOT_RATE_HZ}"
     )
-    saturated, black = (f"parseFloat(document.querySelector('#left dd.{share}').innerText)" for share in shares)
+    left = "document.querySelector('[data-camera=left] dd.{}').innerText"
+    saturated, black = (f"parseFloat({left.format(share)})" for share in shares)
     for name, width, height, dark in (("page", 1280, 900, False), ("page-phone", 390, 844, True)):
         tab.screen(width, height, dark, scale=1.0 if width > 1000 else 1.5)
         worth_showing = f"{steady} && {saturated} > 1 && {saturated} < 12 && {black} < 12"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from autoexpose_daemon.status.document import (
     CameraStatus,
     DurationStatus,
     Fault,
+    GroupStatus,
     PublishStatus,
     RecorderStatus,
     Status,
@@ -79,6 +81,36 @@ EXPOSING = Status(
     tracking=TrackingTally(20, {"damaged": 21, "stale": 22}, ("slam",), 0.4),
 )
 """All is well, and every number is different."""
+
+
+def _group(*cameras: str, policy: str, time_us: float, metric: float, requests: RequestTally) -> GroupStatus:
+    setting = ExposureSetting(time_us, 3.0)
+    decision = Decision(setting, setting.level, f"seen by {policy}", metric, 0.03, 0.04, 1.5)
+    return GroupStatus(cameras, policy, decision, None, requests, DURATIONS)
+
+
+BOUNDS = Bounds(20.0, 7500.0, 0.0, 30.0)
+GROUPED = replace(
+    EXPOSING,
+    cameras={
+        "front_left": CameraStatus("FakeCam A", ExposureSetting(2000.0, 0.0), None, None, frames=900, lost=0),
+        "front_right": CameraStatus("FakeCam B", ExposureSetting(2100.0, 0.0), None, None, frames=899, lost=1),
+        "rear_left": CameraStatus("FakeCam C", None, None, None, frames=800, lost=100),
+        "rear_right": CameraStatus("FakeCam D", ExposureSetting(300.0, 0.0), None, None, frames=890, lost=10),
+    },
+    lost={"rear_left_missing": 90, "several_missing": 10},
+    groups={
+        "front": _group(
+            "front_left", "front_right", policy="belief", time_us=2200.0, metric=0.11,
+            requests=RequestTally(bounds=BOUNDS, taken=1, latest="reset of group front, asked by ana"),
+        ),
+        "rear": _group(
+            "rear_left", "rear_right", policy="neves2009", time_us=310.0, metric=0.22,
+            requests=RequestTally(None, -1.0, (), BOUNDS, 2, 0, "EV -1 of group rear, asked by ana"),
+        ),
+    },
+)  # fmt: skip
+"""A rig of two pairs that are exposed apart."""
 
 
 GROUNDS = Grounds(

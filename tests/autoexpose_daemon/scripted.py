@@ -1,4 +1,4 @@
-"""A daemon on two cameras that do as they are told: for what comes after the cameras, without a transport."""
+"""A daemon on cameras that do as they are told: for what comes after the cameras, without a transport."""
 
 from __future__ import annotations
 
@@ -6,12 +6,13 @@ import contextlib
 import itertools
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from autoexpose_daemon.config.document import Config
+from autoexpose_daemon.config.document import CameraConfig, Config
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.recording.recorder import Recorder
 from autoexpose_daemon.runtime.daemon import Daemon
@@ -100,17 +101,25 @@ class Session:
 
 
 class ScriptedRig:
-    """Both cameras on one trigger, while the context lasts and unless it `pauses`."""
+    """The cameras of a configuration on one trigger, while the context lasts and unless it `pauses`."""
 
-    def __init__(self) -> None:
-        self.left, self.right = TriggeredCamera("L"), TriggeredCamera("R")
+    def __init__(self, cameras: Mapping[CameraName, CameraConfig]) -> None:
+        self._cameras = {name: TriggeredCamera(camera.serial) for name, camera in cameras.items()}
         self.pauses = False
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._pulse)
 
     @property
+    def left(self) -> TriggeredCamera:
+        return self._cameras["left"]
+
+    @property
+    def right(self) -> TriggeredCamera:
+        return self._cameras["right"]
+
+    @property
     def openers(self) -> dict[CameraName, Callable[[], Camera]]:
-        return {"left": lambda: Session(self.left), "right": lambda: Session(self.right)}
+        return {name: partial(Session, camera) for name, camera in self._cameras.items()}
 
     def __enter__(self) -> ScriptedRig:
         self._thread.start()
@@ -126,13 +135,21 @@ class ScriptedRig:
             time_ns = start_ns + round(number * 1e9 / RATE_HZ)
             if self._stop.wait(max(time_ns - time.monotonic_ns(), 0) * 1e-9):
                 return
-            for camera in () if self.pauses else (self.left, self.right):
+            for camera in () if self.pauses else self._cameras.values():
                 camera.pulse(time_ns)
 
 
+PAIR = {"left": {"serial": "L"}, "right": {"serial": "R"}}
+FRONT_AND_REAR = {
+    "front_left": {"serial": "A", "group": "front"},
+    "front_right": {"serial": "B", "group": "front"},
+    "rear": {"serial": "C", "group": "rear"},
+}
+"""Sections `cameras` of a configuration; serials have a single letter, by which pictures differ."""
+
+
 def config(**sections: Any) -> Config:
-    cameras = {"left": {"serial": "L"}, "right": {"serial": "R"}}
-    return Config.model_validate({"cameras": cameras, "trigger": {"rate_hz": RATE_HZ}, **sections})
+    return Config.model_validate({"cameras": PAIR, "trigger": {"rate_hz": RATE_HZ}, **sections})
 
 
 @contextlib.contextmanager
@@ -140,7 +157,7 @@ def scripted_daemon(recorder: Recorder | None = None, **sections: Any) -> Iterat
     """A daemon at work with these sections of its configuration, and all that its control sees."""
     seen: Seen = []
     configuration = config(**sections)
-    with ScriptedRig() as rig:
+    with ScriptedRig(configuration.cameras) as rig:
         daemon = Daemon(configuration, rig.openers, outlets=[lambda step: seen.append((step.pair, step.decision))])
         add_outlets(daemon, configuration, recorder)
         with meanwhile(daemon.run):

@@ -281,7 +281,7 @@ def published(data: bytes) -> None:
             for frame in taken.frames.values():
                 frame.grey8().mean()
                 str(frame.setting)
-            ExposureHistory().add(0.0, taken.reference.setting, taken.decision)
+            ExposureHistory().add(0.0, "all", taken.reference.setting, taken.decision)
     assert ConsumerTally.from_json(tally.to_json()) == tally  # what this consumer reports is a report
 
 

@@ -78,8 +78,9 @@ function bounds(lane, rows) {
   return [lane.floor === undefined ? bottom : Math.max(bottom, lane.floor - margin / 2), high + missing + margin];
 }
 
-export function lengthOf(rows, nowS) {
-  const wantedS = rows.length ? nowS - rows[0][0] : 0;
+// `firstS`: when the oldest point was, Infinity without any.
+export function lengthOf(firstS, nowS) {
+  const wantedS = Math.max(nowS - firstS, 0);
   return LENGTHS_S.find((length) => length >= wantedS) ?? LENGTHS_S.at(-1);
 }
 

@@ -45,20 +45,26 @@ export function showStatus(status, tables) {
     ["rig", status.rig],
     ["pairs/s", status.rate_hz.toFixed(1)],
     ["up", format.lasting(status.uptime_s)],
+    ...(Object.keys(status.groups).length > 1 && status.tracking?.age_s != null
+      ? [["steered by", status.tracking.by.join(" and ")]]
+      : []),
   ]);
-  byId("policy").textContent = [`by ${status.policy}`, ...requested(status.requests), ...steered(status.tracking)].join(", ");
   showCounts(byId("triggers"), tables.triggers);
   showCounts(byId("writes"), tables.writes);
   showLatency(tables.latency);
-  showCameras(status.cameras);
+  showCameras(status);
   showConsumers(status.publishing);
   showRecorder(status.recorder);
   showFaults(status.faults);
 }
 
+// Who decides for a group, and what stands above that, in words.
+export function policyWords(group, tracking) {
+  return [`by ${group.policy}`, ...requested(group.requests), ...steered(tracking)].join(", ");
+}
+
 // What was requested of control while it runs, in words.
 function requested(requests) {
-  if (!requests) return [];
   const { locked, ev_stops: stops } = requests;
   return [
     ...(locked ? [`locked at ${format.micros(locked.exposure_time_us)}, ${format.decibels(locked.gain_db)}`] : []),
@@ -73,10 +79,12 @@ function steered(tracking) {
   return [`steered by ${tracking.by.join(" and ")}, age ${tracking.age_s.toFixed(1)} s`];
 }
 
-export function showDecision(decision) {
-  byId("decision-reason").textContent = decision ? decision.reason : "none: control skipped this pair for a newer one";
-  if (!decision) return define(byId("decision-values"), []);
-  define(byId("decision-values"), [
+export function showDecision(card, decision) {
+  const none = "none: control skipped this pair for a newer one";
+  card.querySelector(".reason").textContent = decision ? decision.reason : none;
+  const values = card.querySelector(".values");
+  if (!decision) return define(values, []);
+  define(values, [
     ["next", `${format.micros(decision.exposure_time_us)}, ${format.decibels(decision.gain_db)}`],
     ["level", `${format.stops(decision.level)} stops`],
     ["metric", format.metric(decision.metric)],
@@ -103,9 +111,13 @@ function showLatency(rows) {
   );
 }
 
-function showCameras(cameras) {
-  const rows = Object.entries(cameras).flatMap(([side, camera]) => [
-    [[side, camera.camera ?? "gone"], camera.camera === null && "bad"],
+function showCameras({ cameras, groups }) {
+  const groupOf = (name) => Object.keys(groups).find((group) => groups[group].cameras.includes(name));
+  const several = Object.keys(groups).length > 1;
+  const rows = Object.entries(cameras).flatMap(([name, camera]) => [
+    [[name, camera.camera ?? "gone"], camera.camera === null && "bad"],
+    ...(several ? [[["  group", groupOf(name) ?? "–"], "none"]] : []),
+    ...(Object.keys(cameras).length > 2 ? [[["  lost", format.count(camera.lost)], "none"]] : []),
     [["  response", responseWords(camera)], camera.misfit === null ? "none" : "bad"],
     ...(camera.ptp ? [[["  PTP", ptpWords(camera.ptp)], "none"]] : []),
   ]);

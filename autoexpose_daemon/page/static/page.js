@@ -2,9 +2,10 @@
 
 import { bestLevel, drawBelief } from "./belief.js";
 import { showButtons } from "./buttons.js";
-import { LANES, at, drawCurve, drawLane, lengthOf, timeAt } from "./charts.js";
+import { at, drawCurve, drawLane, lengthOf, timeAt } from "./charts.js";
 import * as format from "./format.js";
-import { define, element, showDecision, showStatus } from "./numbers.js";
+import { cards, figures, lanes, layOut } from "./layout.js";
+import { define, element, policyWords, showDecision, showStatus } from "./numbers.js";
 import { drawMatches, showRepetition } from "./repetition.js";
 
 const SILENT_S = 3; // the daemon sends its status once a second
@@ -18,7 +19,7 @@ let retryMs = 500;
 let crowded = false;
 let numbers = null; // the latest message, and when it arrived
 let heardMs = 0;
-let rows = [];
+let rows = {}; // of the history, by group
 let pairMs = null;
 let hoverS = null;
 
@@ -67,14 +68,29 @@ function takeNumbers(message) {
   numbers = message;
   heardMs = performance.now();
   retryMs = 500;
-  const first = message.history[0]?.[0] ?? Infinity;
-  const oldest = message.now_s - HISTORY_S;
-  rows = rows.filter((row) => row[0] < first && row[0] >= oldest).concat(message.history);
-  if (message.status) showStatus(message.status, message.tables);
-  if (message.status) showButtons(message.policies, message.status);
+  if (message.status) {
+    const { groups, tracking } = message.status;
+    layOut(namesOf(groups), hover);
+    showStatus(message.status, message.tables);
+    for (const [name, card] of cards) {
+      card.querySelector(".policy").textContent = policyWords(groups[name], cards.size === 1 ? tracking : null);
+    }
+    showButtons(message.policies, message.status);
+  }
+  rows = Object.fromEntries([...cards.keys()].map((group) => [group, continued(group, message)]));
   showState();
   showHistory();
-  showPromise(message);
+  showPromises(message.promises);
+}
+
+const namesOf = (groups) => Object.fromEntries(Object.entries(groups).map(([name, { cameras }]) => [name, cameras]));
+
+// The rows of a group, with those that are new.
+function continued(group, { history, now_s: nowS }) {
+  const news = history[group] ?? [];
+  const first = news[0]?.[0] ?? Infinity;
+  const oldest = nowS - HISTORY_S;
+  return (rows[group] ?? []).filter((row) => row[0] < first && row[0] >= oldest).concat(news);
 }
 
 // Word, colour and reasons.
@@ -99,18 +115,15 @@ function showState() {
   byId("state").dataset.state = state;
   byId("state-word").textContent = word;
   byId("reasons").replaceChildren(...reasons.map((reason) => element("li", reason)));
-  const alone = Boolean(numbers?.status) && !("right" in numbers.status.cameras);
-  byId("right").hidden = alone;
-  byId("pictures").classList.toggle("alone", alone);
   document.title = `${word} · autoexpose${numbers ? ` ${numbers.rig}` : ""}`;
   const staleS = pairMs === null ? null : sinceMs(pairMs) / 1000;
-  for (const id of ["left", "right", "decision"]) {
-    byId(id).classList.toggle("stale", staleS === null || staleS > STALE_S);
+  for (const place of [...figures.values(), ...cards.values()]) {
+    place.classList.toggle("stale", staleS === null || staleS > STALE_S);
   }
-  for (const side of ["left", "right"]) {
-    const gone = numbers?.status?.cameras[side]?.camera === null ? "camera gone, " : "";
+  for (const [camera, figure] of figures) {
+    const gone = numbers?.status?.cameras[camera]?.camera === null ? "camera gone, " : "";
     const since = staleS === null ? "no pair yet" : `no pair for ${format.lasting(staleS)}`;
-    byId(side).querySelector(".screen p").textContent = gone + since;
+    figure.querySelector(".screen p").textContent = gone + since;
   }
 }
 setInterval(showState, 1000);
@@ -125,26 +138,35 @@ async function takePair(data) {
     start += length;
   }
   const bitmaps = await Promise.all(decoded);
+  if (!numbers?.status) layOutBy(pair);
   pair.pictures.forEach((picture, index) => showPicture(picture, bitmaps[index], pair.registered));
   showRepetition(pair.registered);
   pairMs = performance.now();
-  showDecision(pair.decision);
+  for (const [group, card] of cards) showDecision(card, pair.decisions[group]);
   showState();
   document.body.dataset.trigger = pair.trigger;
 }
 
+// Before the daemon has told what rig it has.
+function layOutBy({ pictures, decisions }) {
+  const cameras = pictures.map(({ camera }) => camera);
+  layOut(Object.fromEntries(Object.keys(decisions).map((group) => [group, cameras])), hover);
+}
+
 function showPicture(picture, bitmap, registered) {
-  const figure = byId(picture.side);
+  const figure = figures.get(picture.camera);
+  if (!figure) return bitmap.close(); // of a camera that the latest status does not have
   const canvas = figure.querySelector("canvas");
   if (canvas.width !== bitmap.width || canvas.height !== bitmap.height) {
     [canvas.width, canvas.height] = [bitmap.width, bitmap.height];
     canvas.parentElement.style.aspectRatio = `${bitmap.width} / ${bitmap.height}`;
   }
   canvas.getContext("2d").drawImage(bitmap, 0, 0);
-  if (registered && picture.side === "left") drawMatches(canvas, registered, bitmap.width / picture.frame_width);
+  const repeats = picture.camera === "left" || figures.size === 1;
+  if (registered && repeats) drawMatches(canvas, registered, bitmap.width / picture.frame_width);
   bitmap.close();
-  const title = element("h2", picture.side);
-  title.append(" ", element("small", numbers?.status?.cameras[picture.side]?.camera ?? ""));
+  const title = element("h2", picture.camera);
+  title.append(" ", element("small", numbers?.status?.cameras[picture.camera]?.camera ?? ""));
   const values = element("dl");
   define(values, [
     ["exposure", format.micros(picture.exposure_time_us)],
@@ -156,58 +178,52 @@ function showPicture(picture, bitmap, registered) {
   figure.querySelector("figcaption").replaceChildren(title, values);
 }
 
-// What decides, if the policy has a belief, or else the prediction.
-function showPromise({ grounds, curve }) {
-  if (!grounds && !curve) return;
-  byId("belief-title").hidden = !grounds;
-  byId("curve-title").hidden = Boolean(grounds);
-  if (grounds) showBelief(grounds);
-  else showCurve(curve);
+// What decides for each group, if its policy has a belief, or else the prediction.
+function showPromises(promises) {
+  for (const [group, card] of cards) {
+    const { grounds, curve } = promises[group] ?? {};
+    if (!grounds && !curve) continue;
+    card.querySelector(".belief-title").hidden = !grounds;
+    card.querySelector(".curve-title").hidden = Boolean(grounds);
+    const words = grounds ? showBelief(card, grounds) : showCurve(card, curve);
+    card.querySelector(".curve-words").textContent = words;
+  }
 }
 
-function showBelief(grounds) {
-  drawBelief(byId("curve"), grounds);
+function showBelief(card, grounds) {
+  drawBelief(card.querySelector(".curve"), grounds);
   const best = bestLevel(grounds);
-  byId("curve-words").textContent =
+  return (
     `taken at level ${format.stops(grounds.level)}; the best plan begins at ${format.stops(best)} ` +
-    `(${format.signed(best - grounds.level)})`;
+    `(${format.signed(best - grounds.level)})`
+  );
 }
 
-function showCurve(curve) {
-  drawCurve(byId("curve"), curve);
+function showCurve(card, curve) {
+  drawCurve(card.querySelector(".curve"), curve);
   const greatest = Math.max(...curve.metrics);
   const best = curve.delta_levels[curve.metrics.indexOf(greatest)];
   const decided = curve.decided_level === null ? "" : `, decided ${format.signed(curve.decided_level - curve.level)}`;
-  byId("curve-words").textContent =
+  return (
     `taken at level ${format.stops(curve.level)} with metric ${format.metric(at(curve, 0))}${decided}; ` +
-    (greatest > 0 ? `predicted best at ${format.signed(best)} stops` : "no gradient at any exposure");
+    (greatest > 0 ? `predicted best at ${format.signed(best)} stops` : "no gradient at any exposure")
+  );
 }
 
-const lanes = LANES.map((lane) => {
-  const box = element("div", undefined, "lane");
-  const heading = element("h3", lane.name);
-  const value = element("b");
-  heading.append(value);
-  const canvas = element("canvas");
-  box.append(heading, canvas);
-  byId("lanes").append(box);
-  canvas.addEventListener("pointermove", (event) => {
-    hoverS = numbers && timeAt(canvas, event.offsetX, numbers.now_s, lengthOf(rows, numbers.now_s));
-    showHistory();
-  });
-  canvas.addEventListener("pointerleave", () => {
-    hoverS = null;
-    showHistory();
-  });
-  return { lane, canvas, value };
-});
+const length = () => lengthOf(Math.min(...Object.values(rows).map((each) => each[0]?.[0] ?? Infinity)), numbers.now_s);
+
+function hover(canvas, offsetX) {
+  hoverS = offsetX === null || !numbers ? null : timeAt(canvas, offsetX, numbers.now_s, length());
+  showHistory();
+}
 
 function showHistory() {
   if (!numbers) return;
-  const view = { nowS: numbers.now_s, lengthS: lengthOf(rows, numbers.now_s), hoverS };
-  const chosen = hoverS === null ? rows.at(-1) : rows.findLast((row) => row[0] <= hoverS);
-  for (const { lane, canvas, value } of lanes) {
-    drawLane(canvas, lane, rows, view);
+  const view = { nowS: numbers.now_s, lengthS: length(), hoverS };
+  for (const { group, lane, canvas, value } of lanes) {
+    const ofGroup = rows[group] ?? [];
+    const chosen = hoverS === null ? ofGroup.at(-1) : ofGroup.findLast((row) => row[0] <= hoverS);
+    drawLane(canvas, lane, ofGroup, view);
     value.textContent = chosen ? valueWords(lane, chosen) : "";
   }
 }
@@ -221,8 +237,9 @@ function valueWords(lane, row) {
 
 function redraw() {
   showHistory();
-  if (numbers) showPromise(numbers);
+  if (numbers) showPromises(numbers.promises);
 }
 addEventListener("resize", redraw);
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", redraw);
+layOut({ all: ["left", "right"] }, hover); // until it is known what rig there is
 connect();

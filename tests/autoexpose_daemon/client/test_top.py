@@ -21,6 +21,7 @@ from autoexpose_daemon.client.top import (
     follow,
     follow_all,
     no_status,
+    panel_of,
     panel_of_all,
     show_all_once,
     show_once,
@@ -33,12 +34,13 @@ from autoexpose_daemon.publish.publisher import Publisher
 from autoexpose_daemon.publish.session import Endpoints, open_session
 from autoexpose_daemon.status.counters import Counts
 from autoexpose_daemon.status.document import Fault, Status
+from autoexpose_daemon.status.panel import line_of
 from autoexpose_daemon.status.states import State
 from imaging.errors import AutoexposeError
 from tests import REPOSITORY
 from tests.autoexpose_daemon.publish.processes import QUIET, router, router_file
 from tests.autoexpose_daemon.publish.steps import PATIENCE_S, endpoint, telling, wait_until
-from tests.autoexpose_daemon.samples import EXPOSING
+from tests.autoexpose_daemon.samples import EXPOSING, GROUPED
 from tests.fakes import loopback_address
 from tests.meanwhile import meanwhile
 
@@ -183,6 +185,33 @@ def test_a_metric_that_is_no_number_is_left_out_of_the_curves(metric: float) -> 
     assert table.row_count == 3
 
 
+def test_each_group_has_a_line_and_curves_of_its_own() -> None:
+    curves = Sparklines()
+    curves.add(EXPOSING)
+    curves.add(replace(GROUPED, unix_time_s=2e9))  # after a reload
+    rows = [" ".join(row.strip("\u2502").split()) for row in printed(panel_of(GROUPED, curves, 0.0, 50)).splitlines()]
+    assert "belief and neves2009" in rows[0]
+    (front,) = [row for row in rows if row.startswith("group front")]
+    (rear,) = [row for row in rows if row.startswith("group rear")]
+    for line, words in (
+        (front, ("belief", "E 10.97", "2200 us, 3.0 dB: seen by belief", "saturated 3% black 4%")),
+        (rear, ("neves2009", "E 8.23", "310 us, 3.0 dB: seen by neves2009", "requested: EV -1")),
+    ):
+        assert [word for word in words if word not in line] == []
+    assert sum(row.startswith(("front: exposure, us", "rear: exposure, us")) for row in rows) == 2
+    assert not [row for row in rows if row.startswith(("exposure, us", "level E", "decision held"))]
+    for row in ("front_left camera FakeCam A 2000 us, 0.0 dB", "rear_left camera FakeCam C lost: 100"):
+        assert row in rows
+    assert "lost 90 without the rear_left frame, 10 without several frames" in rows
+
+
+def test_a_line_of_the_log_tells_of_each_group() -> None:
+    line = line_of(GROUPED)
+    assert "; front 2000 us, 0.0 dB (E 10.97); metric 0.1100; " in line
+    assert "; rear 300 us, 0.0 dB (E 8.23); metric 0.2200; requested: EV -1; " in line
+    assert "1000 us, 6.0 dB (E 10.96)" in line_of(EXPOSING)
+
+
 def screen_of(terminal: bool = True) -> tuple[Screen, Console]:
     screen = Screen()
     return screen, Console(file=screen, force_terminal=terminal, width=120, height=50, _environ={})
@@ -238,7 +267,7 @@ def test_a_curve_spans_its_range() -> None:
 FLEETS = REPOSITORY / "docs" / "fleets.md"
 
 
-def printed(*parts: object, width: int = 120) -> str:
+def printed(*parts: object, width: int = 160) -> str:
     screen = Screen()
     Console(file=screen, width=width, height=50, _environ={}).print(*parts)
     return screen.text

@@ -238,6 +238,39 @@ def test_two_cameras_on_one_bus_share_it_and_on_two_they_do_not() -> None:
         assert troubles(facts, Need(rate_hz=rate_hz)) == expected
 
 
+def test_three_cameras_and_more_are_named_in_a_list_and_need_more_memory() -> None:
+    usb = [replace(USB, serial=serial, bus=bus) for bus, serial in enumerate("UVWX")]
+    facts = Facts(replace(SOUND_USB, cameras=tuple(usb)), gige_facts())
+    (found,) = (finding for finding in judge(facts, need()) if finding.severity != "ok")
+    assert found.check == "usbfs-memory" and "less than the 2000 that 4 cameras" in found.sentence
+    assert found.fix is not None and found.fix.startswith("sed s/1000/2000/ systemd/usbfs-memory.conf")
+    of_one = Facts(replace(SOUND_USB, cameras=tuple(usb)), gige_facts())
+    assert troubles(of_one, need(ONE)) == {}
+    shared = tuple(replace(camera, bus=2) for camera in usb[:3])
+    findings = judge(Facts(replace(SOUND_USB, cameras=shared, usbfs_memory_mb=2000), gige_facts()), need())
+    (found,) = (finding for finding in findings if finding.check == "usb-bandwidth")
+    assert found.sentence.startswith("camera U, camera V and camera W share bus 2")
+
+
+def test_a_plan_charges_each_link_with_all_cameras_of_the_rig() -> None:
+    """As the daemon does, which does not know where the others are."""
+    other = replace(ETH, name="eth1", addresses=(IPv4Interface("192.168.8.1/24"),))
+    cameras = {
+        serial: GigeCamera(serial, "Maker", "Model", IPv4Interface(f"{link}.{number}/24"), interface)
+        for number, (serial, link, interface) in enumerate(
+            [("A", "192.168.7", ETH), ("B", "192.168.7", ETH), ("C", "192.168.8", other), ("D", "192.168.8", other)], 5
+        )
+    }
+    rig = {f"c{serial.lower()}": {"serial": serial} for serial in cameras}
+    facts = Facts(UsbFacts(blind="no bus"), gige_facts(*cameras.values()))
+    fits_hz = bytes_per_s(1000, 4) / needed_bytes_per_s(2 * 720 * 540, 9000, 1.0)
+    for rate_hz, refused in ((0.999 * fits_hz, 0), (1.001 * fits_hz, 4)):
+        wanted = need(rig, trigger={"rate_hz": rate_hz}, image={"pixel_format": "Mono16"}, transport={"plan": True})
+        found = [each for each in judge(facts, wanted) if each.severity != "ok"]
+        assert [each.check for each in found] == refused * ["gige-bandwidth"]
+        assert all("its share among 4 cameras" in each.sentence for each in found)
+
+
 def frames(*features: dict[str, Any], **sections: Any) -> tuple[int, str]:
     """Bytes of a frame of a camera with these features, and what the doctor says of it."""
     wanted = need({"left": {"serial": "U", "features": list(features)}}, **sections)

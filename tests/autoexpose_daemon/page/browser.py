@@ -89,8 +89,8 @@ class Tab:
         assert "exceptionDetails" not in answer, answer["exceptionDetails"]
         return answer["result"].get("value")
 
-    def text(self, element_id: str) -> str:
-        return str(self.value(f"document.getElementById({json.dumps(element_id)}).innerText"))
+    def text(self, selector: str) -> str:
+        return str(self.value(f"document.querySelector({json.dumps(selector)}).innerText"))
 
     def wait_for(self, expression: str, what: str, patience_s: float = PATIENCE_S) -> None:
         deadline_s = time.monotonic() + patience_s

@@ -29,7 +29,7 @@ from imaging.errors import AutoexposeError
 from tests.autoexpose_daemon.page.browser import browser
 from tests.autoexpose_daemon.page.server import PageProcess, running_page
 from tests.autoexpose_daemon.publish.steps import endpoint, wait_until
-from tests.autoexpose_daemon.scripted import scripted_daemon
+from tests.autoexpose_daemon.scripted import FRONT_AND_REAR, scripted_daemon
 from tests.autoexpose_daemon.service.service_process import AUTOEXPOSE
 
 pytestmark = pytest.mark.wire
@@ -313,7 +313,7 @@ def test_what_is_pressed_applies(token_file: str) -> None:
         tab.value("document.getElementById('lock').click()")
         wait_until(lambda: asked.locked is not None and asked.latest == "lock, asked by page", "the lock")
         tab.wait_for("document.getElementById('lock').innerText === 'unlock'", "the lock on the page")
-        assert tab.text("asked") == "lock, asked by page"
+        assert tab.text("#asked") == "lock, asked by page"
         status, words, _ = page.ask("POST", "/control", WITH_TOKEN, '{"ev_stops": 9}')
         assert (status, words) == (409, "ev_stops: 9.0 is out of bounds: give -3 to 3 stops\n")
         for _ in range(2):  # sooner than a status shows the first
@@ -324,10 +324,55 @@ def test_what_is_pressed_applies(token_file: str) -> None:
             "choice.dispatchEvent(new Event('change')); })()"
         )
         wait_until(lambda: daemon.tuning.config.control.policy == "neves2009", "the policy")
-        tab.wait_for("document.getElementById('policy').innerText.includes('by neves2009')", "the policy on the page")
+        tab.wait_for("document.querySelector('.policy').innerText.includes('by neves2009')", "the policy on the page")
         if "PAGE_SCREENSHOTS" in os.environ:
             tab.screen(1300, 900)
             tab.screenshot(Path(os.environ["PAGE_SCREENSHOTS"]) / "page-buttons.png")
         tab.value("document.getElementById('reset').click()")
         wait_until(lambda: asked.locked is None and not asked.changed, "the configuration")
+        assert tab.complaints == []
+
+
+@pytest.mark.needs("chromium")
+def test_buttons_are_for_the_chosen_group_or_for_all(token_file: str) -> None:
+    at = endpoint()
+    with (
+        running_page("--connect", at, "--token-file", token_file) as page,
+        browser() as tab,
+        scripted_daemon(publish={"listen": [at]}, cameras=FRONT_AND_REAR) as (daemon, _, _),
+    ):
+        front, rear = (daemon.groups[name].tally.requests for name in ("front", "rear"))
+
+        def choose(group: str) -> None:
+            tab.value(
+                f"(() => {{ const choice = document.getElementById('group'); choice.value = '{group}';"
+                "choice.dispatchEvent(new Event('change')); })()"
+            )
+
+        def press(button: str) -> None:
+            tab.value(f"document.getElementById('{button}').click()")
+
+        tab.open(f"{page.url}/login")
+        tab.value(f"document.querySelector('input').value = '{TOKEN}'; document.querySelector('form').submit()")
+        tab.wait_for("document.getElementById('group')?.checkVisibility()", "the choice of a group")
+        assert tab.value("[...document.getElementById('group')].map(({ value }) => value)") == [
+            *("all groups", "front", "rear")
+        ]
+        choose("rear")
+        press("darker")
+        wait_until(lambda: rear.ev_stops == -0.5, "the compensation")
+        tab.wait_for("document.getElementById('ev').innerText.includes('0.50')", "the compensation on the page")
+        assert (front.ev_stops, rear.latest) == (0.0, "EV -0.5 of group rear, asked by page")
+        choose("all groups")
+        assert tab.text("#ev") == "EV differs"
+        assert tab.value("document.getElementById('darker').disabled")
+        press("lock")
+        wait_until(lambda: front.locked is not None and rear.locked is not None, "the lock")
+        tab.wait_for("document.getElementById('lock').innerText === 'unlock'", "the lock on the page")
+        assert tab.text("#asked") == "lock of group front, asked by page; lock of group rear, asked by page"
+        choose("front")
+        press("lock")
+        wait_until(lambda: front.locked is None, "the end of the lock")
+        assert rear.locked is not None
+        tab.wait_for("document.querySelector('[data-group=rear] .policy').innerText.includes('locked at')", "the rest")
         assert tab.complaints == []

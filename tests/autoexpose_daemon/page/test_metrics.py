@@ -22,7 +22,7 @@ from autoexpose_daemon.status.document import Status
 from autoexpose_daemon.status.states import State
 from autoexpose_daemon.status.telemetry import Telemetry
 from tests import REPOSITORY
-from tests.autoexpose_daemon.samples import EXPOSING
+from tests.autoexpose_daemon.samples import EXPOSING, GROUPED
 
 DOCS = REPOSITORY / "docs" / "metrics.md"
 ROW = re.compile(r"^\| `(autoexpose_\w+)` \| (\w+) \|([^|]*)\|", re.MULTILINE)
@@ -69,7 +69,7 @@ def test_numbers_arrive_in_base_units() -> None:
         ("autoexpose_applied_exposure_time_seconds", ("left",)): 0.001,
         ("autoexpose_applied_gain_decibels", ("left",)): 6,
         ("autoexpose_response_drift_grey_levels", ("left",)): 0.5,
-        ("autoexpose_flicker_hertz", ()): 100,
+        ("autoexpose_flicker_hertz", ("all",)): 100,
         ("autoexpose_pairs_total", ()): 432_000,
         ("autoexpose_lost_triggers_total", ("left_missing",)): 3,
         ("autoexpose_lost_triggers_total", ("stale",)): 0,
@@ -87,6 +87,26 @@ def test_numbers_arrive_in_base_units() -> None:
     }
     assert {key: seen[key[0], frozenset(key[1])] for key in expected} == expected
     assert ("autoexpose_response_drift_grey_levels", frozenset({"right"})) not in seen
+
+
+def test_groups_and_cameras_have_figures_of_their_own() -> None:
+    seen = samples(GROUPED)
+    expected = {
+        ("autoexpose_policy", ("front", "belief")): 1,
+        ("autoexpose_policy", ("rear", "neves2009")): 1,
+        ("autoexpose_image_metric", ("front",)): 0.11,
+        ("autoexpose_image_metric", ("rear",)): 0.22,
+        ("autoexpose_ev_stops", ("rear",)): -1,
+        ("autoexpose_control_requests_total", ("front",)): 1,
+        ("autoexpose_requested_exposure_time_seconds", ("front_right",)): 0.0022,
+        ("autoexpose_requested_exposure_time_seconds", ("rear_left",)): 0.00031,
+        ("autoexpose_applied_exposure_time_seconds", ("rear_right",)): 0.0003,
+        ("autoexpose_frames_total", ("front_left",)): 900,
+        ("autoexpose_lost_frames_total", ("rear_left",)): 100,
+        ("autoexpose_lost_triggers_total", ("rear_left_missing",)): 90,
+        ("autoexpose_lost_triggers_total", ("front_left_missing",)): 0,
+    }
+    assert {key: seen[key[0], frozenset(key[1])] for key in expected} == expected
 
 
 def test_consumers_that_are_not_listed_are_counted_and_the_highest_count_is_served() -> None:

@@ -44,7 +44,7 @@ from tests.autoexpose_daemon.publish.steps import (
     wait_until,
 )
 from tests.autoexpose_daemon.samples import EXPOSING, GROUNDS, registered_view
-from tests.autoexpose_daemon.scripted import scripted_daemon
+from tests.autoexpose_daemon.scripted import FRONT_AND_REAR, scripted_daemon
 
 pytestmark = [pytest.mark.wire, pytest.mark.needs("chromium")]
 
@@ -85,22 +85,22 @@ TROUBLED = replace(
     faults=(*EXPOSING.faults, *EXPOSING.faults, Fault(1.7e9, "ERROR", HOSTILE)),
 )
 SHOWN = {
-    "left": ["camera gone, no pair yet"],
-    "headline": ["60.0", "2.0 h"],
-    "policy": ["by belief, locked at 1.00", "dB, EV \u22120.50, policy changed"],
-    "triggers": [
+    "[data-camera=left]": ["camera gone, no pair yet"],
+    "#headline": ["60.0", "2.0 h"],
+    ".policy": ["by belief, locked at 1.00", "dB, EV \u22120.50, policy changed"],
+    "#triggers": [
         "triggers\t12\u202f414",
         "stereo pairs\t12\u202f345",
         "lost without the left frame\t7",
         "mismatched pairs\t0",
     ],
-    "writes": ["late writes\t5", "refused writes\t6", "adjusted writes\t7", "decisions at the brightest limit\t8"],
-    "latency": ["median\t99 %", "decision\t2.00 ms\t8.00 ms", "command to effect\t\u2013"],
-    "cameras": ["left\tgone", "right\tFakeCam R2", "not tested yet"],
-    "consumers": ["slam\t400\u202f000\t8\t4", "1\u202f234 more"],
-    "published": ["431\u202f990 pairs sent; dropped: 10 behind"],
-    "recorder": ["steps\t600", "dropped\t4", "ended\tthe disk is full"],
-    "faults": ["checking that it answers 2 times", HOSTILE],
+    "#writes": ["late writes\t5", "refused writes\t6", "adjusted writes\t7", "decisions at the brightest limit\t8"],
+    "#latency": ["median\t99 %", "decision\t2.00 ms\t8.00 ms", "command to effect\t\u2013"],
+    "#cameras": ["left\tgone", "right\tFakeCam R2", "not tested yet"],
+    "#consumers": ["slam\t400\u202f000\t8\t4", "1\u202f234 more"],
+    "#published": ["431\u202f990 pairs sent; dropped: 10 behind"],
+    "#recorder": ["steps\t600", "dropped\t4", "ended\tthe disk is full"],
+    "#faults": ["checking that it answers 2 times", HOSTILE],
 }
 """What the page has to say of it, by the place."""
 
@@ -114,19 +114,19 @@ def test_it_tells_state_reasons_and_counts_in_words(tab: Tab, page: PageProcess,
     tab.open(page.url)
     tab.wait_for(f"{STATE} === 'waiting'", "a page without a daemon")
     tab.wait_for(f"{REASONS}.includes('{at}')", "the endpoint that does not answer")
-    assert "is the daemon running" in tab.text("reasons")
+    assert "is the daemon running" in tab.text("#reasons")
     with published(at, TROUBLED):
         tab.wait_for(f"{STATE} === 'degraded'", "the state")
         status, metrics, headers = page.get("/metrics")
         assert (status, headers["Content-Type"]) == (200, CONTENT_TYPE)
         assert 'autoexpose_pairs_total{rig="rig"} 12345.0' in metrics
-        assert tab.text("reasons").startswith("left camera gone")
-        assert "off by 9 grey levels" in tab.text("reasons")
+        assert tab.text("#reasons").startswith("left camera gone")
+        assert "off by 9 grey levels" in tab.text("#reasons")
         for place, words in SHOWN.items():
             assert [word for word in words if word not in tab.text(place)] == [], place
     assert tab.value("document.querySelectorAll('img').length") == 0
     tab.wait_for(f"{STATE} === 'silent'", "the silence to be reported")
-    assert "nothing heard from the daemon for" in tab.text("reasons")
+    assert "nothing heard from the daemon for" in tab.text("#reasons")
     assert tab.complaints == []
     wait_until(lambda: 'autoexpose_up{rig="rig"} 0.0' in page.get("/metrics")[1], "silence in the metrics")
 
@@ -143,7 +143,7 @@ def test_a_daemon_that_leaves_says_so_and_a_new_one_is_found(tab: Tab, page: Pag
             tab.wait_for(f"{STATE} === 'exposing'", "the daemon")
             tab.wait_for("!document.querySelector('.stale')", "pictures")
             for camera in ("left", "right"):
-                assert max(tab.value(f"{SHRUNK}('#{camera} canvas', 4, 3)")) > 0
+                assert max(tab.value(f"{SHRUNK}('[data-camera={camera}] canvas', 4, 3)")) > 0
         tab.wait_for(f"{STATE} === 'ended'", "the end of the daemon")
         tab.wait_for("document.querySelectorAll('figure.stale').length === 2", "stale pictures")
     assert tab.complaints == []
@@ -175,7 +175,7 @@ def test_a_robot_that_repeats_a_path_is_shown_on_it(tab: Tab, page: PageProcess,
 
         wait_until(shown, "the card")
         words = "3.5 of 40.0 m, local map 17, shifted +12 px, 30 of 40 matches agree, 0.40 m/s, \u22120.10 rad/s"
-        assert tab.text("repetition-words").endswith(words)
+        assert tab.text("#repetition-words").endswith(words)
         for canvas in ("path", "vote"):
             assert max(tab.value(f"{SHRUNK}('#{canvas}', 8, 8)")) > 0
         tab.wait_for(hidden, "its end")
@@ -185,15 +185,15 @@ def test_a_robot_that_repeats_a_path_is_shown_on_it(tab: Tab, page: PageProcess,
 def test_a_belief_is_drawn_in_place_of_the_prediction(tab: Tab, page: PageProcess, at: str) -> None:
     rests_on: list[Grounds | None] = [None]
     tab.open(page.url)
-    words = "document.getElementById('curve-words').innerText"
-    title = "document.getElementById('belief-title').hidden"
+    words = "document.querySelector('.curve-words').innerText"
+    title = "document.querySelector('.belief-title').hidden"
     with publishing(PublishConfig(listen=(at,)), explain=answering(lambda: rests_on[0])):
         tab.wait_for(f"{words}.includes('with metric')", "the prediction")
         assert tab.value(title)
         rests_on[0] = GROUNDS
         tab.wait_for(f"{words}.includes('12.00') && {words}.includes('8.00')", "what decides")
         assert not tab.value(title)
-        assert len(set(tab.value(f"{SHRUNK}('#curve', 40, 40)"))) > 10
+        assert len(set(tab.value(f"{SHRUNK}('.curve', 40, 40)"))) > 10
     assert tab.complaints == []
 
 
@@ -204,12 +204,12 @@ def test_a_pair_that_control_skipped_comes_without_the_decision_before(tab: Tab,
 
         def shown(decision: Decision | None, reason: str) -> bool:
             publisher(ControlStep(StepInputs(pair(next(numbers))), decision))
-            return tab.text("decision-reason").startswith(reason)
+            return tab.text(".reason").startswith(reason)
 
         wait_until(lambda: shown(DECISION, DECISION.reason), "a decision")
-        assert "stops" in tab.text("decision-values")
+        assert "stops" in tab.text(".values")
         wait_until(lambda: shown(None, "none: control skipped this pair"), "a pair without one")
-        assert tab.text("decision-values") == ""
+        assert tab.text(".values") == ""
     assert tab.complaints == []
 
 
@@ -289,13 +289,39 @@ def test_what_is_shown_is_what_was_published(tab: Tab, page: PageProcess, at: st
     with scripted_daemon(control={"policy": "neves2009"}, publish={"listen": [at]}) as (_, _, seen):
         tab.open(page.url)
         tab.wait_for(f"{STATE} === 'exposing' && !document.querySelector('.stale')", "pictures")
-        tab.wait_for("document.getElementById('curve-words').innerText !== ''", "a prediction curve")
+        tab.wait_for("document.querySelector('.curve-words').innerText !== ''", "a prediction curve")
         compare(tab, seen)
-        for canvas in ("#curve", ".lane canvas"):
+        for canvas in (".curve", ".lane canvas"):
             assert len(set(tab.value(f"{SHRUNK}('{canvas}', 40, 20)"))) > 5
         assert tab.complaints == []
         assert page.stop() == 0
         assert "Traceback" not in page.log
+
+
+def test_cameras_of_several_groups_are_shown_group_by_group(tab: Tab, page: PageProcess, at: str) -> None:
+    tab.open(page.url)
+    tab.wait_for(f"{STATE} === 'waiting'", "a page that expects a stereo pair")
+    sections: dict[str, Any] = {
+        "cameras": FRONT_AND_REAR,
+        "control": {"policy": "neves2009"},
+        "groups": {"rear": {"policy": "fixed"}},
+    }
+    with scripted_daemon(publish={"listen": [at]}, **sections):
+        tab.wait_for(f"{STATE} === 'exposing' && !document.querySelector('.stale')", "pictures")
+        words = "[...document.querySelectorAll('.curve-words')].map(({ innerText }) => innerText)"
+        tab.wait_for(f"{words}.every((said) => said.includes('with metric'))", "a prediction for each group")
+        tab.wait_for("document.querySelector('[data-group=rear] .reason').innerText === 'fixed'", "a decision")
+        cameras = "[...document.querySelectorAll('[data-group={}] figure')].map((each) => each.dataset.camera)"
+        assert tab.value(cameras.format("front")) == ["front_left", "front_right"]
+        assert tab.value(cameras.format("rear")) == ["rear"]
+        assert tab.text("[data-group=front] .decision h2").split() == ["Decision", "for", "front", "by", "neves2009"]
+        assert tab.text("[data-group=rear] .curve-title") == "Predicted metric of the rear picture"
+        assert "gain 0.0 dB" in tab.text("[data-camera=rear] dl").replace("\n", " ")
+        for place in ("[data-camera=rear] canvas", "[data-group=rear] .curve", "#history .lanes:last-child canvas"):
+            assert len(set(tab.value(f"{SHRUNK}('{place}', 40, 20)"))) > 5, place
+        assert tab.value("document.querySelectorAll('.lane').length") == 8
+        assert "group\trear" in tab.text("#cameras")
+        assert tab.complaints == []
 
 
 def compare(tab: Tab, run: Sequence[tuple[FrameSet, Decision | None]]) -> None:
@@ -321,10 +347,10 @@ def look(tab: Tab) -> dict[str, Any]:
     height, width = SHAPE
     expression = f"""(() => {{
       const words = (selector) => document.querySelector(selector).innerText.replaceAll("\\n", " ");
-      const shown = {{ trigger: Number(document.body.dataset.trigger), decision: words("#decision") }};
+      const shown = {{ trigger: Number(document.body.dataset.trigger), decision: words(".decision") }};
       for (const camera of ["left", "right"]) {{
-        shown[camera] = words(`#${{camera}} figcaption`);
-        shown[`${{camera}} pixels`] = {SHRUNK}(`#${{camera}} canvas`, {width}, {height});
+        shown[camera] = words(`[data-camera=${{camera}}] figcaption`);
+        shown[`${{camera}} pixels`] = {SHRUNK}(`[data-camera=${{camera}}] canvas`, {width}, {height});
       }}
       return shown;
     }})()"""

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from autoexpose_daemon.client import ReceivedPair
+from autoexpose_daemon.client import ReceivedSet
 from autoexpose_daemon.client.status_client import StatusClient
 from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.metrics.gradient import GradientMetric
@@ -41,9 +41,9 @@ from tests.autoexpose_daemon.publish.steps import DECISION, PATIENCE_S, pair
 from tests.autoexpose_daemon.samples import EXPOSING
 
 
-def received(*shapes: tuple[int, int]) -> Iterator[ReceivedPair]:
+def received(*shapes: tuple[int, int]) -> Iterator[ReceivedSet]:
     for number, shape in enumerate(shapes):
-        yield ReceivedPair(pair(number, shape).frames, 0, number, number, DECISION, number * 10**9)
+        yield ReceivedSet(pair(number, shape).frames, 0, number, number, DECISION, number * 10**9)
 
 
 @pytest.mark.parametrize(
@@ -61,12 +61,12 @@ def test_frames_that_cannot_be_shown_do_not_end_the_page(
     assert all(word in message for word, message in zip(words, caplog.messages, strict=True))
 
 
-async def followed(pairs: Iterator[ReceivedPair]) -> int:
+async def followed(pairs: Iterator[ReceivedSet]) -> int:
     """How many views were made of some pairs."""
     views = PairViews("rig", (), StatusClient(), ExposureHistory())
 
     class Client:
-        def next_pair(self, _timeout_s: float) -> ReceivedPair | None:
+        def next_set(self, _timeout_s: float) -> ReceivedSet | None:
             following = next(pairs, None)
             views._closed = following is None
             return following
@@ -88,7 +88,7 @@ class Following(contextlib.nullcontext[None]):
     def __enter__(self) -> Any:
         return self
 
-    def next_pair(self, timeout_s: float) -> ReceivedPair | None:
+    def next_set(self, timeout_s: float) -> ReceivedSet | None:
         following = next(self._pairs, None)
         if following is None:
             time.sleep(timeout_s)
@@ -101,7 +101,7 @@ class Following(contextlib.nullcontext[None]):
 
 @pytest.fixture
 def one_pair_each_time(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(pair_views, "StereoClient", Following)
+    monkeypatch.setattr(pair_views, "RigClient", Following)
 
 
 @pytest.mark.usefixtures("one_pair_each_time")
@@ -111,9 +111,9 @@ def test_nobody_sees_a_picture_from_before_they_watched() -> None:
             for watched in (1, 2):
                 with views.watched() as before:
                     number, picture = await asyncio.wait_for(views.next_view(before), PATIENCE_S)
-                    await until(lambda: views.curve is not None)
+                    await until(lambda: views.promises)
                 assert (number, bool(picture)) == (watched, True)
-                await until(lambda: views.curve is None)
+                await until(lambda: not views.promises)
 
     asyncio.run(watch_twice())
 
@@ -138,8 +138,8 @@ def test_the_prediction_of_a_pair_long_ago_is_not_shown(monkeypatch: pytest.Monk
 
     async def watch_on() -> None:
         with PairViews("rig", (), StatusClient(), ExposureHistory()) as views, views.watched():
-            await until(lambda: views.curve is not None)
-            await until(lambda: views.curve is None)
+            await until(lambda: views.promises)
+            await until(lambda: not views.promises)
 
     asyncio.run(watch_on())
 
@@ -163,8 +163,8 @@ def test_no_spike_between_two_points_of_the_drawing_is_lost() -> None:
     history = ExposureHistory()
     for number in range(60):
         time_us = 5000.0 if number == 17 else 100.0
-        history.add(BUCKET_S * number / 60, ExposureSetting(time_us, 3.0), DECISION)
-    (row,) = history.since(0.0)
+        history.add(BUCKET_S * number / 60, "all", ExposureSetting(time_us, 3.0), DECISION)
+    (row,) = history.since(0.0)["all"]
     assert len(row) == 1 + len(SERIES)
     assert (row[0], row[TIME], row[GAIN]) == (0.0, (100.0, 5000.0), (3.0, 3.0))
     assert row[ASKED] == (DECISION.setting.exposure_time_us,) * 2
@@ -172,26 +172,26 @@ def test_no_spike_between_two_points_of_the_drawing_is_lost() -> None:
 
 def test_what_was_not_decided_or_is_no_number_leaves_no_mark() -> None:
     history = ExposureHistory()
-    history.add(0.0, ExposureSetting(100.0, 3.0), None)
-    history.add(0.1, ExposureSetting(100.0, 3.0), replace(DECISION, metric=math.nan))
-    (row,) = history.since(0.0)
+    history.add(0.0, "all", ExposureSetting(100.0, 3.0), None)
+    history.add(0.1, "all", ExposureSetting(100.0, 3.0), replace(DECISION, metric=math.nan))
+    (row,) = history.since(0.0)["all"]
     assert (row[TIME], row[METRIC]) == ((100.0, 100.0), None)
 
 
 def test_it_forgets_what_is_older_and_gives_what_is_new() -> None:
     history = ExposureHistory()
     for number in range(10_000):
-        history.add(number * BUCKET_S, ExposureSetting(100.0 + number, 0.0), None)
-    rows = history.since(0.0)
+        history.add(number * BUCKET_S, "all", ExposureSetting(100.0 + number, 0.0), None)
+    rows = history.since(0.0)["all"]
     assert len(rows) * BUCKET_S == LENGTH_S
-    assert history.since(rows[-3][0]) == rows[-3:]
+    assert history.since(rows[-3][0]) == {"all": rows[-3:]}
 
 
 def test_a_point_that_comes_late_does_not_go_back() -> None:
     history = ExposureHistory()
-    history.add(10.0, ExposureSetting(100.0, 0.0), None)
-    history.add(10.0 - BUCKET_S, ExposureSetting(300.0, 0.0), None)
-    assert [row[:2] for row in history.since(0.0)] == [(10.0, (100.0, 300.0))]
+    history.add(10.0, "all", ExposureSetting(100.0, 0.0), None)
+    history.add(10.0 - BUCKET_S, "all", ExposureSetting(300.0, 0.0), None)
+    assert [row[:2] for row in history.since(0.0)["all"]] == [(10.0, (100.0, 300.0))]
 
 
 AGE_S = 0.9
@@ -215,7 +215,7 @@ async def recorded(pair_age_s: float) -> list[tuple[Any, ...]]:
     views: Any = SimpleNamespace(pair_s=time.monotonic() - pair_age_s)
     with contextlib.suppress(asyncio.TimeoutError):
         await asyncio.wait_for(app._record_status(client, views, history), 0.1)
-    return history.since(-math.inf)
+    return history.since(-math.inf).get("all", [])
 
 
 @pytest.fixture(autouse=True)

@@ -65,15 +65,15 @@ def telling(
     )
 
 
-def answering(told: Callable[[], Grounds | None]) -> Explain:
-    """Control that says at once on what it decides."""
+def answering(told: Callable[[], Grounds | None], *groups: str) -> Explain:
+    """Control that says at once on what it decides, for each group."""
 
     def explain() -> Future[Grounds | None]:
         answer: Future[Grounds | None] = Future()
         answer.set_result(told())
         return answer
 
-    return explain
+    return dict.fromkeys(groups or ("all",), explain)
 
 
 @contextlib.contextmanager

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import pytest
 import zenoh
@@ -35,7 +36,7 @@ from imaging.exposure import ExposureSetting
 from tests.autoexpose_daemon.publish.processes import router
 from tests.autoexpose_daemon.publish.steps import endpoint, nothing, wait_until
 from tests.autoexpose_daemon.recording.runs import replayed
-from tests.autoexpose_daemon.scripted import Seen, scripted_daemon
+from tests.autoexpose_daemon.scripted import FRONT_AND_REAR, Seen, scripted_daemon
 from tests.autoexpose_daemon.service.service_process import Within
 
 pytestmark = pytest.mark.wire
@@ -44,9 +45,9 @@ SHOT = ExposureSetting(150.0, 3.0)
 
 
 @contextmanager
-def exposing(at: str, recorder: ContinuousRecorder | None = None) -> Iterator[tuple[Daemon, Seen]]:
+def exposing(at: str, recorder: ContinuousRecorder | None = None, **sections: Any) -> Iterator[tuple[Daemon, Seen]]:
     """A daemon that has pairs, and takes requests."""
-    with scripted_daemon(recorder, publish={"listen": [at]}) as (daemon, _, seen):
+    with scripted_daemon(recorder, publish={"listen": [at]}, **sections) as (daemon, _, seen):
         wait_until(lambda: len(seen) > 20 and daemon.telemetry.publishing and daemon.telemetry.publishing.sent, "pairs")
         yield daemon, seen
 
@@ -361,3 +362,34 @@ def test_the_terminal(within: Within) -> None:
     assert f"no answer for rig rig from {at}: is the daemon running" in refused("lock")
     told = within.refused("ctl", "--zenoh", "/nowhere.json5", "lock")
     assert "/nowhere.json5 cannot be read (No such file or directory): name a zenoh configuration file" in told
+
+
+def test_groups_of_cameras_are_asked_together_or_one_by_one(within: Within) -> None:
+    at = endpoint()
+
+    def ctl(*arguments: str) -> list[str]:
+        code, text, told = within("ctl", "--connect", at, "--by", "ana", *arguments)
+        assert (code, told) == (0, "")
+        return text.splitlines()
+
+    def refused(*arguments: str) -> str:
+        return within.refused("ctl", "--connect", at, *arguments)
+
+    with exposing(at, cameras=FRONT_AND_REAR) as (daemon, _), ControlClient(connect=[at], group="rear") as rear:
+        assert {name: group.requests.locked for name, group in rear.show().groups.items()} == {"rear": None}
+        assert set(rear.ask({"group": None, "ev_stops": -1.0}).groups) == {"front", "rear"}
+        assert rear.ev(-0.5).requests.ev_stops == -0.5
+        told = ctl("lock")
+        of_front, of_rear = told[: len(told) // 2], told[len(told) // 2 :]
+        assert of_front[0] == "group     front" and of_rear[0] == "group     rear"
+        assert "EV        -1" in of_front and "EV        -0.5" in of_rear
+        assert "latest    lock of group rear, asked by ana" in of_rear
+        assert "exposure  decided by the policy" in ctl("--group", "rear", "unlock")
+        assert "changed   region rear" in ctl("region", "rear", "--rectangle", "0,0,90,90")
+        front, behind = daemon.groups["front"].tally, daemon.groups["rear"].tally
+        assert front.requests.locked is not None and behind.requests.locked is None
+        assert (front.requests.changed, behind.requests.changed) == ((), ("region rear",))
+        assert "there is no group port: give one of front, rear" in refused("--group", "port", "lock")
+        assert "region.rear: that camera is not in group front" in refused("--group", "front", "region", "rear")
+        assert "the rig has no left camera" in refused("region", "left")
+        assert "give group, one of front, rear" in refused("shot", "--time-us", "500")

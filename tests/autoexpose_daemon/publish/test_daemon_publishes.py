@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import threading
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -206,6 +207,17 @@ def test_however_many_ask_control_is_asked_now_and_then() -> None:
         for _ in range(20):
             assert client.ask_grounds() == GROUNDS
     assert next(asked) < 10
+
+
+def test_each_group_is_asked_for_its_own() -> None:
+    at, of_rear = endpoint(), replace(GROUNDS, level=9.0)
+    explain = {**answering(lambda: GROUNDS, "front"), **answering(lambda: of_rear, "rear")}
+    with telling(at, nothing, explain=explain), StatusClient(connect=[at]) as client:
+        wait_until(lambda: client.ask_grounds() == GROUNDS, "an answer")
+        assert client.ask_grounds("rear") == of_rear
+        assert client.ask_grounds("front") == GROUNDS
+        for stranger in ("port", "", "*", "a b", "rear&x#?"):
+            assert client.ask_grounds(stranger) is None
 
 
 def test_an_answer_comes_back_as_it_was() -> None:
