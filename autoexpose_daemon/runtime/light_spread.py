@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Mapping
+from itertools import permutations
 
 import numpy as np
 
@@ -22,9 +24,10 @@ BLACK_GREY, WHITE_GREY = 1.0, 254.0
 
 
 class LightSpread:
-    """Remembers the mean light that each camera sees, and names those that see stops more than others of their group.
+    """Remembers how much more light a camera sees than others of its group, and names those that see stops more.
 
-    One exposure cannot serve both: the brighter one is white, or the darker one black.
+    One exposure cannot serve both: the brighter one is white, or the darker one black. Frames are compared with those
+    of the same trigger, so that light which changes makes no difference.
     """
 
     def __init__(
@@ -33,11 +36,10 @@ class LightSpread:
         self.sentences: dict[CameraName, str] = {}  # what is wrong, in words to follow "left camera: "
         self._groups = [group for group in groups if len(group) > 1]
         self._light = {camera: np.exp2(response.log2_exposure) for camera, response in responses.items()}
-        self._stops: dict[CameraName, float] = {}
+        self._more: dict[tuple[CameraName, CameraName], float] = {}  # by how much the first sees more (stops)
+        self._compared_ns: dict[tuple[CameraName, CameraName], int] = {}
         self._apart: dict[CameraName, float] = {}  # as told
         self._due_ns = 0
-        self._looked_ns: dict[CameraName, int] = {}
-        self._mean_grey: dict[CameraName, float] = {}
 
     def look(self, frames: FrameSet) -> None:
         """Look at the frames of a trigger, now and then."""
@@ -45,28 +47,34 @@ class LightSpread:
         if not self._groups or now_ns < self._due_ns:
             return
         self._due_ns = now_ns + LOOK_NS
-        for camera, frame in frames.frames.items():
-            self._see(camera, frame, now_ns)
         for group in self._groups:
-            if present := {camera: self._stops[camera] for camera in group if camera in frames.frames}:
-                self._judge(present)
+            seen = {camera: self._seen(camera, frame) for camera, frame in frames.frames.items() if camera in group}
+            for camera, other in permutations(seen, 2):
+                self._compare(camera, other, seen[camera][0] - seen[other][1], now_ns)
+            self._judge(seen.keys())
 
-    def _see(self, camera: CameraName, frame: Frame, now_ns: int) -> None:
-        """Note the mean light of a frame (stops): of a white one it is at least that, of a black one at most."""
+    def _seen(self, camera: CameraName, frame: Frame) -> tuple[float, float]:
+        """The mean light of a frame, at least and at most (stops): a white one tells no most, a black one no least."""
         grey = frame.sparse_grey8()
-        self._mean_grey[camera] = float(grey.mean())
-        seen = float(np.log2(self._light[camera][grey].mean())) - frame.setting.level
-        share = min((now_ns - self._looked_ns.get(camera, now_ns)) * 1e-9 / REMEMBERED_S, 1.0)
-        before = self._stops.get(camera, seen)
-        self._stops[camera] = before + share * (seen - before)
-        self._looked_ns[camera] = now_ns
+        stops = float(np.log2(self._light[camera][grey].mean())) - frame.setting.level
+        mean_grey = grey.mean()
+        return -math.inf if mean_grey < BLACK_GREY else stops, math.inf if mean_grey > WHITE_GREY else stops
 
-    def _judge(self, stops: Mapping[CameraName, float]) -> None:
-        darkest = min(stops, key=stops.__getitem__)
-        for camera in stops:
-            apart, said = stops[camera] - stops[darkest], self._apart.get(camera)
-            if self._mean_grey[camera] < BLACK_GREY or self._mean_grey[darkest] > WHITE_GREY:
-                apart = 0.0  # nobody knows
+    def _compare(self, camera: CameraName, other: CameraName, more: float, now_ns: int) -> None:
+        """Remember that one camera sees at least so much more light than another (stops)."""
+        if more == -math.inf:
+            return
+        pair = camera, other
+        share = min((now_ns - self._compared_ns.get(pair, now_ns)) * 1e-9 / REMEMBERED_S, 1.0)
+        before = self._more.get(pair, more)
+        self._more[pair] = before + share * (more - before)
+        self._compared_ns[pair] = now_ns
+
+    def _judge(self, cameras: Collection[CameraName]) -> None:
+        for camera in cameras:
+            more = {other: self._more.get((camera, other), 0.0) for other in cameras if other != camera}
+            darkest = max(more, key=more.__getitem__, default=camera)
+            apart, said = more.get(darkest, 0.0), self._apart.get(camera)
             if apart <= (APART_STOPS if said is None else TOGETHER_STOPS):
                 self._apart.pop(camera, None)
                 self.sentences.pop(camera, None)

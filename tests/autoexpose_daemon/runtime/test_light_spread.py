@@ -102,3 +102,15 @@ def test_a_black_frame_beside_one_that_is_not_is_in_less_light_and_a_white_one_i
     spread = LightSpread([names], dict.fromkeys(names, LINEAR))
     seen(spread, {FRONT[0]: front, REAR[0]: rear}, stops=-2.0)
     assert list(spread.sentences) == [REAR[0]]
+
+
+def test_a_camera_that_begins_while_the_light_changes_is_compared_with_what_the_other_sees_then() -> None:
+    spread = LightSpread([FRONT], dict.fromkeys(FRONT, LINEAR))
+    seen(spread, {"front_left": 255}, 1)
+    for number in range(10, 30):
+        spread.look(frames(number, dict.fromkeys(FRONT, 20)))
+        assert spread.sentences == {}
+    seen(spread, {"front_left": 20}, 10, 30)
+    for number in range(130, 150):
+        spread.look(frames(number, dict.fromkeys(FRONT, 200)))
+        assert spread.sentences == {}
