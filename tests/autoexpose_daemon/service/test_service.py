@@ -89,7 +89,7 @@ def running(caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setattr("autoexpose_daemon.service.service._STATUS_PERIOD_S", 0.1)
     monkeypatch.setattr("autoexpose_daemon.service.service._TURN_S", 0.05)
     caplog.set_level("INFO")
-    with service_manager(lambda: caplog.text) as (manager, address), ScriptedRig() as rig:
+    with service_manager(lambda: caplog.text) as (manager, address), ScriptedRig(config().cameras) as rig:
         running = RunningService(rig, manager, address)
         thread = threading.Thread(target=running.run)
         thread.start()
