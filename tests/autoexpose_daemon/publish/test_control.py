@@ -378,7 +378,8 @@ def test_groups_of_cameras_are_asked_together_or_one_by_one(within: Within) -> N
     with exposing(at, cameras=FRONT_AND_REAR) as (daemon, _), ControlClient(connect=[at], group="rear") as rear:
         assert {name: group.requests.locked for name, group in rear.show().groups.items()} == {"rear": None}
         assert set(rear.ask({"group": None, "ev_stops": -1.0}).groups) == {"front", "rear"}
-        assert rear.ev(-0.5).requests.ev_stops == -0.5
+        assert rear.ev(-0.25).requests.ev_stops == -0.25
+        assert "EV        -0.5" in ctl("--group", "rear", "ev", "-0.5")
         told = ctl("lock")
         of_front, of_rear = told[: len(told) // 2], told[len(told) // 2 :]
         assert of_front[0] == "group     front" and of_rear[0] == "group     rear"
