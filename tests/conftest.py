@@ -33,6 +33,7 @@ LONGEST = (
     "calibration/test_judge_sweep.py",
     "autoexpose_daemon/page/test_page.py",
     "evaluation/test_rejudge.py",
+    "soak/test_soak.py",
     "fake_camera/usb3/test_usb3_aravis.py",
     "fuzz/test_fuzz.py",
     "drivers/aravis/test_camera_contract.py",
