@@ -19,8 +19,8 @@ from tests.soak.wire import Wire
 STUCK_FRAMES = 180
 """After three seconds a camera that sends nothing while the other one does is reopened."""
 
-NO_PAIRS = "frames form no stereo pairs"
-"""Also said for a moment when frames come again, between the first one and its partner."""
+NO_PAIRS = "frames form no"
+"""Stereo pairs, or whole sets: also said for a moment when frames come again, between the first one and its partner."""
 
 WRONG_RATE = "frames a second where"
 SURELY_JUDGED = 3 * JUDGED_FRAMES + 5
