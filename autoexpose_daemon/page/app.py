@@ -41,6 +41,8 @@ def tables(status: Status) -> dict[str, list[Any]]:
     triggers = status.counts.pairs + sum(status.lost.values())
     durations = ((duration.label, getattr(status, duration.field)) for duration in DURATIONS)
     pairs, *others = _counts(status, "triggers")
+    if len(status.cameras) > 2:
+        pairs = "whole sets", *pairs[1:]
     return {
         "triggers": [("triggers", triggers, False), pairs, *(lost or [("lost", 0, True)]), *others],
         "writes": _counts(status, "writes"),

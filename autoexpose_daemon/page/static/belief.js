@@ -6,6 +6,7 @@ const LEFT = 4;
 const RIGHT = 4;
 const LOWEST_DRAWN = 0.02; // of the highest bin: the axis leaves out what is lower at its ends
 const TICK_STOPS = 4;
+const HALF_TICK = 7; // of its number, which is left out where it would be cut
 const HELD_STOPS = 0.05; // cameras round what is decided by less
 
 export const bestLevel = ({ levels, value }) => levels[value.indexOf(Math.max(...value))];
@@ -102,7 +103,9 @@ function drawPromise(pen, { levels, worth, value }, x, top, bottom, colour, mark
   pen.fillStyle = colour("quiet");
   pen.textAlign = "center";
   for (let tick = Math.ceil(levels[0] / TICK_STOPS) * TICK_STOPS; tick <= levels.at(-1); tick += TICK_STOPS) {
-    pen.fillText(String(tick), x(tick), bottom + 9);
+    if (x(tick) > LEFT + HALF_TICK && x(tick) < pen.canvas.clientWidth - RIGHT - HALF_TICK) {
+      pen.fillText(String(tick), x(tick), bottom + 9);
+    }
   }
   pen.strokeStyle = colour("ink");
   pen.lineWidth = 1.8;

@@ -18,7 +18,8 @@ function chosen() {
   return value in groups ? value : null;
 }
 
-const meant = () => Object.values(groups).filter((_, place) => [null, Object.keys(groups)[place]].includes(chosen()));
+const meant = () =>
+  Object.entries(groups).flatMap(([name, group]) => ([null, name].includes(chosen()) ? [group] : []));
 
 // What all of them have; undefined if they differ.
 function common(values) {

@@ -53,9 +53,9 @@ function figureOf(camera) {
 function lanesOf(group, several, onHover) {
   const box = element("div", undefined, several ? "lanes beside" : "lanes");
   for (const lane of LANES) {
-    const heading = element("h3", lane.name);
+    const heading = element("h3");
     const value = element("b");
-    heading.append(value);
+    heading.append(element("span", lane.name), value);
     const canvas = element("canvas");
     const place = element("div", undefined, "lane");
     place.append(heading, canvas);

@@ -321,6 +321,7 @@ def test_cameras_of_several_groups_are_shown_group_by_group(tab: Tab, page: Page
             assert len(set(tab.value(f"{SHRUNK}('{place}', 40, 20)"))) > 5, place
         assert tab.value("document.querySelectorAll('.lane').length") == 8
         assert "group\trear" in tab.text("#cameras")
+        assert "whole sets\t" in tab.text("#triggers") and "stereo" not in tab.text("#triggers")
         assert tab.complaints == []
 
 
