@@ -17,6 +17,7 @@ from drivers.host.network import (
     interface_with,
     needed_bytes_per_s,
     packet_delay_ns,
+    packets_of,
 )
 from drivers.host.stream_filter import StreamFilter, largest_packet_id
 from drivers.setup import CameraSetup, LinkShare
@@ -31,8 +32,8 @@ BUFFERS = 16
 PACKET_TIMEOUT_US = 2_000
 """A packet this late is requested again. With Aravis' default of 20 ms one lost packet delays its frame, and the next
 ones, by two periods at 60 Hz."""
-DROPPED_PACKETS = 50
-"""As many in a row, without a frame, are no remains of resending."""
+DROPPED_FRAMES = 3
+"""The packets of so many, without a frame between them, are no remains of one that a busy host gave up."""
 FRAME_RETENTION_US = 50_000
 """A GigE Vision frame incomplete this long after its last packet is given up; frames behind it wait until then."""
 
@@ -40,10 +41,11 @@ FRAME_RETENTION_US = 50_000
 class FrameStream:
     """The buffers of a camera as they fill, and what keeps others out of them, where the transport needs that."""
 
-    def __init__(self, serial: str, stream: Any, guard: StreamFilter | None) -> None:
+    def __init__(self, serial: str, stream: Any, guard: StreamFilter | None, frame_packets: int) -> None:
         self._serial = serial
         self._stream = stream
         self._guard = guard
+        self._frame_packets = frame_packets
         self._ignored = 0  # packets that Aravis ignored up to the last buffer
         self._said = False
 
@@ -83,7 +85,7 @@ class FrameStream:
 
         It takes a number up to 100 below the last one for that of a frame which is late.
         """
-        if not self._said and ignored - self._ignored > DROPPED_PACKETS:
+        if not self._said and ignored - self._ignored > DROPPED_FRAMES * self._frame_packets:
             self._said = True
             log.warning(
                 "camera %s: its frames arrive, but Aravis drops them, since their numbers (block ids) do not go on "
@@ -112,7 +114,7 @@ def create_stream(nodes: AravisNodes, setup: CameraSetup) -> FrameStream:
             nodes.call("set the packet size", nodes.camera.gv_set_packet_size, setup.packet_size_bytes)
     stream = nodes.call("open the stream", nodes.camera.create_stream, None, None)
     payload_bytes = nodes.call("read the payload size", nodes.camera.get_payload)
-    guard = None
+    guard, frame_packets = None, 1
     if is_gige:
         if setup.link_share is not None:
             keep_to_share(nodes, setup.link_share, payload_bytes, setup.trigger.rate_hz)
@@ -121,12 +123,13 @@ def create_stream(nodes: AravisNodes, setup: CameraSetup) -> FrameStream:
         stream.set_property("packet-timeout", PACKET_TIMEOUT_US)
         stream.set_property("frame-retention", FRAME_RETENTION_US)
         packet_bytes = nodes.call("read the packet size", nodes.camera.gv_get_packet_size)
+        frame_packets = packets_of(payload_bytes, packet_bytes)
         _compare_with_mtu(nodes, packet_bytes)
         # While there are no buffers, Aravis ignores packets.
         guard = _guard(nodes, stream.get_port(), largest_packet_id(payload_bytes, packet_bytes))
     for _ in range(BUFFERS):
         stream.push_buffer(Aravis.Buffer.new_allocate(payload_bytes))
-    return FrameStream(nodes.serial, stream, guard)
+    return FrameStream(nodes.serial, stream, guard, frame_packets)
 
 
 def keep_to_share(nodes: AravisNodes, share: LinkShare, payload_bytes: int, rate_hz: float | None) -> None:
