@@ -26,6 +26,7 @@ from autoexpose_daemon.messages.frames import (
 )
 from imaging.errors import ConfigurationError
 from imaging.frames import CameraName, Frame, FrameSet
+from imaging.geometry import SIDES
 from imaging.normalised import Bits, normalised
 from imaging.pixels import Pixels
 from imaging.response import ResponseFunction
@@ -291,8 +292,8 @@ class SetAssembler(Generic[Received]):
     def exposure(self, camera: CameraName, data: bytes, now_ns: int) -> Received | None:
         """Take an ExposureInfo; returns the set that it completes. Raises `DamagedMessageError`."""
         info = read_exposure_info(data)
-        if self._cameras is None and self._kind.MOST is not None and info.cameras > self._kind.MOST:
-            raise DamagedMessageError(f"the rig has {info.cameras} cameras: give StereoClient the names of two of them")
+        if self._cameras is None and self._kind.MOST is not None:
+            _check_stereo(camera, info.cameras, self._kind.MOST)
         awaited = self._cameras is None or camera in self._cameras
         if info.alone:
             self._sequence.alone(info.sequence, awaited=awaited)
@@ -337,6 +338,13 @@ class SetAssembler(Generic[Received]):
         decisions = {camera: decision for camera, decision in found.items() if decision is not None}
         self._sequence.whole(info.sequence)  # after what may refuse the set, which then counts as lost
         return self._kind(frames, stamp, info.trigger, info.sequence, found[cameras[0]], now_ns, decisions=decisions)
+
+
+def _check_stereo(camera: CameraName, cameras: int, most: int) -> None:
+    if cameras > most:
+        raise DamagedMessageError(f"the rig has {cameras} cameras: give StereoClient the names of two of them")
+    if cameras == most and camera not in SIDES:
+        raise DamagedMessageError(f"the rig has a camera named {camera}: tell StereoClient which is left, which right")
 
 
 class SetQueue(Generic[Received]):

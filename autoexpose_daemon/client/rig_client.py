@@ -34,7 +34,9 @@ from autoexpose_daemon.messages.keys import (
     camera_of,
     check_rig_name,
     consumer_key,
+    frame_key,
     last_but,
+    response_key,
     rig_key,
 )
 from autoexpose_daemon.publish.session import Endpoints, SessionHolder
@@ -74,6 +76,11 @@ class Inbox(Generic[Received]):
         self.tally = ConsumerTally()
         self.session = SessionHolder("client", endpoints, self._serve, _on_trouble)
         self._rig, self._name, self._normalised = rig, name, normalised
+        self._keys = [all_of_rig(rig)]
+        if cameras is not None:
+            # The exposures of others tell a set that was sent without a camera from one that was lost.
+            self._keys = [frame_key(rig, "*", "exposure"), *(frame_key(rig, each, "image") for each in cameras)]
+            self._keys += [response_key(rig, each) for each in cameras]
         self._news = threading.Condition()
         self._assembler = SetAssembler(kind, self.tally, cameras)
         self._queue: SetQueue[Received] = SetQueue(self.tally, _QUEUE_PAIRS)
@@ -117,7 +124,8 @@ class Inbox(Generic[Received]):
                 self._news.notify()
 
     def _serve(self, session: zenoh.Session) -> None:
-        self.session.subscribe(session, all_of_rig(self._rig), self.receive, _RING_MESSAGES)
+        for key in self._keys:
+            self.session.subscribe(session, key, self.receive, _RING_MESSAGES)
         key = consumer_key(self._rig, self._name)
         while True:
             with contextlib.suppress(zenoh.ZError):  # the next report holds these counts too
@@ -288,7 +296,7 @@ class RigClient(FrameClient[ReceivedSet]):
 class StereoClient(FrameClient[ReceivedPair]):
     """A `RigClient` of one stereo pair: `cameras` are its left and its right one.
 
-    None: those of a rig that has no others; one with a single camera gives it as the left one.
+    None: the rig's own `left` and `right`; one with a single camera gives it as the left one.
     """
 
     _KIND = ReceivedPair

@@ -70,8 +70,8 @@ def check_key_expression(key: str) -> str:
     return key
 
 
-def frame_key(rig: str, camera: CameraName, topic: str) -> str:
-    """Where the messages of a camera go; `topic` is one of `image`, `camera_info`, `exposure`."""
+def frame_key(rig: str, camera: CameraName | Literal["*"], topic: str) -> str:
+    """Where the messages of a camera, or of all (`*`), go; `topic` is one of `image`, `camera_info`, `exposure`."""
     return f"autoexpose/{rig}/{camera}/{topic}"
 
 

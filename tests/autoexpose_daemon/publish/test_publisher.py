@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from autoexpose_daemon.client import StereoClient
+from autoexpose_daemon.client import RigClient, StereoClient
 from autoexpose_daemon.client.status_client import StatusClient
 from autoexpose_daemon.config.document import PublishConfig
 from autoexpose_daemon.control.step import ControlStep, StepInputs
@@ -91,6 +91,22 @@ def test_a_client_waits_for_its_daemon_and_finds_the_next_one() -> None:
                 assert client.next_pair(PATIENCE_S) is not None
         client.close()
         assert client.next_pair() is None
+
+
+def test_a_client_of_one_camera_is_sent_no_image_of_another() -> None:
+    at, images = endpoint(), set()
+    with RigClient(connect=[at], cameras=["right"]) as client:
+        take = client._inbox.receive
+
+        def note(key: str, data: bytes) -> None:
+            images.update({key} if key.endswith("/image") else ())
+            take(key, data)
+
+        client._inbox.receive = note  # type: ignore[method-assign]
+        with publishing(PublishConfig(listen=(at,))):
+            sets = [client.next_set(PATIENCE_S) for _ in range(5)]
+    assert [set(each.frames) for each in sets if each is not None] == 5 * [{"right"}]
+    assert images == {keys.frame_key("rig", "right", "image")}
 
 
 def test_a_client_of_normalised_frames_gets_no_pair_without_the_responses_of_its_cameras() -> None:

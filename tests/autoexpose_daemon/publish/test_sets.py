@@ -126,6 +126,14 @@ def test_a_stereo_client_of_a_rig_of_three_needs_names() -> None:
     assert named.sequences == [1]
 
 
+def test_which_of_two_cameras_of_other_names_is_left_is_not_guessed() -> None:
+    receiver = Receiver(kind=ReceivedPair)
+    with pytest.raises(DamagedMessageError, match=r"front.*which is left"):
+        receiver.receive(*messages(1, rig=THREE[:2]))
+    receiver.receive(*messages(1))
+    assert receiver.sequences == [1]
+
+
 def test_the_log_says_why_a_stereo_client_gets_nothing(caplog: pytest.LogCaptureFixture) -> None:
     client = StereoClient()
     for number in range(3):
