@@ -119,7 +119,8 @@ def cameras_lost(script: Script) -> Expected:
         device.vanish()
         back_ns = script.numbers.randint(1, duration_ns) if number else duration_ns
         script.after(back_ns, partial(setattr, device, "present", True))
-    counts = OVERTAKEN | {"reconnects": (len(devices), len(devices))}
+    counts = {what: (0, most * len(devices)) for what, (_, most) in OVERTAKEN.items()}
+    counts |= {"reconnects": (len(devices), len(devices))}
     return Expected(duration_ns, None, ("camera gone", "no triggers", "no frames from the", NO_PAIRS), counts)
 
 

@@ -50,7 +50,7 @@ class Rig:
         self.settings = starts(self.config)
         self.control = RigControl(self.config, self, now_ns=lambda: self.now_ns)
         self.control.outlets.append(self.steps.append)
-        self.control.take([self._ready(camera) for camera in GROUPS])
+        self.control.take([self._ready(camera) for camera in self.config.cameras])
         self.control.take([Written(camera, it, it, 0, 1) for camera, it in self.settings.items()])
 
     def write(self, command: Command) -> None:
@@ -98,6 +98,25 @@ class Rig:
 
 
 ALL = dict.fromkeys(GROUPS, MIDDLE)
+
+
+@pytest.mark.parametrize("policy", ["belief", "neves2009"])
+def test_a_group_is_exposed_as_it_would_be_alone(policy: str) -> None:
+    together = Rig(control={"policy": policy})
+    alone = Rig(control={"policy": policy}, cameras={"back": {"serial": "back"}})
+    first = alone.settings["back"]
+    for _ in range(25):
+        greys = {camera: grey_in(0.02, together.settings[camera]) for camera in ("left", "right")}
+        together.pulse(**greys, back=grey_in(0.4, together.settings["back"]))  # 4.3 stops more: in the sun
+        alone.pulse(back=grey_in(0.4, alone.settings["back"]))
+        assert together.settings["back"] == alone.settings["back"]
+    assert together.settings["left"].level > alone.settings["back"].level + 3.0
+    assert alone.settings["back"] != first
+
+
+def grey_in(light: float, setting: ExposureSetting) -> int:
+    """What a linear camera makes of a light, in grey levels for each microsecond at 0 dB."""
+    return int(min(light * 2.0**setting.level, 255.0))
 
 
 def test_each_group_is_exposed_for_its_own_light() -> None:
