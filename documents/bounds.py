@@ -1,13 +1,18 @@
-"""Bounds of configured numbers: beyond them a value is a typo, whatever the camera."""
+"""Bounds of configured numbers and names: beyond them a value is a typo, whatever the camera."""
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from typing import TypeVar
 
 from documents.text import quoted
 
 N = TypeVar("N", int, float)
+
+CAMERA_NAME = re.compile(r"(?!(?:consumers|both|several)$)[a-z][a-z0-9_]{0,63}")
+"""What the cameras of a configuration may be called; `consumers` stands in the same place of other keys, and `both` and
+`several` in that of reasons why a trigger made no whole set."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -26,7 +26,6 @@ from autoexpose_daemon.messages.client import ConsumerTally, response_from_json,
 from autoexpose_daemon.messages.frames import DamagedMessageError
 from autoexpose_daemon.messages.inputs import RegisteredView, light_ahead, registration, tracked_cells
 from autoexpose_daemon.messages.keys import (
-    CAMERA_NAME,
     CONSUMER_NAME,
     LOOPBACK,
     RigTopic,
@@ -40,6 +39,7 @@ from autoexpose_daemon.messages.keys import (
     rig_key,
 )
 from autoexpose_daemon.publish.session import Endpoints, SessionHolder
+from documents.bounds import CAMERA_NAME
 from documents.text import readable
 from drivers.log_throttle import LogThrottle
 from imaging.errors import ConfigurationError

@@ -28,7 +28,6 @@ from autoexpose_daemon.config.section import (
 )
 from autoexpose_daemon.messages.frames import Stamp
 from autoexpose_daemon.messages.keys import (
-    CAMERA_NAME,
     LAST_ROS2_DOMAIN,
     LOOPBACK,
     ONE_GROUP,
@@ -41,6 +40,7 @@ from calibration.geometry.file import check_camera, check_pair, load_geometry
 from calibration.geometry.numbers import baseline_note
 from calibration.response.file import ResponseFile
 from calibration.vignetting.file import VignettingFile
+from documents.bounds import CAMERA_NAME
 from documents.text import quoted
 from drivers.camera import CameraDescription
 from drivers.genicam.trigger import ACTION, SOFTWARE
@@ -75,6 +75,7 @@ class CameraConfig(Section):
 
     Cameras of one `group` are exposed together.
     `exposure_count_us` are the microseconds in a count of an exposure time whose unit the camera does not give.
+    With `transport.plan` cameras that name the same `link`, or none, share one.
     `offset_stops` is by how much less light reaches its sensor than those of the other cameras.
     """
 
@@ -85,6 +86,7 @@ class CameraConfig(Section):
     calibration: FileName | None = None
     vignetting: FileName | None = None
     exposure_count_us: ExposureCountUs | None = None
+    link: Name | None = None
     offset_stops: OffsetStops = 0.0
     features: Features = ()
 

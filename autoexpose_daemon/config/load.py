@@ -27,12 +27,20 @@ def camera_setup(config: Config, camera: CameraName) -> CameraSetup:
         pixel_format=config.image.pixel_format,
         binning=config.image.binning,
         packet_size_bytes=config.transport.packet_size_bytes,
-        link_share=LinkShare(len(config.cameras), config.transport.link_mbps) if config.transport.plan else None,
+        link_share=_link_share(config, camera),
         features=config.cameras[camera].features,
         gain_scale=config.gain_scales[camera],
         exposure_count_us=config.cameras[camera].exposure_count_us,
         offset_stops=config.cameras[camera].offset_stops,
     )
+
+
+def _link_share(config: Config, camera: CameraName) -> LinkShare | None:
+    """Its part of the link to the host, if that is planned, among the cameras that name the same link."""
+    if not config.transport.plan:
+        return None
+    links = [each.link for each in config.cameras.values()]
+    return LinkShare(links.count(config.cameras[camera].link), config.transport.link_mbps)
 
 
 def refuse_driven_features(path: Path, config: Config) -> None:

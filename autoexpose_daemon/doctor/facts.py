@@ -129,12 +129,13 @@ class Size:
 class Need:
     """Cameras, rate and frames; without `serials` every camera found is needed.
 
-    `sizes` are by serial number; a camera without one has the assumed size.
+    `sizes` and `links` are by serial number; a camera without one has the assumed size, and shares the common link.
     """
 
     serials: Mapping[CameraName, str] = field(default_factory=dict)
     rate_hz: float = TriggerConfig().rate_hz
     sizes: Mapping[str, Size] = field(default_factory=dict)
+    links: Mapping[str, str | None] = field(default_factory=dict)
     pixel_format: PixelFormat = PixelFormat.MONO8
     packet_size_bytes: int | None = None
     plan: bool = False
@@ -151,6 +152,7 @@ class Need:
             serials={name: camera.serial for name, camera in config.cameras.items()},
             rate_hz=config.trigger.rate_hz,
             sizes={camera.serial: Size.of(camera.features, binning) for camera in config.cameras.values()},
+            links={camera.serial: camera.link for camera in config.cameras.values()},
             pixel_format=config.image.pixel_format or PixelFormat.MONO8,
             packet_size_bytes=config.transport.packet_size_bytes,
             plan=config.transport.plan,
@@ -194,10 +196,10 @@ class Need:
         *most, last = map(self.name, serials)
         return f"{', '.join(most)} and {last}" if most else last
 
-    @property
-    def planned_shares(self) -> int:
-        """By how many cameras `transport.plan` divides a link: all of the rig, wherever they are."""
-        return len(self.serials)
+    def planned_shares(self, serial: str | None) -> int:
+        """By how many cameras `transport.plan` divides the link of this one: all that name the same, or none."""
+        link = self.links.get(serial or "")
+        return sum(self.links.get(other) == link for other in self.serials.values())
 
 
 def _number(value: object) -> int | None:

@@ -301,17 +301,17 @@ def _fragmented(interface: NetworkInterface, name: str, packet_bytes: int) -> Di
 def _judge_shares(
     interface: NetworkInterface, speed_mbps: float, serials: Sequence[str | None], packet_bytes: int, need: Need
 ) -> Iterator[Diagnosis]:
-    """What the daemon refuses, though the link would carry it: cameras on other links are charged to this one."""
-    share = bytes_per_s(speed_mbps, need.planned_shares)
+    """What the daemon refuses, though the link would carry it: cameras on other links may be charged to this one."""
     for serial in serials:
+        share = bytes_per_s(speed_mbps, shares := need.planned_shares(serial))
         if (needed := need.bytes_per_s([serial], packet_bytes)) > share:
             yield Diagnosis(
                 "gige-bandwidth",
                 "warning",
                 f"{need.name(serial)} needs {needed / 1e6:.0f} MB/s ({need.in_words([serial])}), and transport.plan "
-                f"allows it {share / 1e6:.0f} MB/s of {interface.name}, its share among {need.planned_shares} cameras: "
-                "the daemon refuses that",
-                "transport.plan: false   # in the configuration, or lower trigger.rate_hz",
+                f"allows it {share / 1e6:.0f} MB/s of {interface.name}, its share among {shares} cameras: the "
+                "daemon refuses that",
+                "link: second   # with the cameras of other links, each link a name; or lower trigger.rate_hz",
             )
 
 
@@ -319,9 +319,17 @@ def _judge_bursts(
     interface: NetworkInterface, speed_mbps: float, cameras: Sequence[GigeCamera], need: Need
 ) -> Diagnosis:
     names = need.names([camera.serial for camera in cameras])
-    share = bytes_per_s(speed_mbps, need.planned_shares or len(cameras)) / 1e6
+    share = bytes_per_s(speed_mbps, len(cameras)) / 1e6
+    if need.plan and sum(1 / need.planned_shares(camera.serial) for camera in cameras) <= 1:
+        return Diagnosis("gige-bursts", "ok", f"{names} each send at most their share of {interface.name}")
     if need.plan:
-        return Diagnosis("gige-bursts", "ok", f"{names} each send at most {share:.0f} MB/s to {interface.name}")
+        return Diagnosis(
+            "gige-bursts",
+            "warning",
+            f"{names} share {interface.name}, and the configuration gives them different links: together they may send "
+            "more than it takes",
+            "link: one   # with each of them, the same name",
+        )
     return Diagnosis(
         "gige-bursts",
         "warning",

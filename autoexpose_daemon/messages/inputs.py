@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from autoexpose_daemon.control.inputs import COLUMNS, MOST_LEVELS, MOST_STOPS, ROWS, LightSeries, TrackedCells
 from autoexpose_daemon.control.parameters import FASTEST_M_S, FASTEST_TURN_RAD_S
 from autoexpose_daemon.messages.frames import DamagedMessageError, deserialise, stamp_ns
-from autoexpose_daemon.messages.keys import CAMERA_NAME, CONSUMER_NAME
+from autoexpose_daemon.messages.keys import CONSUMER_NAME
 from autoexpose_daemon.messages.types import (
     LIGHT_AHEAD,
     ODOMETRY,
@@ -24,6 +24,7 @@ from autoexpose_daemon.messages.types import (
     header,
     serialise,
 )
+from documents.bounds import CAMERA_NAME
 
 LARGEST_LIGHT_BYTES: Final = 16 * MOST_LEVELS + 1024
 

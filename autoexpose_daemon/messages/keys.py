@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, Literal
 
+from documents.bounds import CAMERA_NAME
 from documents.files import read_regular
 from documents.text import readable
 from drivers.log_throttle import LogThrottle
@@ -17,10 +18,6 @@ from imaging.errors import ConfigurationError
 
 if TYPE_CHECKING:
     from imaging.frames import CameraName
-
-CAMERA_NAME = re.compile(r"(?!(?:consumers|both|several)$)[a-z][a-z0-9_]{0,63}")
-"""What the cameras of a configuration may be called; `consumers` stands in the same place of other keys, and `both` and
-`several` in that of reasons why a trigger made no whole set."""
 
 ONE_GROUP = "all"
 """The group of cameras that name none."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -26,6 +27,7 @@ from calibration.response.result import Result, calibrate
 from calibration.session import Session, session_setup
 from calibration.sweep import Shot, Sweep, SweepPlan, plan_sweep
 from documents import bounds
+from documents.bounds import CAMERA_NAME
 from documents.strict_yaml import load_mapping
 from documents.text import quoted
 from drivers.aravis import open_camera
@@ -127,9 +129,21 @@ def rig_of_config(path: Path) -> list[CameraMode]:
         binning,
         rate_hz=document.section("trigger").number("rate_hz", bounds.RATE_HZ),
         packet_size_bytes=None if packet_bytes is None else int(packet_bytes),
-        link_share=LinkShare(len(cameras.keys), mbps) if transport.keys.get("plan") is True else None,
     )
-    return [replace(_camera(cameras.section(name), alike), name=name) for name in cameras.keys]
+    rig = {name: cameras.section(name) for name in cameras.keys}
+    for name in rig:
+        if not CAMERA_NAME.fullmatch(str(name)):
+            raise ConfigurationError(f"{path}: cameras.{name} is no name for a camera: see autoexpose config check")
+    links = Counter(str(section.keys.get("link")) for section in rig.values())
+    planned = transport.keys.get("plan") is True
+    return [
+        replace(
+            _camera(section, alike),
+            name=name,
+            link_share=LinkShare(links[str(section.keys.get("link"))], mbps) if planned else None,
+        )
+        for name, section in rig.items()
+    ]
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,6 +16,7 @@ import pytest
 from rich.console import Console
 
 from autoexpose_daemon.config.document import Config
+from autoexpose_daemon.config.load import camera_setup
 from autoexpose_daemon.doctor.examine import as_json, judge, judge_policy, show
 from autoexpose_daemon.doctor.facts import Diagnosis, Facts, GigeFacts, Need, Severity
 from autoexpose_daemon.doctor.judge import judge_gige
@@ -28,6 +29,7 @@ from drivers.host.network import (
     needed_bytes_per_s,
 )
 from drivers.host.usb import DeviceNode, Process, UsbCamera, UsbFacts, find_usb
+from drivers.setup import LinkShare
 from tests import REPOSITORY
 from tests.autoexpose_daemon.service.service_process import autoexpose
 from tests.drivers.host.test_usb import UsbDevice, UsbTree
@@ -252,7 +254,14 @@ def test_three_cameras_and_more_are_named_in_a_list_and_need_more_memory() -> No
     assert found.sentence.startswith("camera U, camera V and camera W share bus 2")
 
 
-def test_a_plan_charges_each_link_with_all_cameras_of_the_rig() -> None:
+@pytest.mark.parametrize(
+    ("links", "sharing"),
+    [
+        pytest.param({}, 4, id="all on one, unless told"),
+        pytest.param({"C": "second", "D": "second"}, 2, id="two links"),
+    ],
+)
+def test_a_plan_charges_a_link_with_the_cameras_that_name_it(links: dict[str, str], sharing: int) -> None:
     """As the daemon does, which does not know where the others are."""
     other = replace(ETH, name="eth1", addresses=(IPv4Interface("192.168.8.1/24"),))
     cameras = {
@@ -261,14 +270,24 @@ def test_a_plan_charges_each_link_with_all_cameras_of_the_rig() -> None:
             [("A", "192.168.7", ETH), ("B", "192.168.7", ETH), ("C", "192.168.8", other), ("D", "192.168.8", other)], 5
         )
     }
-    rig = {f"c{serial.lower()}": {"serial": serial} for serial in cameras}
+    rig = {f"c{serial.lower()}": {"serial": serial, "link": links.get(serial)} for serial in cameras}
     facts = Facts(UsbFacts(blind="no bus"), gige_facts(*cameras.values()))
-    fits_hz = bytes_per_s(1000, 4) / needed_bytes_per_s(2 * 720 * 540, 9000, 1.0)
+    fits_hz = bytes_per_s(1000, sharing) / needed_bytes_per_s(2 * 720 * 540, 9000, 1.0)
     for rate_hz, refused in ((0.999 * fits_hz, 0), (1.001 * fits_hz, 4)):
         wanted = need(rig, trigger={"rate_hz": rate_hz}, image={"pixel_format": "Mono16"}, transport={"plan": True})
         found = [each for each in judge(facts, wanted) if each.severity != "ok"]
-        assert [each.check for each in found] == refused * ["gige-bandwidth"]
-        assert all("its share among 4 cameras" in each.sentence for each in found)
+        # Where each of two cameras sends too much, it is said once of both.
+        assert [each.check for each in found] == min(refused, sharing) * ["gige-bandwidth"]
+        config = Config.model_validate({"cameras": rig, "transport": {"plan": True}})
+        assert all(setup.link_share == LinkShare(sharing) for setup in (camera_setup(config, name) for name in rig))
+
+
+def test_links_that_do_not_fit_the_cables_are_told() -> None:
+    rig = {"left": {"serial": "G"}, "right": {"serial": "H", "link": "second"}}
+    wanted = need(rig, transport={"plan": True})
+    (found,) = [each for each in judge_gige(gige_facts(GIGE, SECOND), wanted) if each.check == "gige-bursts"]
+    assert found.severity == "warning"
+    assert "left camera G and right camera H" in found.sentence and "eth0" in found.sentence
 
 
 def frames(*features: dict[str, Any], **sections: Any) -> tuple[int, str]:
