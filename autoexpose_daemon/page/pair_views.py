@@ -267,8 +267,8 @@ class Promise:
 class PairViews:
     """The newest pair, or set of a rig with another number of cameras, as a message to browsers.
 
-    A thread consumes pairs, only while there are viewers. Created and watched on an event loop, whose coroutines it
-    wakes.
+    A thread consumes pairs, only while there are viewers: the frames of the cameras that are there. Created and watched
+    on an event loop, whose coroutines it wakes.
 
     `promises` are by group; there are none before the first pair, once nobody watches, and once pairs no longer come.
     `pair_s` is when the newest pair arrived, from CLOCK_MONOTONIC; 0 before the first.
@@ -329,18 +329,27 @@ class PairViews:
 
     def _run(self) -> None:
         while self._wait_for_viewers():
-            with RigClient(self.rig, self._connect, name=f"page-{os.getpid()}") as self._client:
-                self._follow(self._client)
+            cameras, name = self._present(), f"page-{os.getpid()}"
+            with RigClient(self.rig, self._connect, name=name, cameras=cameras) as self._client:
+                self._follow(self._client, cameras)
+            if not self._watching:
                 self.promises = {}  # old by the time that someone watches again
+
+    def _present(self) -> Sequence[CameraName] | None:
+        """The cameras that are open while others are gone; None: all."""
+        status = self._status.status
+        present = () if status is None else [name for name, each in status.cameras.items() if each.camera is not None]
+        return present if status is not None and 0 < len(present) < len(status.cameras) else None
 
     def _wait_for_viewers(self) -> bool:
         with self._watched:
             self._watched.wait_for(lambda: self._watching or self._closed)
             return not self._closed
 
-    def _follow(self, client: RigClient) -> None:
+    def _follow(self, client: RigClient, cameras: Sequence[CameraName] | None = None) -> None:
+        """Show the sets of a client for these cameras, while somebody watches and they are those that are open."""
         picture_ns = curve_ns = 0
-        while self._watching and not self._closed:
+        while self._watching and not self._closed and self._present() == cameras:
             pair = client.next_set(_PATIENCE_S)
             if pair is None:
                 if time.monotonic() - self.pair_s > STALE_S:

@@ -109,13 +109,16 @@ class ScriptedRig:
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._pulse)
 
+    def __getitem__(self, camera: CameraName) -> TriggeredCamera:
+        return self._cameras[camera]
+
     @property
     def left(self) -> TriggeredCamera:
-        return self._cameras["left"]
+        return self["left"]
 
     @property
     def right(self) -> TriggeredCamera:
-        return self._cameras["right"]
+        return self["right"]
 
     @property
     def openers(self) -> dict[CameraName, Callable[[], Camera]]:

@@ -21,6 +21,7 @@ let numbers = null; // the latest message, and when it arrived
 let heardMs = 0;
 let rows = {}; // of the history, by group
 let pairMs = null;
+const shownMs = new Map(); // when the newest picture of each camera came
 let hoverS = null;
 
 const sinceMs = (moment) => performance.now() - moment;
@@ -116,15 +117,20 @@ function showState() {
   byId("state-word").textContent = word;
   byId("reasons").replaceChildren(...reasons.map((reason) => element("li", reason)));
   document.title = `${word} · autoexpose${numbers ? ` ${numbers.rig}` : ""}`;
-  const staleS = pairMs === null ? null : sinceMs(pairMs) / 1000;
-  for (const place of [...figures.values(), ...cards.values()]) {
-    place.classList.toggle("stale", staleS === null || staleS > STALE_S);
-  }
+  for (const card of cards.values()) fade(card, pairMs);
   for (const [camera, figure] of figures) {
+    const staleS = fade(figure, shownMs.get(camera));
     const gone = numbers?.status?.cameras[camera]?.camera === null ? "camera gone, " : "";
-    const since = staleS === null ? "no pair yet" : `no pair for ${format.lasting(staleS)}`;
+    const since = staleS === null ? "no picture yet" : `no picture for ${format.lasting(staleS)}`;
     figure.querySelector(".screen p").textContent = gone + since;
   }
+}
+
+// Fades what is old; returns its age in seconds, or null if there is nothing yet.
+function fade(place, moment) {
+  const ageS = moment == null ? null : sinceMs(moment) / 1000;
+  place.classList.toggle("stale", ageS === null || ageS > STALE_S);
+  return ageS;
 }
 setInterval(showState, 1000);
 
@@ -156,6 +162,7 @@ function layOutBy({ pictures, decisions }) {
 function showPicture(picture, bitmap, registered) {
   const figure = figures.get(picture.camera);
   if (!figure) return bitmap.close(); // of a camera that the latest status does not have
+  shownMs.set(picture.camera, performance.now());
   const canvas = figure.querySelector("canvas");
   if (canvas.width !== bitmap.width || canvas.height !== bitmap.height) {
     [canvas.width, canvas.height] = [bitmap.width, bitmap.height];

@@ -85,7 +85,7 @@ TROUBLED = replace(
     faults=(*EXPOSING.faults, *EXPOSING.faults, Fault(1.7e9, "ERROR", HOSTILE)),
 )
 SHOWN = {
-    "[data-camera=left]": ["camera gone, no pair yet"],
+    "[data-camera=left]": ["camera gone, no picture yet"],
     "#headline": ["60.0", "2.0 h"],
     ".policy": ["by belief, locked at 1.00", "dB, EV \u22120.50, policy changed"],
     "#triggers": [
@@ -306,7 +306,7 @@ def test_cameras_of_several_groups_are_shown_group_by_group(tab: Tab, page: Page
         "control": {"policy": "neves2009"},
         "groups": {"rear": {"policy": "fixed"}},
     }
-    with scripted_daemon(publish={"listen": [at]}, **sections):
+    with scripted_daemon(publish={"listen": [at]}, **sections) as (_, rig, _):
         tab.wait_for(f"{STATE} === 'exposing' && !document.querySelector('.stale')", "pictures")
         words = "[...document.querySelectorAll('.curve-words')].map(({ innerText }) => innerText)"
         tab.wait_for(f"{words}.every((said) => said.includes('with metric'))", "a prediction for each group")
@@ -322,6 +322,10 @@ def test_cameras_of_several_groups_are_shown_group_by_group(tab: Tab, page: Page
         assert tab.value("document.querySelectorAll('.lane').length") == 8
         assert "group\trear" in tab.text("#cameras")
         assert "whole sets\t" in tab.text("#triggers") and "stereo" not in tab.text("#triggers")
+        rig["rear"].lost = True
+        stale = "[...document.querySelectorAll('figure.stale')].map((each) => each.dataset.camera).join()"
+        tab.wait_for(f"{stale} === 'rear'", "the others going on")
+        assert "camera gone, no picture for" in tab.text("[data-camera=rear]")
         assert tab.complaints == []
 
 
