@@ -23,7 +23,7 @@ class ControlSetup:
     """
 
     policy_id: str  # one of `POLICY_IDS`
-    # response function of each camera; a single one, given here, applies to all
+    # response function of each camera; a single one, given here, applies to `left` and `right`
     responses: dict[CameraName, ResponseFunction]
     limits: ExposureLimits  # bounds and increments that all cameras can take
     start: ExposureSetting  # the setting the cameras start with; the policy `fixed` stays there

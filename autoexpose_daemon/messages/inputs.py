@@ -25,6 +25,7 @@ from autoexpose_daemon.messages.types import (
     serialise,
 )
 from documents.bounds import CAMERA_NAME
+from imaging.frames import CameraName
 
 LARGEST_LIGHT_BYTES: Final = 16 * MOST_LEVELS + 1024
 
@@ -67,6 +68,7 @@ class RegisteredView:
     """How a frame of `autoexpose repeat` lies against the taught path, and what the robot was then commanded."""
 
     stamp_ns: int  # the stamp of the frame, CLOCK_REALTIME
+    camera: CameraName  # whose frame it is
     # how far along the path the frame was taken, and how long the path is
     distance_m: float
     length_m: float
@@ -95,7 +97,7 @@ def registration(view: RegisteredView) -> bytes:
     x_px, y_px, shifts_px = (np.ascontiguousarray(values, np.float32) for values in of_matches)
     agreed = np.ascontiguousarray(view.agreed, np.bool_)
     message = message_type(
-        header=header(view.stamp_ns, "camera"),
+        header=header(view.stamp_ns, view.camera),
         distance_m=view.distance_m, length_m=view.length_m, local_map=view.local_map,
         registered=view.shift_px is not None, shift_px=math.nan if view.shift_px is None else view.shift_px,
         matches=len(view.agreed), votes=view.votes,
@@ -117,11 +119,14 @@ def read_registration(data: bytes) -> RegisteredView:
         numbers.append(message.shift_px)
     if not (np.isfinite(numbers).all() and all(np.isfinite(values).all() for values in of_matches)):
         raise DamagedMessageError("a Registration with numbers that are not finite")
+    if not CAMERA_NAME.fullmatch(message.header.frame_id):
+        raise DamagedMessageError("a Registration of what is no camera's name")
     x_px, y_px, shifts_px = of_matches
     if (np.abs(shifts_px) > FURTHEST_SHIFT_PX).any():
         raise DamagedMessageError(f"a Registration with a match that is shifted by more than {FURTHEST_SHIFT_PX} px")
     return RegisteredView(
-        stamp_ns(message), float(message.distance_m), float(message.length_m), int(message.local_map),
+        stamp_ns(message), message.header.frame_id,
+        float(message.distance_m), float(message.length_m), int(message.local_map),
         float(message.shift_px) if message.registered else None, x_px, y_px, shifts_px, agreed,
         float(message.forward_m_s), float(message.turn_rad_s), message.stopped[:_LONGEST_REASON],
     )  # fmt: skip

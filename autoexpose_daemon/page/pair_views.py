@@ -222,7 +222,7 @@ def _decided(decision: Decision) -> dict[str, Any]:
 
 
 def _registered(view: RegisteredView) -> dict[str, Any]:
-    names = ("distance_m", "length_m", "local_map", "shift_px", "forward_m_s", "turn_rad_s", "stopped")
+    names = ("camera", "distance_m", "length_m", "local_map", "shift_px", "forward_m_s", "turn_rad_s", "stopped")
     matches = [values.tolist() for values in (view.x_px, view.y_px, view.shifts_px, view.agreed)]
     return {**_fields(view, *names), "matches": matches}
 

@@ -178,7 +178,7 @@ def _registered(
     registration = view.registration
     x_px, y_px = view.features.positions[registration.matches[:, 1]].T.astype(np.float32)
     return RegisteredView(
-        pair.stamp_ns, view.distance_m, repetition.length_m, view.place, view.shift_px,
+        pair.stamp_ns, pair.stereo.reference_camera, view.distance_m, repetition.length_m, view.place, view.shift_px,
         x_px, y_px, registration.shifts_px.astype(np.float32), registration.vote.correct,
         velocity.forward_m_s, velocity.turn_rad_s, str(stop or ""),
     )  # fmt: skip

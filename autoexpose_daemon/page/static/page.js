@@ -169,8 +169,7 @@ function showPicture(picture, bitmap, registered) {
     canvas.parentElement.style.aspectRatio = `${bitmap.width} / ${bitmap.height}`;
   }
   canvas.getContext("2d").drawImage(bitmap, 0, 0);
-  const repeats = picture.camera === "left" || figures.size === 1;
-  if (registered && repeats) drawMatches(canvas, registered, bitmap.width / picture.frame_width);
+  if (registered?.camera === picture.camera) drawMatches(canvas, registered, bitmap.width / picture.frame_width);
   bitmap.close();
   const title = element("h2", picture.camera);
   title.append(" ", element("small", numbers?.status?.cameras[picture.camera]?.camera ?? ""));

@@ -51,7 +51,19 @@ def test_a_view_arrives(
 ) -> None:
     x_px, y_px, shifts_px, agreed = np.array(matches, np.float32).reshape(-1, 4).T
     sent = RegisteredView(
-        1_700_000_000_000_000_005, 3.5, 40.0, 17, shift_px, x_px, y_px, shifts_px, agreed > 0, 0.4, turn_rad_s, stopped
+        1_700_000_000_000_000_005,
+        "rear",
+        3.5,
+        40.0,
+        17,
+        shift_px,
+        x_px,
+        y_px,
+        shifts_px,
+        agreed > 0,
+        0.4,
+        turn_rad_s,
+        stopped,
     )
     came = read_registration(registration(sent))
     for field in fields(RegisteredView):
@@ -65,6 +77,7 @@ def test_a_view_arrives(
         ({"x_px": np.zeros(3, np.float32)}, r"\[3, 40, 40, 40\] values for its matches"),
         (dict.fromkeys(("x_px", "y_px", "shifts_px", "agreed"), np.zeros(MOST_MATCHES + 1)), "values for its matches"),
         ({"distance_m": math.nan}, "not finite"),
+        ({"camera": "../left"}, "no camera's name"),
         ({"shifts_px": np.full(40, math.inf)}, "not finite"),
         ({"shifts_px": np.full(40, -1e9)}, "shifted by more than 65536 px"),
     ],
