@@ -28,7 +28,7 @@ from autoexpose_daemon.messages.inputs import (
     read_light_ahead,
     read_tracked_cells,
 )
-from autoexpose_daemon.messages.keys import CONSUMER_NAME, consumer_key, frame_key, last_but, rig_key
+from autoexpose_daemon.messages.keys import CONSUMER_NAME, consumer_key, frame_key, last_but, rig_key, ros_topic
 from autoexpose_daemon.publish.inbound import WAITING_REQUESTS, Ask, ControlDoor
 from autoexpose_daemon.publish.ros2_keys import Attachments, Ros2Node
 from autoexpose_daemon.publish.session import IMAGE_PRIORITIES, Endpoints, SessionHolder, reading
@@ -213,7 +213,7 @@ class Publisher:
                 node = Ros2Node(self._config.ros2_domain, self._config.rig, "autoexpose", str(session.info.zid()))
                 tokens.enter_context(declare_token(node.token))
                 for number, (camera, name) in enumerate(itertools.product(self._priorities, TOPICS), 1):
-                    topic = node.topic(number, f"{self._config.rig}/{camera}/{name}", TOPICS[name])
+                    topic = node.topic(number, ros_topic(self._config.rig, camera, name), TOPICS[name])
                     outlets[camera, name].append(
                         _Outlet(session, topic.key, self._priorities[camera], Attachments(topic))
                     )

@@ -24,7 +24,7 @@ from autoexpose_daemon.control.setup import ControlSetup
 from autoexpose_daemon.control.snapshot import Plain, plain
 from autoexpose_daemon.control.step import NO_OVERRIDE, StepInputs
 from autoexpose_daemon.messages.frames import TOPICS, MessageWriter, Stamp, realtime_offset_ns
-from autoexpose_daemon.messages.keys import DEFAULT, LATCHED, SENSOR_DATA, OfferedQos
+from autoexpose_daemon.messages.keys import DEFAULT, LATCHED, SENSOR_DATA, OfferedQos, ros_topic
 from autoexpose_daemon.messages.types import IMAGE, TYPESTORE, definition
 from imaging.errors import AutoexposeError
 from imaging.frames import CameraName, FrameSet
@@ -174,8 +174,8 @@ _String = TYPESTORE.types[STRING]
 class RecordingFile:
     """A new file, written step by step, in chunks of whole steps.
 
-    Every method raises RecordingError: when the file exists, cannot be written, or its disk is nearly full. Topics are
-    named by the rig, like the keys of published frames.
+    Every method raises RecordingError: when the file exists, cannot be written, or its disk is nearly full. Topics have
+    the names of the rig's in ROS 2.
     """
 
     def __init__(self, path: Path, rig: str) -> None:
@@ -256,7 +256,7 @@ class RecordingFile:
         self._add(CONTROL, what, STRING, TYPESTORE.serialize_cdr(_String(text), STRING), 0)
 
     def _add(self, owner: str, what: str, message_type: str, data: Any, sequence: int) -> None:
-        topic = f"/autoexpose/{self._rig}/{owner}/{what}"
+        topic = ros_topic(self._rig, owner, what)
         if message_type not in self._schemas:
             text = definition(message_type).encode()
             self._schemas[message_type] = self._writer.register_schema(message_type, "ros2msg", text)
