@@ -32,6 +32,7 @@ class Range:
 
 
 RATE_HZ = Range(0.1, 1000.0, "Hz")
+PHASE_MS = Range(0.0, 1000.0, "ms")
 EXPOSURE_TIME_US = Range(0.1, 10_000_000.0, "us")
 EXPOSURE_COUNT_US = Range(0.001, 10_000.0, "us")
 GAIN_DB = Range(-60.0, 100.0, "dB")

@@ -20,6 +20,7 @@ from autoexpose_daemon.config.section import (
     Name,
     OffsetStops,
     PacketBytes,
+    PhaseMs,
     PolicyId,
     RateHz,
     SampleAgeS,
@@ -161,6 +162,7 @@ class TriggerConfig(Section):
     line: Name = "Line0"
     output_line: Name = "Line1"
     rate_hz: RateHz = 60.0
+    phase_ms: PhaseMs | None = None
 
     @property
     def by_host(self) -> bool:
@@ -173,6 +175,27 @@ class TriggerConfig(Section):
             for key in ("line", "output_line"):
                 if key in self.model_fields_set:
                     raise ValueError(f"{key} has no effect with mode {self.mode}, which needs no wire: remove it")
+        return self
+
+    @model_validator(mode="after")
+    def _the_phase_is_one(self) -> Self:
+        if self.phase_ms is None:
+            return self
+        if not self.by_host:
+            raise ValueError(
+                f"phase_ms has no effect with mode {self.mode}, whose triggers the daemon does not give: remove it, or "
+                "choose mode ptp or software"
+            )
+        if not self.rate_hz.is_integer():
+            raise ValueError(
+                f"phase_ms needs a whole number of triggers a second: at rate_hz {self.rate_hz:g} they are at other "
+                "times in each second"
+            )
+        if self.phase_ms >= 1e3 / self.rate_hz:
+            raise ValueError(
+                f"phase_ms {self.phase_ms:g} does not fit into the {1e3 / self.rate_hz:.4g} ms between triggers at "
+                f"rate_hz {self.rate_hz:g}: give less, from 0"
+            )
         return self
 
 

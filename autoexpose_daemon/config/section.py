@@ -71,6 +71,7 @@ Float = Annotated[float, BeforeValidator(_refuse_boolean)]
 Integer = Annotated[int, BeforeValidator(_refuse_boolean)]
 
 RateHz = Annotated[Float, AfterValidator(bounds.RATE_HZ.check)]
+PhaseMs = Annotated[Float, AfterValidator(bounds.PHASE_MS.check)]
 ExposureTimeUs = Annotated[Float, AfterValidator(bounds.EXPOSURE_TIME_US.check)]
 ExposureCountUs = Annotated[Float, AfterValidator(bounds.EXPOSURE_COUNT_US.check)]
 GainDb = Annotated[Float, AfterValidator(bounds.GAIN_DB.check)]
