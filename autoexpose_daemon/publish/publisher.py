@@ -127,7 +127,7 @@ class Publisher:
         # rmw_zenoh's routers forward nothing from peer to peer: ROS 2 nodes and we learn of each other by gossip.
         gossip = config.ros2_domain is not None
         self._endpoints = Endpoints(config.listen, config.connect, config.zenoh, gossip)
-        self._writer = MessageWriter(config.rig, len(cameras), config.stamp)
+        self._writer = MessageWriter(config.rig, len(cameras), config.stamping)
         self._mailbox: deque[ControlStep] = deque()
         self._news = threading.Condition()
         self._open = False
@@ -257,7 +257,7 @@ class Publisher:
 
 
 def _take_report(tracking: Tracking, report: TrackedCells) -> None:
-    tracking.take(report, report.stamp_ns - realtime_offset_ns())
+    tracking.take(report, tracking.taken_ns(report.stamp_ns, realtime_offset_ns()))
 
 
 class _Outlet:

@@ -121,7 +121,7 @@ class RigControl:
         self._now_ns = now_ns
         self._triggers = _host_triggers(config, now_ns(), realtime_offset_ns)
         self._readout_times = ReadoutTimes()
-        self._health = RigHealth(config, self.telemetry, self.record, self._triggers)
+        self._health = RigHealth(config, self.telemetry, self.record, self._triggers, realtime_offset_ns)
         self._last_trigger = -1
         self._joins = False  # a camera is open, and no pair with it has been decided on yet
 
@@ -258,7 +258,7 @@ class RigControl:
             case CameraSilent(camera):
                 self._health.silent(camera, now_ns)
             case ClockRead(camera, reading):
-                self._health.clock_read(camera, reading)
+                self._health.clock_read(camera, reading, now_ns)
             case PacketsRefused(camera, packets):
                 self._health.packets_refused(camera, packets)
         return pairs

@@ -113,6 +113,10 @@ class Synchronisation:
             return frame.host_time_ns
         return common_ns
 
+    def ptp_time_ns(self, host_time_ns: int) -> int | None:
+        """What PTP time is then: as last seen, while no clock is synchronised; None before one was."""
+        return None if self._grid is None else host_time_ns - self._offset_ns
+
     def is_common(self, cameras: Mapping[CameraName, Frame]) -> bool:
         """Whether the clocks of these cameras show one time at present."""
         return all(camera in self._clocks and self._in_time(self._clocks[camera]) for camera in cameras)
@@ -173,6 +177,10 @@ class HostTriggers:
     def placed(self, event: RigEvent) -> RigEvent:
         """The event, with the best time that is known for its frame."""
         return event
+
+    def ptp_time_ns(self, _host_time_ns: int) -> int | None:
+        """What PTP time is then; None: nobody knows."""
+        return None
 
     def trouble(self, _side: CameraName, _now_ns: int) -> str | None:
         """What keeps a camera from being triggered as it should, in words; None: nothing."""
@@ -246,8 +254,14 @@ class PtpTriggers(HostTriggers):
         """Frames of cameras that are synchronised get their time from the common clock."""
         match event:
             case FrameArrived(camera, Frame() as frame, stale):
-                return FrameArrived(camera, replace(frame, host_time_ns=self._sync.common_ns(camera, frame)), stale)
+                host_time_ns = self._sync.common_ns(camera, frame)
+                ptp_time_ns = self.ptp_time_ns(host_time_ns)
+                return FrameArrived(camera, replace(frame, host_time_ns=host_time_ns, ptp_time_ns=ptp_time_ns), stale)
         return event
+
+    def ptp_time_ns(self, host_time_ns: int) -> int | None:
+        """By a clock that is synchronised; as last seen, while there is none."""
+        return self._sync.ptp_time_ns(host_time_ns)
 
     def trouble(self, camera: CameraName, now_ns: int) -> str | None:
         """Why a camera is not synchronised."""
