@@ -30,7 +30,6 @@ from autoexpose_daemon.messages.frames import Stamp
 from autoexpose_daemon.messages.keys import (
     CAMERA_NAME,
     LAST_ROS2_DOMAIN,
-    LOOPBACK,
     ONE_GROUP,
     ROUTER,
     check_key_expression,
@@ -136,10 +135,13 @@ class MotionConfig(Section):
 
 
 class PublishConfig(ConnectionConfig):
-    """How other processes get the frames; without this section they get none."""
+    """How other processes get the frames; without this section they get none.
+
+    `listen` is where; None: at the rig's Unix socket, see `messages.sockets`.
+    """
 
     rig: str = "rig"
-    listen: tuple[str, ...] = (LOOPBACK,)
+    listen: tuple[str, ...] | None = None
     stamp: Stamp = "middle"
     ros2_domain: Annotated[int, Field(ge=0, le=LAST_ROS2_DOMAIN, strict=True)] | None = None
 

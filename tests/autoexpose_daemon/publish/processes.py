@@ -24,7 +24,7 @@ QUIET = {"multicast": {"enabled": False}}
 def consume(options: dict[str, Any]) -> None:
     """Say when the first pair is there, and at the end of the input what came."""
     client = StereoClient(
-        options["rig"], options["connect"], options["file"] and Path(options["file"]), name=options["name"]
+        options["rig"], options["connect"] or None, options["file"] and Path(options["file"]), name=options["name"]
     )
 
     def close_at_the_end_of_input() -> None:
