@@ -94,7 +94,7 @@ def obstacle(path: Path) -> str | None:
             folder.mkdir(0o700)
         owner = folder.stat().st_uid
         if owner not in (0, os.geteuid()):  # who owns the folder may replace the socket
-            return f"{folder} belongs to {user_name(owner)}, another user: remove it, or name another endpoint"
+            return f"{folder} belongs to another user, {user_name(owner)}: remove it, or name another endpoint"
         if path.exists() and not path.is_socket():
             return f"{path} is there and is no socket: remove it"
     except OSError as error:
@@ -113,8 +113,8 @@ def rival(path: Path) -> str | None:
             probe.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
         )
     return (
-        f"process {process} of {user_name(user)} listens at {path} already: end it, or give this rig another name, "
-        "`publish.rig`"
+        f"process {process} of the user {user_name(user)} listens at {path} already: end it, or give this rig another "
+        "name, `publish.rig`"
     )
 
 
@@ -143,7 +143,7 @@ def user_name(uid: int) -> str:
     try:
         return pwd.getpwuid(uid).pw_name
     except KeyError:
-        return f"user {uid}"
+        return str(uid)
 
 
 def group_name(gid: int) -> str:
@@ -151,7 +151,7 @@ def group_name(gid: int) -> str:
     try:
         return grp.getgrgid(gid).gr_name
     except KeyError:
-        return f"group {gid}"
+        return str(gid)
 
 
 @contextlib.contextmanager
