@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import re
 import signal
 import socket
 import stat
@@ -28,7 +29,10 @@ from imaging.errors import AutoexposeError
 from tests import REPOSITORY
 from tests.autoexpose_daemon.publish.processes import Account, consumer, service
 from tests.autoexpose_daemon.publish.steps import PATIENCE_S, nothing, publishing, telling, told, wait_until
+from tests.autoexpose_daemon.publish.test_publisher import certify
 from tests.autoexpose_daemon.samples import EXPOSING
+from tests.autoexpose_daemon.scripted import scripted_daemon
+from tests.fakes import loopback_address
 
 pytestmark = pytest.mark.wire
 
@@ -263,3 +267,48 @@ def test_a_folder_of_another_user_is_not_used(service_folder: Path) -> None:
     os.chown(service_folder, STRANGER.uid, STRANGER.gid)
     with pytest.raises(SessionError, match=rf"{service_folder} belongs to another user, {STRANGER.uid}"):
         open_session("peer", Endpoints(listen=(f"unixsock-stream/{service_folder}/rig.sock",)))
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root may give a folder to another group")
+def test_a_folder_may_give_the_socket_its_group(socket_folder: Path) -> None:
+    """For a daemon in a container, which runs as root."""
+    folder = socket_folder / "shared"
+    folder.mkdir()
+    os.chown(folder, 0, DAEMON.gid)
+    folder.chmod(0o2750)
+    path = folder / "rig.sock"
+    with publishing(PublishConfig(listen=(f"unixsock-stream/{path}",))) as publisher:
+        wait_until(lambda: publisher.tally.sent, "the session")
+        assert (path.stat().st_gid, mode_of(path)) == (DAEMON.gid, 0o660)
+
+
+@pytest.mark.needs("openssl")
+def test_the_pages_example_lets_other_machines_watch_and_the_group_do_all(socket_folder: Path) -> None:
+    address, folder = loopback_address(), str(socket_folder)
+    certify(socket_folder, address)
+    daemons, desks = re.findall(r"```json5\n(.*?)```", (REPOSITORY / "docs/frames-out.md").read_text(), re.DOTALL)[:2]
+    for old, new in (
+        ("10.0.0.2", address),
+        ("/run/autoexpose", folder),
+        ("/etc/autoexpose/robot", f"{folder}/router"),
+        ("/etc/autoexpose", folder),
+    ):
+        assert old in daemons
+        daemons = daemons.replace(old, new)
+    desks = desks.replace("10.0.0.2", address).replace("desk", f"{folder}/robot").replace('"ca', f'"{folder}/ca')
+    file, desk = socket_folder / "zenoh.json5", socket_folder / "desk.json5"
+    file.write_text(daemons)
+    desk.write_text(desks)
+    here = [f"unixsock-stream/{folder}/scout.sock"]
+    with scripted_daemon(None, publish={"rig": "scout", "zenoh": str(file)}) as (daemon, _, _):
+        with RigClient("scout", zenoh_file=desk, name="desk") as far, RigClient("scout", here, name="here") as near:
+            assert far.next_set(PATIENCE_S) is not None
+            assert near.next_set(PATIENCE_S) is not None
+            publishing = daemon.telemetry.publishing
+            assert publishing is not None
+            wait_until(lambda: {*publishing.consumers.listed(0)} == {"desk", "here"}, "both reports")
+        with ControlClient("scout", here) as control:
+            assert control.lock().requests.locked is not None
+        with ControlClient("scout", zenoh_file=desk) as control, pytest.raises(AutoexposeError, match="no answer"):
+            control.unlock()
+        assert daemon.telemetry.requests.taken == 1
