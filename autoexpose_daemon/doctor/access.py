@@ -69,7 +69,7 @@ def judge_access(publish: PublishConfig | None) -> Iterator[Diagnosis]:
     closed = barrier(SYSTEM_FOLDER / "any")
     if closed is not None:
         place, _, fix = closed.partition(": ")
-        yield Diagnosis("socket", "warning", f"this user gets no frames from the service: {place}", fix)
+        yield Diagnosis("socket", "warning", f"this user gets no frames from the service: {place}", fix or None)
     for path in there:
         yield from _judge_socket(path)
     if publish is None:
@@ -85,9 +85,8 @@ def _judge_socket(path: Path) -> Iterator[Diagnosis]:
     except OSError:  # it is gone, or not for this user
         return
     modes = f"{stat.filemode(found.mode)} in a folder {stat.filemode(found.folder_mode)}"
-    sentence = (
-        f"{path} (owner {found.owner}, group {found.group}, {modes}) gives frames and control of {rig_of(path)} to "
-    )
+    about = f"{path} (owner {found.owner}, group {found.group}, {modes})"
+    sentence = f"{about} gives frames and control of the rig {rig_of(path)} to "
     silent = "" if found.alive else "; no daemon listens there at present"
     if found.open_to_all:
         sentence = f"{sentence}every user of this machine{silent}"

@@ -131,10 +131,14 @@ def barrier(path: Path) -> str | None:
             return None
     user = user_name(os.geteuid())
     try:
-        place = path if os.access(path.parent, os.X_OK, effective_ids=True) else path.parent
-        group = group_name(place.stat().st_gid)
+        shut = not os.access(path.parent, os.X_OK, effective_ids=True)
+        place, needed = (path.parent, stat.S_IXGRP) if shut else (path, stat.S_IWGRP)
+        found = place.stat()
     except OSError:
         return f"{path} is not for {user}"
+    if not found.st_mode & needed:
+        return f"{place} is for {user_name(found.st_uid)} alone"
+    group = group_name(found.st_gid)
     return f"{place} is for members of the group {group}: sudo usermod -aG {group} {user}, then log in again"
 
 

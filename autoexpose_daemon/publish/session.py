@@ -119,7 +119,7 @@ class Endpoints:
         hints = [reason for path in sockets if (reason := barrier(path)) is not None]
         if sockets and not hints:
             others = [rig_of(path) for path in _sockets(found_endpoints()) if path not in sockets]
-            hints = [f"there are sockets of {', '.join(sorted(set(others)))}"] if others else []
+            hints = [f"rigs of this machine: {', '.join(sorted(set(others)))}"] if others else []
         return f" ({'; '.join(hints)})" if hints else ""
 
     def __str__(self) -> str:

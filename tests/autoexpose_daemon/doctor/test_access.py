@@ -49,7 +49,7 @@ def test_a_socket_is_told_with_those_who_may_use_it(folder: Path) -> None:
     with listening(folder / "scout.sock"):
         finding = only()
         assert (finding.check, finding.severity, finding.fix) == ("socket", "ok", None)
-        for fact in (str(folder / "scout.sock"), "srw-rw----", "drwxr-x---", "of scout to ", "anna, ros"):
+        for fact in (str(folder / "scout.sock"), "srw-rw----", "drwxr-x---", "of the rig scout to ", "anna, ros"):
             assert fact in finding.sentence
         assert "no daemon" not in finding.sentence
     assert "no daemon listens there" in only().sentence

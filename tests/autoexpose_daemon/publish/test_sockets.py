@@ -174,7 +174,7 @@ def test_a_link_in_place_of_the_users_folder_is_not_followed(
 def test_a_client_that_is_not_answered_names_the_rigs_that_there_are(own_machine: Path) -> None:
     with (
         publishing(PublishConfig(rig="scout")) as scout,
-        pytest.raises(AutoexposeError, match=r"no answer for rig rig from .*sockets of scout"),
+        pytest.raises(AutoexposeError, match=r"no answer for rig rig from .*rigs of this machine: scout"),
     ):
         wait_until(lambda: scout.tally.sent, "the other rig")
         with ControlClient():
@@ -261,6 +261,12 @@ def test_in_an_open_folder_the_socket_itself_keeps_strangers_out(service_folder:
         refused = as_user(STRANGER, "top", "--once", "--connect", at)
         assert refused.returncode != 0
         assert f"{service_folder}/rig.sock is for members of" in refused.stderr
+
+
+def test_nobody_is_sent_into_a_group_that_is_shut_out_too(service_folder: Path) -> None:
+    service_folder.chmod(0o700)
+    refused = as_user(MEMBER, "ctl", "--connect", f"unixsock-stream/{service_folder}/rig.sock", "show")
+    assert f"{service_folder} is for {DAEMON.uid} alone" in refused.stderr
 
 
 def test_a_folder_of_another_user_is_not_used(service_folder: Path) -> None:
