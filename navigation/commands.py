@@ -18,7 +18,6 @@ from rich.table import Table
 from autoexpose_daemon.cli.daemon import set_from_handler
 from autoexpose_daemon.messages.keys import (
     LAST_ROS2_DOMAIN,
-    LOOPBACK,
     ROUTER,
     check_endpoints,
     check_key_expression,
@@ -165,7 +164,9 @@ Camera = Annotated[
     str | None, typer.Option(help="The camera to steer by, of a rig that is no stereo pair; otherwise the left one.")
 ]
 Rig = Annotated[str, typer.Option(help="Name of the rig, `publish.rig` of its configuration.")]
-Connect = Annotated[list[str] | None, typer.Option(help=f"Endpoint of the daemon; {LOOPBACK} unless given.")]
+Connect = Annotated[
+    list[str] | None, typer.Option(help="Endpoint of the daemon; the rig's socket on this machine unless given.")
+]
 RobotConnect = Annotated[list[str] | None, typer.Option(help=f"Endpoint of the robot; {ROUTER} unless given.")]
 Odometry = Annotated[str, typer.Option(help="zenoh key of the robot's nav_msgs/msg/Odometry.")]
 Ros2Domain = Annotated[
@@ -235,7 +236,7 @@ def _source(
         if key:
             check_key_expression(key.strip("/") if keys.ros2_domain is not None else key)
     return Source(
-        rig, tuple(connect or [LOOPBACK]), keys, tuple(robot or [ROUTER]), None if camera is None else (camera,)
+        rig, tuple(connect) if connect else None, keys, tuple(robot or [ROUTER]), None if camera is None else (camera,)
     )
 
 

@@ -23,6 +23,7 @@ PROGRAM = {
         "PATH=/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin",
         "PYTHONUNBUFFERED=1",
         "STATE_DIRECTORY=/var/lib/autoexpose",
+        "RUNTIME_DIRECTORY=/run/autoexpose",  # as systemd says it: where the rig's socket is
     ],
     "WorkingDir": "/var/lib/autoexpose",
     "StopSignal": "SIGTERM",

@@ -15,7 +15,7 @@ import typer
 from rich.console import Console
 
 from autoexpose_daemon.control.policies.ids import POLICY_IDS, check_policy_id
-from autoexpose_daemon.messages.keys import LOOPBACK, check_endpoints, check_zenoh_file
+from autoexpose_daemon.messages.keys import check_endpoints, check_zenoh_file
 from autoexpose_daemon.recording import check_recording_extra
 from autoexpose_daemon.service.notify import Notifier
 from documents.text import readable
@@ -190,7 +190,10 @@ def _needing(extras: str) -> Iterator[None]:
 
 
 Rig = Annotated[str, typer.Option(help="Name of the rig, `publish.rig` of its configuration.")]
-Connect = Annotated[list[str] | None, typer.Option(help=f"Endpoint of a daemon or router; {LOOPBACK} unless given.")]
+Connect = Annotated[
+    list[str] | None,
+    typer.Option(help="Endpoint of a daemon or router; the rig's socket on this machine unless given."),
+]
 
 
 def page(
@@ -206,7 +209,7 @@ def page(
     with _needing("page,publish"):
         from autoexpose_daemon.page.serve import serve  # noqa: PLC0415
     check_endpoints(connect or [])
-    serve(rig, connect or [LOOPBACK], host, port, token_file)
+    serve(rig, connect or None, host, port, token_file)
 
 
 def top(
@@ -226,7 +229,7 @@ def top(
     check_endpoints(connect or [])
     if zenoh is not None:
         check_zenoh_file(zenoh)
-    places, stop = connect or [LOOPBACK], threading.Event()
+    places, stop = connect or None, threading.Event()
     stop_on_signals(stop)
     if every and once:
         show_all_once(places, zenoh, Console(), stop)
@@ -263,4 +266,4 @@ def ros2(
         raise SystemExit(os.EX_CONFIG) from None  # not worth another start
     stop = threading.Event()
     stop_on_signals(stop)
-    serve(rig, connect or [LOOPBACK], domain, stop, reliable=reliable, control=control)
+    serve(rig, connect or None, domain, stop, reliable=reliable, control=control)

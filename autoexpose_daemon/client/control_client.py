@@ -15,7 +15,7 @@ import zenoh
 from autoexpose_daemon.config.request import new_request
 from autoexpose_daemon.config.section import LONGEST_NAME
 from autoexpose_daemon.control.policies.ids import POLICY_IDS
-from autoexpose_daemon.messages.keys import LOOPBACK, check_endpoints, check_rig_name, check_zenoh_file, rig_key
+from autoexpose_daemon.messages.keys import check_endpoints, check_rig_name, check_zenoh_file, rig_key
 from autoexpose_daemon.publish.session import Endpoints, SessionError, open_session
 from autoexpose_daemon.status.counters import Answer, AnsweredShot, GroupAnswer
 from autoexpose_daemon.status.panel import plain
@@ -43,7 +43,7 @@ class ControlClient:
     def __init__(
         self,
         rig: str = "rig",
-        connect: Sequence[str] = (LOOPBACK,),
+        connect: Sequence[str] | None = None,
         zenoh_file: Path | None = None,
         name: str | None = None,
         group: str | None = None,
@@ -52,7 +52,7 @@ class ControlClient:
         self._rig = rig
         self._group = group
         self._name = _user_and_host() if name is None else name
-        self._endpoints = Endpoints.of_client(connect, zenoh_file)
+        self._endpoints = Endpoints.of_rig(rig, connect, zenoh_file)
         self._session: zenoh.Session | None = None
 
     def __enter__(self) -> Self:
@@ -148,7 +148,7 @@ class ControlClient:
         section = "{}" if self._rig == "rig" else f"{{rig: {self._rig}}}"
         return AutoexposeError(
             f"no answer for rig {self._rig} from {self._endpoints}: is the daemon running, with "
-            f"`publish: {section}` in its configuration, and may you ask it?"
+            f"`publish: {section}` in its configuration, and may you ask it?{self._endpoints.hint()}"
         )
 
 
@@ -173,7 +173,8 @@ def connection(
     context: typer.Context,
     rig: Annotated[str, typer.Option(help="Name of the rig, `publish.rig` of its configuration.")] = "rig",
     connect: Annotated[
-        list[str] | None, typer.Option(help=f"Endpoint of a daemon or router; {LOOPBACK} unless given.")
+        list[str] | None,
+        typer.Option(help="Endpoint of a daemon or router; the rig's socket on this machine unless given."),
     ] = None,
     zenoh: Annotated[
         Path | None, typer.Option(help="A configuration file of zenoh, for TLS and the like, instead of --connect.")
@@ -186,7 +187,7 @@ def connection(
     check_endpoints(connect or [])
     if zenoh is not None:
         check_zenoh_file(zenoh)
-    context.obj = ControlClient(rig, connect or [LOOPBACK], zenoh, by, group)
+    context.obj = ControlClient(rig, connect or None, zenoh, by, group)
 
 
 @ctl_app.command()

@@ -13,6 +13,7 @@ import time
 import weakref
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Generic
 
@@ -27,7 +28,6 @@ from autoexpose_daemon.messages.frames import DamagedMessageError
 from autoexpose_daemon.messages.inputs import RegisteredView, light_ahead, registration, tracked_cells
 from autoexpose_daemon.messages.keys import (
     CONSUMER_NAME,
-    LOOPBACK,
     RigTopic,
     all_of_rig,
     camera_of,
@@ -74,7 +74,7 @@ class Inbox(Generic[Received]):
         cameras: Sequence[CameraName] | None = None,
     ) -> None:
         self.tally = ConsumerTally()
-        self.session = SessionHolder("client", endpoints, self._serve, _on_trouble)
+        self.session = SessionHolder("client", endpoints, self._serve, partial(_on_trouble, endpoints))
         self._rig, self._name, self._normalised = rig, name, normalised
         self._keys = [all_of_rig(rig)]
         if cameras is not None:
@@ -134,9 +134,9 @@ class Inbox(Generic[Received]):
                 return
 
 
-def _on_trouble(trouble: str) -> None:
+def _on_trouble(endpoints: Endpoints, trouble: str) -> None:
     if trouble:
-        log.warning("no frames yet: %s; trying again", trouble)
+        log.warning("no frames yet: %s%s; trying again", trouble, endpoints.hint())
 
 
 class _Responses:
@@ -177,7 +177,7 @@ class FrameClient(Generic[Received]):
     def __init__(
         self,
         rig: str = "rig",
-        connect: Sequence[str] = (LOOPBACK,),
+        connect: Sequence[str] | None = None,
         zenoh_file: Path | None = None,
         name: str | None = None,
         *,
@@ -192,7 +192,7 @@ class FrameClient(Generic[Received]):
                 raise ConfigurationError(f"{camera} is not a valid name of a camera: small letters, digits and _")
         self._rig = rig
         self._name = name or _default_name()
-        endpoints = Endpoints.of_client(connect, zenoh_file)
+        endpoints = Endpoints.of_rig(rig, connect, zenoh_file)
         self._inbox = Inbox(self._KIND, rig, self._name, endpoints, normalised=normalised, cameras=cameras)
         self._close_session: Callable[[], object] | None = None
 
@@ -276,7 +276,7 @@ class RigClient(FrameClient[ReceivedSet]):
     rig
         Name of the rig, `publish.rig` of the daemon's configuration.
     connect
-        Endpoints of daemons or routers.
+        Endpoints of daemons or routers; None: the rig's socket on this machine, the service's or this user's own.
     zenoh_file
         A configuration file of zenoh, which then names the endpoints: TLS, access control.
     name

@@ -18,7 +18,6 @@ from autoexpose_daemon.messages.client import LARGEST_RESPONSE_BYTES, response_f
 from autoexpose_daemon.messages.frames import DamagedMessageError
 from autoexpose_daemon.messages.inputs import LARGEST_REGISTRATION_BYTES, RegisteredView, read_registration
 from autoexpose_daemon.messages.keys import (
-    LOOPBACK,
     RIG_NAME,
     camera_of,
     check_rig_name,
@@ -26,6 +25,7 @@ from autoexpose_daemon.messages.keys import (
     response_key,
     rig_key,
 )
+from autoexpose_daemon.messages.sockets import found_endpoints, searched
 from autoexpose_daemon.publish.session import Endpoints, SessionHolder
 from autoexpose_daemon.status.document import LARGEST_STATUS_BYTES, Status, grounds_from_json
 from autoexpose_daemon.status.panel import losses, lost_in_words, newest_setting
@@ -62,7 +62,7 @@ class StatusClient:
         Why there is no connection, in words; empty if there is one.
     """
 
-    def __init__(self, rig: str = "rig", connect: Sequence[str] = (LOOPBACK,), zenoh_file: Path | None = None) -> None:
+    def __init__(self, rig: str = "rig", connect: Sequence[str] | None = None, zenoh_file: Path | None = None) -> None:
         check_rig_name(rig)
         self.status: Status | None = None
         self.responses: dict[CameraName, ResponseFunction] = {}
@@ -72,7 +72,7 @@ class StatusClient:
         self._registered: tuple[RegisteredView, float] | None = None
         self._count = 0
         self._news = threading.Condition()
-        self.endpoints = Endpoints.of_client(connect, zenoh_file)
+        self.endpoints = Endpoints.of_rig(rig, connect, zenoh_file)
         self._holder = SessionHolder("client", self.endpoints, self._serve, self._on_trouble)
 
     @property
@@ -280,26 +280,32 @@ class Fleet:
 
 
 _FLEET_MESSAGES = 64
+_LOOK_S = 1.0
 
 
 class FleetClient:
     """Follows the statuses of all rigs, while its context is entered.
 
     It waits for daemons and routers that are not running, and finds them again. Each endpoint has a session of its
-    own: given several endpoints, a zenoh client talks to only one of them. `heard` is set once there is a rig.
+    own: given several endpoints, a zenoh client talks to only one of them. `connect` None: to the sockets of all rigs
+    on this machine, also those that appear meanwhile. `heard` is set once there is a rig.
     """
 
     def __init__(
-        self, connect: Sequence[str] = (LOOPBACK,), zenoh_file: Path | None = None, silent_s: float = SILENT_S
+        self, connect: Sequence[str] | None = None, zenoh_file: Path | None = None, silent_s: float = SILENT_S
     ) -> None:
         self.fleet = Fleet(silent_s)
         self.heard = threading.Event()
-        if zenoh_file is None:
-            places = {endpoint: Endpoints(connect=(endpoint,)) for endpoint in connect}
+        self._troubles: dict[str, str] = {}
+        self._holders: dict[str, SessionHolder] = {}
+        self._ended = threading.Event()
+        self._search = threading.Thread(target=self._look_for_sockets, name="sockets", daemon=True)
+        self._searches = connect is None and zenoh_file is None
+        if zenoh_file is not None:
+            self._add(str(zenoh_file), Endpoints(file=zenoh_file))
         else:
-            places = {str(zenoh_file): Endpoints(file=zenoh_file)}
-        self._troubles = dict.fromkeys(places, "not connected yet")
-        self._holders = [self._holder(place, endpoints) for place, endpoints in places.items()]
+            for endpoint in connect or ():
+                self._add(endpoint, Endpoints(connect=(endpoint,)))
 
     @property
     def places(self) -> Sequence[str]:
@@ -309,18 +315,38 @@ class FleetClient:
     @property
     def unanswered(self) -> Sequence[str]:
         """Places that have not answered since this client was entered."""
-        return [place for place, trouble in self._troubles.items() if trouble]
+        if self._searches and not self._troubles:
+            return searched()
+        return [place for place, trouble in self._troubles.copy().items() if trouble]
 
     def __enter__(self) -> Self:
-        for holder in self._holders:
+        for holder in self._holders.values():
             holder.start()
+        if self._searches:
+            self._search.start()
         return self
 
     def __exit__(self, *_: object) -> None:
-        for holder in self._holders:
+        self._ended.set()
+        if self._searches:
+            self._search.join()
+        for holder in self._holders.values():
             holder.closed.set()
-        for holder in self._holders:
+        for holder in self._holders.values():
             holder.close()
+
+    def _look_for_sockets(self) -> None:
+        while True:
+            for endpoint in found_endpoints():
+                if endpoint not in self._holders:
+                    self._add(endpoint, Endpoints(connect=(endpoint,)))
+                    self._holders[endpoint].start()
+            if self._ended.wait(_LOOK_S):
+                return
+
+    def _add(self, place: str, endpoints: Endpoints) -> None:
+        self._troubles[place] = "not connected yet"
+        self._holders[place] = self._holder(place, endpoints)
 
     def _holder(self, place: str, endpoints: Endpoints) -> SessionHolder:
         def serve(session: zenoh.Session) -> None:

@@ -30,7 +30,7 @@ _LARGEST = 1e15
 _BLOCKS = "\u2581\u2582\u2583\u2584\u2585\u2586\u2587\u2588"
 
 
-def show_once(rig: str, connect: Sequence[str], console: Console, zenoh_file: Path | None = None) -> None:
+def show_once(rig: str, connect: Sequence[str] | None, console: Console, zenoh_file: Path | None = None) -> None:
     """Print the next status; raises AutoexposeError if none arrives for some seconds."""
     with StatusClient(rig, connect, zenoh_file) as client:
         status = client.wait(_PATIENCE_S)
@@ -40,7 +40,7 @@ def show_once(rig: str, connect: Sequence[str], console: Console, zenoh_file: Pa
 
 
 def follow(
-    rig: str, connect: Sequence[str], console: Console, stop: threading.Event, zenoh_file: Path | None = None
+    rig: str, connect: Sequence[str] | None, console: Console, stop: threading.Event, zenoh_file: Path | None = None
 ) -> None:
     """Show the status in the terminal until `stop` is set; raises AutoexposeError without a terminal."""
     if not console.is_terminal:
@@ -125,7 +125,10 @@ def no_status(client: StatusClient) -> str:
     rig, where, since = client.rig, client.endpoints, f"for {client.silent_s:.0f} s"
     if client.trouble:
         section = "{}" if rig == "rig" else f"{{rig: {rig}}}"
-        return f"no answer from {where} {since}: is the daemon running, with `publish: {section}` in its configuration?"
+        return (
+            f"no answer from {where} {since}: is the daemon running, with `publish: {section}` in its configuration?"
+            f"{where.hint()}"
+        )
     return f"no status from a rig named {rig} at {where} {since}: is that its publish.rig, and is the daemon running?"
 
 
@@ -145,7 +148,9 @@ _COLOURS = {
 }
 
 
-def show_all_once(connect: Sequence[str], zenoh_file: Path | None, console: Console, stop: threading.Event) -> None:
+def show_all_once(
+    connect: Sequence[str] | None, zenoh_file: Path | None, console: Console, stop: threading.Event
+) -> None:
     """Print the rigs that report within a few seconds; raises AutoexposeError if there are none."""
     with FleetClient(connect, zenoh_file) as client:
         if not client.heard.wait(_PATIENCE_S):
@@ -154,7 +159,7 @@ def show_all_once(connect: Sequence[str], zenoh_file: Path | None, console: Cons
         console.print(panel_of_all(client, _TALL))
 
 
-def follow_all(connect: Sequence[str], zenoh_file: Path | None, console: Console, stop: threading.Event) -> None:
+def follow_all(connect: Sequence[str] | None, zenoh_file: Path | None, console: Console, stop: threading.Event) -> None:
     """Show all rigs in the terminal until `stop` is set; raises AutoexposeError without a terminal."""
     if not console.is_terminal:
         raise AutoexposeError("top needs a terminal: add --once to print the rigs that report at present")

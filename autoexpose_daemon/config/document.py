@@ -31,7 +31,6 @@ from autoexpose_daemon.config.section import (
 from autoexpose_daemon.messages.frames import Stamping
 from autoexpose_daemon.messages.keys import (
     LAST_ROS2_DOMAIN,
-    LOOPBACK,
     ONE_GROUP,
     ROUTER,
     check_key_expression,
@@ -142,12 +141,12 @@ class MotionConfig(Section):
 class PublishConfig(ConnectionConfig):
     """How other processes get the frames; without this section they get none.
 
-    With `stamp` ptp messages are stamped with the middle of the exposure in PTP time less `ptp_utc_offset_s`: 37 if the
-    master gives TAI, 0 if it gives UTC.
+    `listen` is where; None: at the rig's Unix socket (`messages.sockets`). With `stamp` ptp messages are stamped with
+    the middle of the exposure in PTP time less `ptp_utc_offset_s`: 37 if the master gives TAI, 0 if it gives UTC.
     """
 
     rig: str = "rig"
-    listen: tuple[str, ...] = (LOOPBACK,)
+    listen: tuple[str, ...] | None = None
     stamp: Literal["start", "middle", "end", "ptp"] = "middle"
     ptp_utc_offset_s: UtcOffsetS = 37
     ros2_domain: Annotated[int, Field(ge=0, le=LAST_ROS2_DOMAIN, strict=True)] | None = None

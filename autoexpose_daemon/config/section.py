@@ -171,8 +171,8 @@ class ConnectionConfig(Section):
 
     @field_validator("listen", "connect", check_fields=False)
     @classmethod
-    def _endpoints_are_endpoints(cls, endpoints: tuple[str, ...]) -> tuple[str, ...]:
-        check_endpoints(endpoints)
+    def _endpoints_are_endpoints(cls, endpoints: tuple[str, ...] | None) -> tuple[str, ...] | None:
+        check_endpoints(endpoints or ())
         return endpoints
 
     @model_validator(mode="after")

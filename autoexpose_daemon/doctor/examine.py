@@ -15,6 +15,7 @@ from rich.text import Text
 
 from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.config.load import load_config
+from autoexpose_daemon.doctor.access import judge_access
 from autoexpose_daemon.doctor.facts import Diagnosis, Facts, Need, Severity, gather
 from autoexpose_daemon.doctor.judge import judge_gige, judge_usb
 from imaging.errors import ConfigurationError
@@ -122,7 +123,7 @@ def examine(config: Path | None, as_document: bool, report: Path | None = None) 
 
         write_report(report, facts, need, typer.echo)
         return True
-    findings = judge(facts, need)
+    findings = [*judge(facts, need), *judge_access(None if loaded is None else loaded.publish)]
     if loaded is not None:
         findings += judge_policy(loaded)
         findings += [Diagnosis("calibration", "warning", note) for note in loaded.notes]

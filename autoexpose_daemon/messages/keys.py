@@ -22,9 +22,6 @@ if TYPE_CHECKING:
 ONE_GROUP = "all"
 """The group of cameras that name none."""
 
-LOOPBACK = "tcp/127.0.0.1:7448"
-"""Where a daemon listens unless configured otherwise; next to 7447, the port of zenoh routers."""
-
 ROUTER = "tcp/127.0.0.1:7447"
 """Where a zenoh router of this machine listens unless configured otherwise, rmw_zenoh's too."""
 
@@ -54,7 +51,7 @@ def check_endpoints(endpoints: Iterable[str]) -> None:
     """Raise ConfigurationError for invalid zenoh endpoints."""
     for endpoint in endpoints:
         if not _ENDPOINT.fullmatch(endpoint):
-            raise ConfigurationError(f"{endpoint} is not an endpoint: write protocol/address, such as {LOOPBACK}")
+            raise ConfigurationError(f"{endpoint} is not an endpoint: write protocol/address, such as {ROUTER}")
 
 
 def check_key_expression(key: str) -> str:

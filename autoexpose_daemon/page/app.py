@@ -146,7 +146,7 @@ _LONGEST: Final = 1024
 class Buttons:
     """Passes requests on to the daemon, one at a time, as `autoexpose ctl` does."""
 
-    def __init__(self, rig: str, connect: Sequence[str]) -> None:
+    def __init__(self, rig: str, connect: Sequence[str] | None) -> None:
         self._rig, self._connect = rig, connect
         self._turn = asyncio.Lock()
 
@@ -175,7 +175,7 @@ STATIC = Path(__file__).with_name("static")
 _STATUS_PERIOD_S = 1.0
 
 
-def page_app(rig: str, connect: Sequence[str], key: Key | None) -> ASGIApp:
+def page_app(rig: str, connect: Sequence[str] | None, key: Key | None) -> ASGIApp:
     """The page of a rig as an ASGI application; with a key, only for requests that carry it, and with buttons."""
     history = ExposureHistory()
     client = StatusClient(rig, connect)

@@ -274,7 +274,7 @@ class PairViews:
     `pair_s` is when the newest pair arrived, from CLOCK_MONOTONIC; 0 before the first.
     """
 
-    def __init__(self, rig: str, connect: Sequence[str], status: StatusClient, history: ExposureHistory) -> None:
+    def __init__(self, rig: str, connect: Sequence[str] | None, status: StatusClient, history: ExposureHistory) -> None:
         self.promises: dict[str, Promise] = {}
         self.pair_s = 0.0
         self.rig = rig

@@ -81,7 +81,7 @@ class OnceAMinute(logging.Filter):
         return True
 
 
-def serve(rig: str, connect: Sequence[str], host: str, port: int, token_file: Path | None) -> None:
+def serve(rig: str, connect: Sequence[str] | None, host: str, port: int, token_file: Path | None) -> None:
     """Serve the page until SIGTERM or Ctrl-C.
 
     Raises ConfigurationError without a token for an address that others can reach, or with an unusable token.

@@ -29,6 +29,7 @@ from autoexpose_daemon.messages.inputs import (
     read_tracked_cells,
 )
 from autoexpose_daemon.messages.keys import CONSUMER_NAME, consumer_key, frame_key, last_but, rig_key, ros_topic
+from autoexpose_daemon.messages.sockets import daemon_endpoint, service_endpoint
 from autoexpose_daemon.publish.inbound import WAITING_REQUESTS, Ask, ControlDoor
 from autoexpose_daemon.publish.ros2_keys import Attachments, Ros2Node
 from autoexpose_daemon.publish.session import IMAGE_PRIORITIES, Endpoints, SessionHolder, reading
@@ -126,7 +127,10 @@ class Publisher:
         self._priorities = dict(zip(cameras, itertools.cycle(IMAGE_PRIORITIES.values()), strict=False))
         # rmw_zenoh's routers forward nothing from peer to peer: ROS 2 nodes and we learn of each other by gossip.
         gossip = config.ros2_domain is not None
-        self._endpoints = Endpoints(config.listen, config.connect, config.zenoh, gossip)
+        listen, unless = config.listen, tuple[str, ...]()
+        if listen is None:
+            listen, unless = (daemon_endpoint(config.rig),), (service_endpoint(config.rig),)
+        self._endpoints = Endpoints(listen, config.connect, config.zenoh, gossip, unless)
         self._writer = MessageWriter(config.rig, len(cameras), config.stamping)
         self._mailbox: deque[ControlStep] = deque()
         self._news = threading.Condition()

@@ -18,6 +18,16 @@ from zenoh.handlers import FifoChannel, Handler, RingChannel
 
 from autoexpose_daemon.messages.frames import DamagedMessageError
 from autoexpose_daemon.messages.keys import check_endpoints
+from autoexpose_daemon.messages.sockets import (
+    SOCKET_MODE,
+    barrier,
+    client_endpoints,
+    found_endpoints,
+    obstacle,
+    rig_of,
+    rival,
+    socket_of,
+)
 from documents.text import readable
 from drivers.log_throttle import LogThrottle
 from imaging.errors import AutoexposeError
@@ -75,16 +85,18 @@ class SessionError(AutoexposeError):
 
 @dataclass(frozen=True, slots=True)
 class Endpoints:
-    """How a session reaches others: zenoh's endpoints, as in `LOOPBACK`.
+    """How a session reaches others: zenoh's endpoints, such as `tcp/10.0.0.1:7447` or `unixsock-stream//run/x.sock`.
 
     `file` is a zenoh configuration file instead, for TLS, access control and so on; our defaults fill the rest. With
     `gossip` a router announces this session to others, and them to this session, so that peers find each other.
+    The session is refused while somebody listens at one of the sockets `unless`, where clients would look first.
     """
 
     listen: Sequence[str] = ()
     connect: Sequence[str] = ()
     file: Path | None = None
     gossip: bool = False
+    unless: Sequence[str] = ()
 
     @classmethod
     def of_client(cls, connect: Sequence[str], file: Path | None) -> Endpoints:
@@ -95,6 +107,20 @@ class Endpoints:
         endpoints = [connect] if isinstance(connect, str) else connect
         check_endpoints(endpoints)
         return cls(connect=endpoints) if file is None else cls(file=file)
+
+    @classmethod
+    def of_rig(cls, rig: str, connect: Sequence[str] | None, file: Path | None) -> Endpoints:
+        """The same for a client of a rig; `connect` None: to its socket on this machine."""
+        return cls.of_client(client_endpoints(rig) if connect is None else connect, file)
+
+    def hint(self) -> str:
+        """Why nobody may answer a client, as far as this machine's sockets tell: in brackets, or empty."""
+        sockets = _sockets(self.connect)
+        hints = [reason for path in sockets if (reason := barrier(path)) is not None]
+        if sockets and not hints:
+            others = [rig_of(path) for path in _sockets(found_endpoints()) if path not in sockets]
+            hints = [f"rigs of this machine: {', '.join(sorted(set(others)))}"] if others else []
+        return f" ({'; '.join(hints)})" if hints else ""
 
     def __str__(self) -> str:
         if self.file is not None:
@@ -216,13 +242,38 @@ def _receive(messages: zenoh.Subscriber[Handler[zenoh.Sample]], take: Take, larg
 def open_session(mode: Mode, endpoints: Endpoints) -> zenoh.Session:
     """A session; raises `SessionError`."""
     try:
-        return zenoh.open(_configuration(mode, endpoints))
+        config = _configuration(mode, endpoints)
+        sockets = _sockets(listened(config, mode))
+        for path in sockets:
+            if (reason := obstacle(path)) is not None:
+                raise SessionError(reason)
+        for path in _sockets(endpoints.unless):
+            if path not in sockets and (reason := rival(path)) is not None:
+                raise SessionError(reason)
+        session = zenoh.open(config)
     except zenoh.ZError as error:
         reason = str(error).split(" at /", maxsplit=1)[0]  # the rest names zenoh's sources
         raise SessionError(f"zenoh, {endpoints}: {reason}") from error
+    try:
+        for path in sockets:
+            path.chmod(SOCKET_MODE)  # until now it is as the umask says; others do not get into the folder
+    except OSError as error:
+        session.close()  # type: ignore[no-untyped-call]
+        raise SessionError(f"{error.filename}: {error.strerror}") from error
+    return session
 
 
-def _configuration(mode: str, endpoints: Endpoints) -> zenoh.Config:
+def _sockets(endpoints: Sequence[str]) -> list[Path]:
+    return [path for endpoint in endpoints if (path := socket_of(endpoint)) is not None]
+
+
+def listened(config: zenoh.Config, mode: Mode) -> Sequence[str]:
+    """The endpoints where a session with this configuration listens."""
+    said = json.loads(config.get_json("listen/endpoints"))
+    return [each for each in (said.get(mode, ()) if isinstance(said, dict) else said) if isinstance(each, str)]
+
+
+def _configuration(mode: Mode, endpoints: Endpoints) -> zenoh.Config:
     ours: dict[str, Any] = {
         "mode": mode,
         "listen/endpoints": list(endpoints.listen),

@@ -114,7 +114,7 @@ _AT_ONCE = 10
 class RequestTopics:
     """Takes requests from topics of a node until it is stopped, and asks the daemon of the rig at `connect`."""
 
-    def __init__(self, node: Node, rig: str, connect: Sequence[str]) -> None:
+    def __init__(self, node: Node, rig: str, connect: Sequence[str] | None) -> None:
         self._node = node
         self._rig = rig
         self._connect = connect
@@ -186,7 +186,9 @@ class Bridge:
     Raises AutoexposeError if `rig` is not a valid name, or the domain cannot be joined.
     """
 
-    def __init__(self, rig: str, connect: Sequence[str], domain: Domain, *, reliable: bool, control: bool) -> None:
+    def __init__(
+        self, rig: str, connect: Sequence[str] | None, domain: Domain, *, reliable: bool, control: bool
+    ) -> None:
         check_rig_name(rig)
         self._rig = rig
         self._heard_s = time.monotonic()
@@ -206,7 +208,7 @@ class Bridge:
         self._diagnostics = self._node.publisher("/diagnostics", DIAGNOSTICS)
         self._requests = RequestTopics(self._node, rig, connect) if control else None
         self._node.announce()
-        self._holder = SessionHolder("client", Endpoints(connect=connect), self._serve, self._on_trouble)
+        self._holder = SessionHolder("client", Endpoints.of_rig(rig, connect, None), self._serve, self._on_trouble)
 
     @property
     def sent(self) -> dict[str, int]:
@@ -257,7 +259,7 @@ class Bridge:
 
 
 def serve(
-    rig: str, connect: Sequence[str], domain: Domain, stop: threading.Event, *, reliable: bool, control: bool
+    rig: str, connect: Sequence[str] | None, domain: Domain, stop: threading.Event, *, reliable: bool, control: bool
 ) -> None:
     """Offer the topics of a rig until `stop` is set; see `Bridge`. Prints where, and at the end what was sent."""
     bridge = Bridge(rig, connect, domain, reliable=reliable, control=control)

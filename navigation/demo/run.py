@@ -25,7 +25,7 @@ from autoexpose_daemon.demo.fakes import FakeCameras, read_pulses
 from autoexpose_daemon.demo.options import DemoOptions
 from autoexpose_daemon.demo.reference_step import reference_step_ms
 from autoexpose_daemon.demo.show import REFERENCE_REPEATS, check_account, configuration, start
-from autoexpose_daemon.messages.keys import LOOPBACK
+from autoexpose_daemon.messages.sockets import daemon_endpoint
 from autoexpose_daemon.runtime.daemon import Daemon
 from autoexpose_daemon.runtime.setup import openers
 from autoexpose_daemon.service.service import Service, add_outlets
@@ -184,7 +184,7 @@ def navigate(options: DemoOptions, cameras: FakeCameras, folder: Path, stop: thr
     rate_hz = start(cameras, options, console, HIGHEST_HZ)
     daemon_at, robot_at = (f"tcp/127.0.0.1:{port}" for port in _free_ports())
     if options.publish:
-        daemon_at = LOOPBACK
+        daemon_at = daemon_endpoint(_RIG)
     config = configuration(options, rate_hz)
     policies = list(dict.fromkeys((options.policy, OTHER_POLICY)))  # each once: a map is not taught twice
     commands = len(policies) * (1 + len(LIGHTS))

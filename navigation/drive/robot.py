@@ -223,7 +223,7 @@ class Source:
     """
 
     rig: str
-    connect: tuple[str, ...]
+    connect: tuple[str, ...] | None
     robot: RobotKeys
     robot_connect: tuple[str, ...]
     cameras: tuple[CameraName, ...] | None = None

@@ -7,7 +7,6 @@ from typing import Any
 
 import pytest
 
-from autoexpose_daemon.messages.keys import LOOPBACK
 from tests.accept.test_demo import FULL, demo
 from tests.autoexpose_daemon.publish.processes import consumer
 
@@ -23,7 +22,7 @@ CONNECTING = 30
 
 def run(tmp_path: Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
     """The demo's figures, and what each consumer got."""
-    with consumer(NAMES[0], LOOPBACK) as one, consumer(NAMES[1], LOOPBACK) as other:
+    with consumer(NAMES[0]) as one, consumer(NAMES[1]) as other:
         figures = demo(tmp_path, 60, "--publish")
         got = [each.result() for each in (one, other)]
     for name, result in zip(NAMES, got, strict=True):

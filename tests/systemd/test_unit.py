@@ -10,6 +10,7 @@ import pytest
 
 from autoexpose_daemon.config.document import PublishConfig
 from autoexpose_daemon.config.load import load_config
+from autoexpose_daemon.messages.sockets import SYSTEM_FOLDER
 from drivers.host import NICENESS
 from tests import REPOSITORY
 
@@ -63,24 +64,34 @@ def test_the_unit_is_sound(unit: Path, tmp_path: Path) -> None:
 
 @of_newer_systemd
 def test_the_user_may_open_cameras() -> None:
-    unit = configparser.ConfigParser(strict=False, interpolation=None)
-    unit.optionxform = str  # type: ignore[assignment,method-assign]
-    unit.read(UNIT)
+    service = service_of(UNIT)
     result = run("systemd-sysusers", "--dry-run", FOLDER / "sysusers.conf")
     assert result.returncode == 0, result.stdout
-    user, group = unit["Service"]["User"], unit["Service"]["SupplementaryGroups"]
+    user, group = service["User"], service["SupplementaryGroups"]
     assert f"m {user} {group}" in (FOLDER / "sysusers.conf").read_text()
     assert f'GROUP="{group}"' in (FOLDER / "60-usb3-vision.rules").read_text()
 
 
+def service_of(path: Path) -> configparser.SectionProxy:
+    unit = configparser.ConfigParser(strict=False, interpolation=None)
+    unit.optionxform = str  # type: ignore[assignment,method-assign]
+    unit.read(path)
+    return unit["Service"]
+
+
+def test_the_daemons_socket_is_where_clients_look_and_for_the_group_that_the_other_units_have() -> None:
+    daemon = service_of(UNIT)
+    assert Path("/run", daemon["RuntimeDirectory"]) == SYSTEM_FOLDER
+    assert (daemon["RuntimeDirectoryMode"], daemon["RuntimeDirectoryPreserve"]) == ("0750", "yes")
+    for path in (PAGE, ROS2):
+        other = service_of(path)
+        assert other["SupplementaryGroups"] == daemon["Group"]
+        assert "AF_UNIX" in other["RestrictAddressFamilies"]
+
+
 def test_the_daemon_comes_before_the_page_and_may_keep_its_priority() -> None:
     """Niceness alone counts only within a group of processes, which is why the daemon's group has a weight."""
-    services = []
-    for path in (UNIT, PAGE):
-        unit = configparser.ConfigParser(strict=False, interpolation=None)
-        unit.read(path)
-        services.append(unit["Service"])
-    daemon, page = services
+    daemon, page = map(service_of, (UNIT, PAGE))
     assert int(daemon["Nice"]) == int(daemon["LimitNICE"]) == NICENESS < 0 < int(page["Nice"])
     assert int(daemon["CPUWeight"]) > 100 > int(page["CPUWeight"])
 
@@ -92,10 +103,7 @@ def test_the_configuration_it_comes_with_is_valid() -> None:
 
 
 def test_the_page_is_seen_from_this_machine_only() -> None:
-    unit = configparser.ConfigParser(strict=False, interpolation=None)
-    unit.optionxform = str  # type: ignore[assignment,method-assign]
-    unit.read(PAGE)
-    service = unit["Service"]
+    service = service_of(PAGE)
     assert "--host" not in service["ExecStart"]
     assert (service["IPAddressDeny"], service["IPAddressAllow"]) == ("any", "localhost")
     assert service["DynamicUser"] == "yes"

@@ -16,7 +16,6 @@ from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.config.load import camera_setup, load_config
 from autoexpose_daemon.control import parameters
 from autoexpose_daemon.control.parameters import ControlParameters
-from autoexpose_daemon.messages.keys import LOOPBACK
 from documents import bounds
 from imaging.errors import ConfigurationError
 from imaging.exposure import ExposureSetting
@@ -402,7 +401,7 @@ def test_nothing_is_published_unless_the_section_is_there(tmp_path: Path) -> Non
     assert load(tmp_path, LEFT).publish is None
     publish = load(tmp_path, LEFT + "publish: {}").publish
     assert publish is not None
-    assert (publish.rig, publish.listen, publish.connect) == ("rig", (LOOPBACK,), ())
+    assert (publish.rig, publish.listen, publish.connect) == ("rig", None, ())
     assert publish.ros2_domain is None
 
 

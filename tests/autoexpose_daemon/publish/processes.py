@@ -1,14 +1,15 @@
-"""A consumer and a zenoh router in processes of their own, which are this file."""
+"""A consumer, a daemon and a zenoh router in processes of their own, of other users too, which are this file."""
 
 from __future__ import annotations
 
 import contextlib
 import json
+import os
 import subprocess
 import sys
 import threading
 from collections.abc import Iterator
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +25,7 @@ QUIET = {"multicast": {"enabled": False}}
 def consume(options: dict[str, Any]) -> None:
     """Say when the first pair is there, and at the end of the input what came."""
     client = StereoClient(
-        options["rig"], options["connect"], options["file"] and Path(options["file"]), name=options["name"]
+        options["rig"], options["connect"] or None, options["file"] and Path(options["file"]), name=options["name"]
     )
 
     def close_at_the_end_of_input() -> None:
@@ -49,11 +50,35 @@ def latency_ms(pair: ReceivedPair) -> float:
     return (pair.received_ns - max(pair.left.arrival_time_ns, pair.right.arrival_time_ns)) * 1e-6
 
 
+def serve() -> None:
+    """A daemon on scripted cameras, which publishes where daemons do unless configured otherwise."""
+    from tests.autoexpose_daemon.scripted import scripted_daemon  # noqa: PLC0415  takes a second
+
+    with scripted_daemon(None, publish={}) as (daemon, _, _):
+        while (tally := daemon.telemetry.publishing) is None or not tally.sent:
+            threading.Event().wait(0.01)
+        print("ready", flush=True)
+        sys.stdin.read()
+
+
 def route(file: str) -> None:
     """A session with `mode: router`, configured by the file that is named."""
     with zenoh.open(zenoh.Config.from_file(file)):
         print("ready", flush=True)
         sys.stdin.read()
+
+
+@dataclass(frozen=True, slots=True)
+class Account:
+    """A user, by numbers: one need not exist to run a process."""
+
+    uid: int
+    gid: int
+    groups: tuple[int, ...] = ()
+
+    def starts(self) -> dict[str, Any]:
+        """How `subprocess` starts a process of this user."""
+        return {"user": self.uid, "group": self.gid, "extra_groups": self.groups}
 
 
 class Consumer:
@@ -75,9 +100,9 @@ class Consumer:
 
 
 @contextlib.contextmanager
-def _running(what: str, argument: str) -> Iterator[subprocess.Popen[str]]:
-    command = [sys.executable, "-m", "tests.autoexpose_daemon.publish.processes", what, argument]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+def _running(what: str, argument: str, **options: Any) -> Iterator[subprocess.Popen[str]]:
+    command = [sys.executable, "-B", "-m", "tests.autoexpose_daemon.publish.processes", what, argument]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, **options) as process:
         try:
             yield process
         finally:
@@ -85,10 +110,22 @@ def _running(what: str, argument: str) -> Iterator[subprocess.Popen[str]]:
 
 
 @contextlib.contextmanager
-def consumer(name: str, *connect: str, rig: str = "rig", file: Path | None = None) -> Iterator[Consumer]:
+def consumer(
+    name: str, *connect: str, rig: str = "rig", file: Path | None = None, account: Account | None = None
+) -> Iterator[Consumer]:
     options = {"name": name, "connect": connect, "rig": rig, "file": file and str(file)}
-    with _running("consumer", json.dumps(options)) as process:
+    with _running("consumer", json.dumps(options), **(account.starts() if account else {})) as process:
         yield Consumer(process)
+
+
+@contextlib.contextmanager
+def service(folder: Path, account: Account | None = None) -> Iterator[subprocess.Popen[str]]:
+    """A daemon with the folder and the umask that its unit gives it, once it publishes."""
+    options = {"umask": 0o027, "env": os.environ | {"RUNTIME_DIRECTORY": str(folder)}}
+    with _running("service", "", **options, **(account.starts() if account else {})) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "ready\n"
+        yield process
 
 
 @contextlib.contextmanager
@@ -107,4 +144,10 @@ def router_file(folder: Path, at: str, **more: Any) -> Path:
 
 
 if __name__ == "__main__":
-    consume(json.loads(sys.argv[2])) if sys.argv[1] == "consumer" else route(sys.argv[2])
+    match sys.argv[1]:
+        case "consumer":
+            consume(json.loads(sys.argv[2]))
+        case "service":
+            serve()
+        case _:
+            route(sys.argv[2])

@@ -52,12 +52,17 @@ PAIRS = 60
 """Several times what a connection holds of them."""
 
 
+@pytest.fixture(params=["tcp", "socket"])
+def at(request: pytest.FixtureRequest, socket_folder: Path) -> str:
+    """An endpoint of one's own: what is promised holds over both."""
+    return endpoint() if request.param == "tcp" else f"unixsock-stream/{socket_folder}/rig.sock"
+
+
 def reported(publisher: Publisher, name: str) -> ConsumerTally:
     return publisher.tally.consumers.listed(time.monotonic_ns()).get(name, ConsumerTally())
 
 
-def test_a_client_gets_pairs_as_they_were_taken_and_the_daemon_hears_of_it() -> None:
-    at = endpoint()
+def test_a_client_gets_pairs_as_they_were_taken_and_the_daemon_hears_of_it(at: str) -> None:
     with publishing(PublishConfig(listen=(at,))) as publisher, StereoClient(connect=[at], name="odometry") as client:
         for _, received in zip(range(60), client, strict=False):
             assert received.right is not None
@@ -71,8 +76,7 @@ def test_a_client_gets_pairs_as_they_were_taken_and_the_daemon_hears_of_it() -> 
         wait_until(lambda: reported(publisher, "odometry").pairs >= 60, "the consumer's report")
 
 
-def test_a_client_that_nobody_has_any_more_disconnects() -> None:
-    at = endpoint()
+def test_a_client_that_nobody_has_any_more_disconnects(at: str) -> None:
     with publishing(PublishConfig(listen=(at,))):
         client = StereoClient(connect=[at])
         for _ in client:
@@ -83,8 +87,7 @@ def test_a_client_that_nobody_has_any_more_disconnects() -> None:
         wait_until(closed.is_set, "the client's end")
 
 
-def test_a_client_waits_for_its_daemon_and_finds_the_next_one() -> None:
-    at = endpoint()
+def test_a_client_waits_for_its_daemon_and_finds_the_next_one(at: str) -> None:
     with StereoClient(connect=[at]) as client:
         for _ in range(2):
             with publishing(PublishConfig(listen=(at,))):
@@ -155,8 +158,7 @@ def test_cameras_of_impossible_names_are_logged_and_never_shown(
                 assert received.left.pixels.shape == (540, 720)
 
 
-def test_rigs_do_not_mix() -> None:
-    at = endpoint()
+def test_rigs_do_not_mix(at: str) -> None:
     with (
         publishing(PublishConfig(rig="one", listen=(at,))),
         StereoClient("two", [at]) as two,
@@ -166,8 +168,7 @@ def test_rigs_do_not_mix() -> None:
         assert two.next_pair(0.1) is None
 
 
-def test_a_client_says_why_it_waits(caplog: pytest.LogCaptureFixture) -> None:
-    at = endpoint()
+def test_a_client_says_why_it_waits(at: str, caplog: pytest.LogCaptureFixture) -> None:
     with StereoClient(connect=[at]) as client:
         waiting = threading.Thread(target=client.next_pair)
         waiting.start()
@@ -189,13 +190,12 @@ def test_names_that_cannot_be_are_refused(names: dict[str, str]) -> None:
 
 @pytest.mark.realtime
 @pytest.mark.parametrize("end", [signal.SIGKILL, signal.SIGSTOP])
-def test_a_consumer_that_dies_or_stands_still_costs_the_others_nothing(end: signal.Signals) -> None:
-    assert any(cost_to_others(end) == 0 for _ in range(ATTEMPTS))
+def test_a_consumer_that_dies_or_stands_still_costs_the_others_nothing(at: str, end: signal.Signals) -> None:
+    assert any(cost_to_others(at, end) == 0 for _ in range(ATTEMPTS))
 
 
-def cost_to_others(end: signal.Signals) -> int:
+def cost_to_others(at: str, end: signal.Signals) -> int:
     """What the publisher drops and another consumer loses of `PAIRS`, from when a first one dies or stands still."""
-    at = endpoint()
     with (
         publishing(PublishConfig(listen=(at,))) as publisher,
         consumer("victim", at) as victim,
@@ -221,8 +221,7 @@ def test_all_that_control_offers_is_accounted_for() -> None:
     assert tally.offered == tally.sent + tally.dropped.total()
 
 
-def test_a_program_that_does_not_close_its_client_ends_all_the_same() -> None:
-    at = endpoint()
+def test_a_program_that_does_not_close_its_client_ends_all_the_same(at: str) -> None:
     program = f"from autoexpose_daemon.client import StereoClient\nfor pair in StereoClient(connect=[{at!r}]): break"
     with publishing(PublishConfig(listen=(at,))):
         assert subprocess.run([sys.executable, "-c", program], timeout=PATIENCE_S, check=False).returncode == 0

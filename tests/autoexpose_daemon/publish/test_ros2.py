@@ -76,9 +76,13 @@ def named(alive: set[str]) -> set[tuple[str, ...]]:
     return {tuple(token.split("/")[5:10]) for token in alive}
 
 
-def test_ros2_finds_node_and_topics_and_gets_messages_through_its_router(tmp_path: Path) -> None:
+@pytest.mark.parametrize("listens", ["tcp", "at its socket, as it does by default"])
+def test_ros2_finds_node_and_topics_and_gets_messages_through_its_router(
+    tmp_path: Path, socket_folder: Path, listens: str
+) -> None:
     at = endpoint()
-    config = PublishConfig(listen=(endpoint(),), connect=(at,), ros2_domain=7)
+    own = endpoint() if listens == "tcp" else f"unixsock-stream/{socket_folder}/rig.sock"
+    config = PublishConfig(listen=(own,), connect=(at,), ros2_domain=7)
     with router(router_file(tmp_path, at)), node(at) as session, graph(session, 7) as alive:
         with publishing(config):
             wait_until(lambda: named(alive.copy()) == GRAPH, "the rig in the graph")
