@@ -26,8 +26,6 @@ from evaluation.experiments.experiment import (
     Claim,
     Experiment,
     Figure,
-    Job,
-    Plain,
     ReportSection,
     Results,
     Table,
@@ -36,6 +34,7 @@ from evaluation.experiments.experiment import (
 )
 from evaluation.experiments.statistics import Interval, above, alike, below, not_above, together
 from evaluation.experiments.worth.tables import Verdicts, claims_tables
+from evaluation.jobs.job import Job, Plain
 from evaluation.odometry.orb_slam3 import PACKAGE, installed
 from evaluation.odometry.tracking import EVERY, Light
 from evaluation.prose import text_beside
