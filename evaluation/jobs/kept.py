@@ -11,14 +11,16 @@ from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 
+from autoexpose_daemon.control import _native
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY, PLACES
-from evaluation.arena.count import c_files
 from evaluation.jobs.job import Job
+from evaluation.jobs.native import c_files, tree
 from evaluation.long_runs import KeptResults
 from imaging.errors import AutoexposeError
 
 _OURS = (
-    "autoexpose_daemon", "calibration", "documents", "drivers", "evaluation", "fake_camera", "imaging", "navigation"
+    "autoexpose_daemon", "autoexpose_lab", "calibration", "camera_twin", "documents", "drivers", "evaluation",
+    "fake_camera", "imaging", "navigation",
 )  # fmt: skip
 _LIBRARIES = ("numpy", "opencv-python-headless", "numba", "evo")
 
@@ -89,12 +91,18 @@ def _digest(module: str, policies: tuple[str, ...] = tuple(PLACES)) -> str:
             state.update(name.encode() + b"\0" + reached[name].read_bytes() + b"\0")
         for weights in sorted(reached[name].parent.glob("*.npz")):  # of learned policies
             state.update(weights.read_bytes())
-    for path in c_files(list(reached.values())):
+    for path in _c_files(list(reached.values())):
         state.update(path.read_bytes())
     state.update(repr([DEFAULT_POLICY, *((policy, PLACES[policy]) for policy in policies)]).encode())
     for library in _LIBRARIES:
         state.update(f"{library} {_version(library)}".encode())
     return state.hexdigest()
+
+
+def _c_files(python: list[Path]) -> list[Path]:
+    """The sources that these reach; where it came as a wheel, without them, the whole C extension."""
+    built = Path(_native.__file__)
+    return c_files(python) if (built.parent / "native").is_dir() else [built]
 
 
 @cache
@@ -137,7 +145,7 @@ def _source(module: str) -> Path | None:
 @cache
 def _imports(path: Path) -> tuple[str, ...]:
     names: list[str] = []
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in ast.walk(tree(path)):
         match node:
             case ast.Import(names=aliases):
                 names += [alias.name for alias in aliases]

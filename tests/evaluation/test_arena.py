@@ -16,11 +16,12 @@ from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from evaluation.arena import arena_app, count, runs
 from evaluation.arena.arena_app import arena_app as app
 from evaluation.arena.arena_report import mean_ratios, outcomes
-from evaluation.arena.count import Count, c_files, count_c, count_python, python_files, snapshot_fields
+from evaluation.arena.count import Count, count_c, count_python, python_files, snapshot_fields
 from evaluation.arena.race import CourseScore, Series
 from evaluation.arena.runs import ArenaRun, document, full_plan, quick_plan, results
 from evaluation.experiments.worth.matches.courses import courses
 from evaluation.jobs import run as jobs_run
+from evaluation.jobs.native import c_files
 from evaluation.scenes.scenarios import SCENARIOS, WARM_UP_FRAMES
 from evaluation.stage.camera import Entrant
 from imaging.errors import AutoexposeError, ConfigurationError
