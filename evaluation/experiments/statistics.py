@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -65,12 +66,23 @@ def over_places(
     sums = np.bincount(of, np.asarray(values, np.float64))
     totals = np.bincount(of, None if weights is None else np.asarray(weights, np.float64))
     if len(names) >= FEWEST:
-        return clustered(np.stack([sums, totals], axis=1), lambda drawn: _ratio(drawn.sum(axis=1)), percent=percent)
+        tail = (100.0 - percent) / 2
+        low, high = np.nanpercentile(
+            _ratio(_counts(len(names)) @ np.stack([sums, totals], axis=1)), [tail, 100.0 - tail]
+        )
+        return Interval(float(sums.sum() / totals.sum()), float(low), float(high))
     middle, half = float(sums.sum() / totals.sum()), math.inf
     if len(names) > 1:
         spread = math.sqrt(len(names) * ((sums - middle * totals) ** 2).sum() / (len(names) - 1)) / totals.sum()
         half = float(t.ppf(0.5 + percent / 200.0, len(names) - 1) * spread)
     return Interval(middle, middle - half, middle + half)
+
+
+@lru_cache(maxsize=2)
+def _counts(places: int) -> Floats:
+    """How often each place is drawn, (draws, places)."""
+    drawn = _draws(places, 0) + places * np.arange(_DRAWS)[:, None]
+    return np.bincount(drawn.ravel(), minlength=_DRAWS * places).reshape(_DRAWS, places).astype(np.float64)
 
 
 def _ratio(sums: Floats) -> Floats:
