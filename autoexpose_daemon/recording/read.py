@@ -196,6 +196,12 @@ class Recording:
         self._setup: ControlSetup | None = None
         self._calibrations: dict[CameraName, CameraGeometry] = {}
 
+    @property
+    def rig(self) -> str | None:
+        """The name of the rig, once its first frame has been read."""
+        topics = [channel.topic.split("/") for channel in self._channels.values()]
+        return next((names[-3] for names in topics if len(names) > 3 and names[-1] == "exposure"), None)
+
     def __iter__(self) -> Iterator[Item]:
         """Read from the start of the file."""
         try:
