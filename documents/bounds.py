@@ -37,6 +37,7 @@ class Range:
 
 
 RATE_HZ = Range(0.1, 1000.0, "Hz")
+PHASE_MS = Range(0.0, 1000.0, "ms")
 EXPOSURE_TIME_US = Range(0.1, 10_000_000.0, "us")
 EXPOSURE_COUNT_US = Range(0.001, 10_000.0, "us")
 GAIN_DB = Range(-60.0, 100.0, "dB")
@@ -48,4 +49,5 @@ EXTENT = Range(1, 65_536, "pixels")
 BINNING = Range(1, 8, "pixels")
 LINK_MBPS = Range(10.0, 100_000.0, "Mb/s")
 PACKET_BYTES = Range(576, 16_000, "bytes")
+UTC_OFFSET_S = Range(0, 100, "s")
 SAMPLE_AGE_S = Range(0.001, 10.0, "s")

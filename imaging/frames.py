@@ -49,6 +49,7 @@ class Frame:
     # whether `host_time_ns` is late by the time of readout and transfer, as the camera's clock is not known
     by_arrival: bool = False
     clock_trouble: ClockTrouble | None = None  # what of it is not believed, told with one frame
+    ptp_time_ns: int | None = None  # when its exposure began, in PTP time; None: it is not told by a PTP clock
 
     def grey8(self, saturation: int = 255) -> NDArray[np.uint8]:
         """What control sees of the pixels: 8-bit grey levels (see `grey_plane`), at half size for a colour mosaic.

@@ -20,13 +20,15 @@ from autoexpose_daemon.config.section import (
     Name,
     OffsetStops,
     PacketBytes,
+    PhaseMs,
     PolicyId,
     RateHz,
     SampleAgeS,
     Section,
+    UtcOffsetS,
     said_of,
 )
-from autoexpose_daemon.messages.frames import Stamp
+from autoexpose_daemon.messages.frames import Stamping
 from autoexpose_daemon.messages.keys import (
     LAST_ROS2_DOMAIN,
     LOOPBACK,
@@ -138,11 +140,16 @@ class MotionConfig(Section):
 
 
 class PublishConfig(ConnectionConfig):
-    """How other processes get the frames; without this section they get none."""
+    """How other processes get the frames; without this section they get none.
+
+    With `stamp` ptp messages are stamped with the middle of the exposure in PTP time less `ptp_utc_offset_s`: 37 if the
+    master gives TAI, 0 if it gives UTC.
+    """
 
     rig: str = "rig"
     listen: tuple[str, ...] = (LOOPBACK,)
-    stamp: Stamp = "middle"
+    stamp: Literal["start", "middle", "end", "ptp"] = "middle"
+    ptp_utc_offset_s: UtcOffsetS = 37
     ros2_domain: Annotated[int, Field(ge=0, le=LAST_ROS2_DOMAIN, strict=True)] | None = None
 
     @field_validator("rig")
@@ -150,6 +157,17 @@ class PublishConfig(ConnectionConfig):
     def _rig_is_a_name(cls, rig: str) -> str:
         check_rig_name(rig)
         return rig
+
+    @model_validator(mode="after")
+    def _an_offset_is_for_ptp(self) -> Self:
+        if self.stamp != "ptp" and "ptp_utc_offset_s" in self.model_fields_set:
+            raise ValueError(f"ptp_utc_offset_s has no effect with stamp {self.stamp}: remove it, or set stamp: ptp")
+        return self
+
+    @property
+    def stamping(self) -> Stamping:
+        """How messages are stamped."""
+        return Stamping("middle", self.ptp_utc_offset_s) if self.stamp == "ptp" else Stamping(self.stamp)
 
 
 DEFAULT_START = ExposureSetting(2000.0, 0.0)
@@ -163,6 +181,7 @@ class TriggerConfig(Section):
     line: Name = "Line0"
     output_line: Name = "Line1"
     rate_hz: RateHz = 60.0
+    phase_ms: PhaseMs | None = None
 
     @property
     def by_host(self) -> bool:
@@ -175,6 +194,27 @@ class TriggerConfig(Section):
             for key in ("line", "output_line"):
                 if key in self.model_fields_set:
                     raise ValueError(f"{key} has no effect with mode {self.mode}, which needs no wire: remove it")
+        return self
+
+    @model_validator(mode="after")
+    def _the_phase_is_one(self) -> Self:
+        if self.phase_ms is None:
+            return self
+        if not self.by_host:
+            raise ValueError(
+                f"phase_ms has no effect with mode {self.mode}, whose triggers the daemon does not give: remove it, or "
+                "choose mode ptp or software"
+            )
+        if not self.rate_hz.is_integer():
+            raise ValueError(
+                f"phase_ms needs a whole number of triggers a second: at rate_hz {self.rate_hz:g} they are at other "
+                "times in each second"
+            )
+        if self.phase_ms >= 1e3 / self.rate_hz:
+            raise ValueError(
+                f"phase_ms {self.phase_ms:g} does not fit into the {1e3 / self.rate_hz:.4g} ms between triggers at "
+                f"rate_hz {self.rate_hz:g}: give less, from 0"
+            )
         return self
 
 
@@ -241,6 +281,11 @@ class Config(Section):
             raise ValueError("trigger.mode free_run is for one camera: two that run freely never see the same instant")
         if self.trigger.mode == "primary" and len(self.cameras) == 1:
             raise ValueError("trigger.mode primary needs two cameras: for a single one choose free_run")
+        if self.publish is not None and self.publish.stamp == "ptp" and self.trigger.mode != "ptp":
+            raise ValueError(
+                f"publish.stamp ptp needs cameras whose clocks follow PTP, which with trigger.mode {self.trigger.mode} "
+                "they do not: set trigger.mode: ptp, or publish.stamp: middle"
+            )
         for name in self.control.roi.keys() - self.cameras.keys():
             raise ValueError(f"control.roi.{name} is given, but cameras.{name} is not: remove it")
         if self.response.refine and all(camera.response is None for camera in self.cameras.values()):

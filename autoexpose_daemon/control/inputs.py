@@ -97,7 +97,7 @@ class TrackedCells:
     """A report on one frame."""
 
     consumer: str  # who reports
-    stamp_ns: int  # stamp of the frame, CLOCK_REALTIME, as in `ReceivedPair.stamp_ns`
+    stamp_ns: int  # stamp of the frame, as in `ReceivedPair.stamp_ns`
     camera: CameraName  # which camera's frame
     # how many features were looked for in each cell of the frame, and how many of them fit the motion that was found:
     # uint16, (6, 8), the top left cell first

@@ -32,7 +32,7 @@ _MOTIONS: dict[str, Callable[[ResponseFunction], Motion]] = {
     "farneback": FarnebackMotion,
 }
 
-STATE_FORMAT = "autoexpose-control/14"
+STATE_FORMAT = "autoexpose-control/15"
 """Format of `ControlSetup` and `ControlLoop.state` as plain data: a new number when names, types or meaning change."""
 
 

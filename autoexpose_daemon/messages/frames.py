@@ -28,14 +28,34 @@ from imaging.frames import CameraName, Frame, FrameSet
 from imaging.geometry import COEFFICIENTS, CameraGeometry
 from imaging.pixels import SAMPLES, Layout, PixelFormat, Pixels
 
-Stamp = Literal["start", "middle", "end"]
+Moment = Literal["start", "middle", "end"]
 
-_SHARES: dict[Stamp, float] = {"start": 0.0, "middle": 0.5, "end": 1.0}
+_SHARES: dict[Moment, float] = {"start": 0.0, "middle": 0.5, "end": 1.0}
 
 
-def moment_ns(frame: Frame, stamp: Stamp) -> int:
-    """That moment, CLOCK_MONOTONIC. A moving object is seen where it is in the middle of the exposure."""
-    return frame.host_time_ns + round(1e3 * _SHARES[stamp] * frame.setting.exposure_time_us)
+@dataclass(frozen=True, slots=True)
+class Stamping:
+    """What messages are stamped with: a moment of the first camera's exposure, on a clock.
+
+    A moving object is seen where it is in the middle of the exposure. The clock is CLOCK_REALTIME, or with
+    `ptp_utc_offset_s` PTP time less so many seconds, for frames that have one.
+    """
+
+    moment: Moment = "middle"
+    ptp_utc_offset_s: int | None = None
+
+    def moment_ns(self, frame: Frame) -> int:
+        """That moment, CLOCK_MONOTONIC."""
+        return frame.host_time_ns + round(1e3 * _SHARES[self.moment] * frame.setting.exposure_time_us)
+
+    def ptp_ahead_ns(self, frame: Frame) -> int | None:
+        """What the clock of a frame's stamp is ahead of CLOCK_MONOTONIC, if it is PTP's; None: it is CLOCK_REALTIME."""
+        if self.ptp_utc_offset_s is None or frame.ptp_time_ns is None:
+            return None
+        return frame.ptp_time_ns - frame.host_time_ns - self.ptp_utc_offset_s * 1_000_000_000
+
+
+MIDDLE = Stamping()
 
 
 TOPICS = {"image": IMAGE, "camera_info": CAMERA_INFO, "exposure": EXPOSURE_INFO}
@@ -80,13 +100,12 @@ def realtime_offset_ns() -> int:
 class MessageWriter:
     """Makes the messages of a rig of so many cameras, in the order in which to send them.
 
-    Coordinate frames are named after the rig, as in ``rig_left_optical_frame``; `stamp` is the moment of the first
-    camera's exposure that messages carry.
+    Coordinate frames are named after the rig, as in ``rig_left_optical_frame``.
     """
 
-    def __init__(self, rig: str, cameras: int, stamp: Stamp = "middle") -> None:
+    def __init__(self, rig: str, cameras: int, stamping: Stamping = MIDDLE) -> None:
         self._rig = rig
-        self._stamp = stamp
+        self._stamping = stamping
         self._cameras = cameras
 
     def messages(
@@ -104,7 +123,9 @@ class MessageWriter:
         `sequence` is its number among those sent, or recorded, `offset_ns` what `realtime_offset_ns` measures;
         `calibrations` are of the cameras that are calibrated.
         """
-        stamp_ns = min(max(moment_ns(pair.reference, self._stamp) + offset_ns, 0), LAST_STAMP_NS)
+        ahead_ns = self._stamping.ptp_ahead_ns(pair.reference)
+        ahead_ns = offset_ns if ahead_ns is None else ahead_ns
+        stamp_ns = min(max(self._stamping.moment_ns(pair.reference) + ahead_ns, 0), LAST_STAMP_NS)
         stamp = _Time(*divmod(stamp_ns, 1_000_000_000))
         of_pair: dict[str, float | str] = {
             "trigger": pair.trigger,

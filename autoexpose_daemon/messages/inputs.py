@@ -67,7 +67,7 @@ _LONGEST_REASON: Final = 200
 class RegisteredView:
     """How a frame of `autoexpose repeat` lies against the taught path, and what the robot was then commanded."""
 
-    stamp_ns: int  # the stamp of the frame, CLOCK_REALTIME
+    stamp_ns: int  # the stamp of the frame
     camera: CameraName  # whose frame it is
     # how far along the path the frame was taken, and how long the path is
     distance_m: float

@@ -82,6 +82,11 @@ def consumer_key(rig: str, name: str) -> str:
     return f"autoexpose/{rig}/consumers/{name}"
 
 
+def ros_topic(rig: str, camera: CameraName, topic: str) -> str:
+    """The same in ROS 2 and in recordings, under the names that camera drivers have there: the image is `image_raw`."""
+    return f"/{rig}/{camera}/{'image_raw' if topic == 'image' else topic}"
+
+
 RigTopic = Literal["status", "registration", "light_ahead", "tracking", "control", "grounds"]
 """What there is once for a rig: the daemon's status, and what its latest decision rests on (grounds), if asked; from
 `autoexpose repeat` how views lie against the taught path (registration), and for the daemon how the light changed on an

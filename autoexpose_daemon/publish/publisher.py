@@ -28,7 +28,7 @@ from autoexpose_daemon.messages.inputs import (
     read_light_ahead,
     read_tracked_cells,
 )
-from autoexpose_daemon.messages.keys import CONSUMER_NAME, consumer_key, frame_key, last_but, rig_key
+from autoexpose_daemon.messages.keys import CONSUMER_NAME, consumer_key, frame_key, last_but, rig_key, ros_topic
 from autoexpose_daemon.publish.inbound import WAITING_REQUESTS, Ask, ControlDoor
 from autoexpose_daemon.publish.ros2_keys import Attachments, Ros2Node
 from autoexpose_daemon.publish.session import IMAGE_PRIORITIES, Endpoints, SessionHolder, reading
@@ -127,7 +127,7 @@ class Publisher:
         # rmw_zenoh's routers forward nothing from peer to peer: ROS 2 nodes and we learn of each other by gossip.
         gossip = config.ros2_domain is not None
         self._endpoints = Endpoints(config.listen, config.connect, config.zenoh, gossip)
-        self._writer = MessageWriter(config.rig, len(cameras), config.stamp)
+        self._writer = MessageWriter(config.rig, len(cameras), config.stamping)
         self._mailbox: deque[ControlStep] = deque()
         self._news = threading.Condition()
         self._open = False
@@ -213,7 +213,7 @@ class Publisher:
                 node = Ros2Node(self._config.ros2_domain, self._config.rig, "autoexpose", str(session.info.zid()))
                 tokens.enter_context(declare_token(node.token))
                 for number, (camera, name) in enumerate(itertools.product(self._priorities, TOPICS), 1):
-                    topic = node.topic(number, f"{self._config.rig}/{camera}/{name}", TOPICS[name])
+                    topic = node.topic(number, ros_topic(self._config.rig, camera, name), TOPICS[name])
                     outlets[camera, name].append(
                         _Outlet(session, topic.key, self._priorities[camera], Attachments(topic))
                     )
@@ -257,7 +257,7 @@ class Publisher:
 
 
 def _take_report(tracking: Tracking, report: TrackedCells) -> None:
-    tracking.take(report, report.stamp_ns - realtime_offset_ns())
+    tracking.take(report, tracking.taken_ns(report.stamp_ns, realtime_offset_ns()))
 
 
 class _Outlet:

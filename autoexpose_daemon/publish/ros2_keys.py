@@ -46,8 +46,9 @@ class Ros2Node:
         """The liveliness token of the node."""
         return self._token("NN", _NODE_ID)
 
-    def topic(self, number: int, path: str, message_type: str, qos: OfferedQos = SENSOR_DATA) -> Ros2Topic:
-        """The topic `/<path>`; `number` numbers the publishers of a node, from 1."""
+    def topic(self, number: int, name: str, message_type: str, qos: OfferedQos = SENSOR_DATA) -> Ros2Topic:
+        """The topic of this full name; `number` numbers the publishers of a node, from 1."""
+        path = name.strip("/")
         kind = f"{dds_name(message_type)}/{TYPESTORE.hash_rihs01(message_type)}"
         token = f"{self._token('MP', number)}/{_mangled(f'/{path}')}/{kind}/{_keyed(qos)}"
         return Ros2Topic(f"{self.domain}/{path}/{kind}", token)

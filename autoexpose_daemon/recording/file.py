@@ -23,8 +23,8 @@ from autoexpose_daemon.control.loop import STATE_FORMAT
 from autoexpose_daemon.control.setup import ControlSetup
 from autoexpose_daemon.control.snapshot import Plain, plain
 from autoexpose_daemon.control.step import NO_OVERRIDE, StepInputs
-from autoexpose_daemon.messages.frames import TOPICS, MessageWriter, Stamp, realtime_offset_ns
-from autoexpose_daemon.messages.keys import DEFAULT, LATCHED, SENSOR_DATA, OfferedQos
+from autoexpose_daemon.messages.frames import MIDDLE, TOPICS, MessageWriter, Stamping, realtime_offset_ns
+from autoexpose_daemon.messages.keys import DEFAULT, LATCHED, SENSOR_DATA, OfferedQos, ros_topic
 from autoexpose_daemon.messages.types import IMAGE, TYPESTORE, definition
 from imaging.errors import AutoexposeError
 from imaging.frames import CameraName, FrameSet
@@ -121,7 +121,7 @@ class Step:
     requests: tuple[str, ...] = ()  # what was requested of control since the step before, and who asked
     # geometry of the calibrated cameras, in CameraInfo; a replay needs none
     calibrations: Mapping[CameraName, CameraGeometry] = field(default_factory=dict)
-    stamp_ns: int = 0  # of a step that was read: the stamp of its messages, CLOCK_REALTIME
+    stamp_ns: int = 0  # of a step that was read: the stamp of its messages
 
     @property
     def pair(self) -> FrameSet:
@@ -174,8 +174,8 @@ _String = TYPESTORE.types[STRING]
 class RecordingFile:
     """A new file, written step by step, in chunks of whole steps.
 
-    Every method raises RecordingError: when the file exists, cannot be written, or its disk is nearly full. Topics are
-    named by the rig, like the keys of published frames.
+    Every method raises RecordingError: when the file exists, cannot be written, or its disk is nearly full. Topics have
+    the names of the rig's in ROS 2.
     """
 
     def __init__(self, path: Path, rig: str) -> None:
@@ -199,11 +199,8 @@ class RecordingFile:
         self._writer.start(profile="ros2", library=f"autoexpose-daemon {version('autoexpose-daemon')}")
         self._writer.add_metadata(ROSBAG2, EARLY_YAML)
 
-    def write(self, step: Step, setup: ControlSetup, state: Plain, stamp: Stamp = "middle") -> None:
-        """Append a step, with the setup of the loop that made it, and the loop's state after it unless None.
-
-        `stamp` is the moment of the left frame's exposure that its messages carry.
-        """
+    def write(self, step: Step, setup: ControlSetup, state: Plain, stamping: Stamping = MIDDLE) -> None:
+        """Append a step, with the setup of the loop that made it, and the loop's state after it unless None."""
         try:
             space = os.fstatvfs(self._stream.fileno())
             if space.f_bavail * space.f_frsize < RESERVE_BYTES:
@@ -219,7 +216,7 @@ class RecordingFile:
             for name, topic in GIVEN.items():
                 if (given := getattr(step.inputs, name)) not in (None, NO_OVERRIDE):
                     self._say(topic, {name: plain(given)})
-            messages = MessageWriter(self._rig, step.cameras, stamp)
+            messages = MessageWriter(self._rig, step.cameras, stamping)
             decisions, calibrations = dict.fromkeys(step.pair.frames, step.decision), step.calibrations
             made = messages.messages(step.pair, decisions, step.sequence, self._offset_ns, calibrations=calibrations)
             for message in made:
@@ -256,7 +253,7 @@ class RecordingFile:
         self._add(CONTROL, what, STRING, TYPESTORE.serialize_cdr(_String(text), STRING), 0)
 
     def _add(self, owner: str, what: str, message_type: str, data: Any, sequence: int) -> None:
-        topic = f"/autoexpose/{self._rig}/{owner}/{what}"
+        topic = ros_topic(self._rig, owner, what)
         if message_type not in self._schemas:
             text = definition(message_type).encode()
             self._schemas[message_type] = self._writer.register_schema(message_type, "ros2msg", text)

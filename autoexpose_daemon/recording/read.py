@@ -48,13 +48,14 @@ from documents.files import open_regular
 from imaging.frames import CameraName, Frame, FrameSet
 from imaging.geometry import SIDES, CameraGeometry
 
-FORMER_FORMATS = tuple(f"autoexpose-control/{number}" for number in range(2, 14))
-"""In the thirteenth, cameras were called sides. In the eleventh, motion was measured by DIS flow unless a paper has
-Farneback's. In the tenth, only the latest delay of the loop was remembered. In the ninth, levels of light ahead
-followed the light and nothing else. In the eighth, searches did not know whose frames they compared. In the sixth,
-nothing was bracketed. In the fifth, consumers steered nothing, and no lens had a vignetting. In the fourth, gains
-had even steps, and nothing could override the policy. In the second, control had one response, the left camera's,
-and one history of motion, whichever camera frames were from.
+FORMER_FORMATS = tuple(f"autoexpose-control/{number}" for number in range(2, 15))
+"""In the fourteenth, topics began with `/autoexpose/`, and images were called `image`. In the thirteenth, cameras were
+called sides. In the eleventh, motion was measured by DIS flow unless a paper has Farneback's. In the tenth, only the
+latest delay of the loop was remembered. In the ninth, levels of light ahead followed the light and nothing else. In the
+eighth, searches did not know whose frames they compared. In the sixth, nothing was bracketed. In the fifth, consumers
+steered nothing, and no lens had a vignetting. In the fourth, gains had even steps, and nothing could override the
+policy. In the second, control had one response, the left camera's, and one history of motion, whichever camera frames
+were from.
 """
 
 _FARNEBACK = {"begin2022", "begin2022-code", "mehta2020", "mehta2020-code"}
@@ -171,6 +172,8 @@ _FIELDS = {
 }
 """By topic: the field of `StepInputs`, and its type when it is given."""
 
+_OF_CONTROL = {*_FIELDS, SETUP, REQUESTS, STATE}
+
 _COUNT_DIGITS = 18
 """More steps than that fit into no file; Python itself refuses numbers of more than 4300 digits."""
 
@@ -187,6 +190,7 @@ class Recording:
         self.cut_off = False
         self.dropped: int | None = None
         self._path = path
+        self._rig: str | None = None  # what its topics begin with, known from the first that control has written
         self._channels: dict[int, Channel] = {}
         self._schemas: dict[int, Schema] = {}
         self._frames: dict[CameraName, Frame] = {}  # of the step that is being read
@@ -261,18 +265,22 @@ class Recording:
         channel = self._channels.get(message.channel_id)
         if channel is None:
             raise ValueError(f"a message of channel {message.channel_id}, which does not exist")
-        of_ours = channel.topic.startswith("/autoexpose/")
-        match channel.topic.split("/")[-2:]:
-            case ["control", what] if what in _FIELDS or what in (SETUP, REQUESTS, STATE):
-                return self._of_control(what, message.data)
-            case [camera, "exposure"] if of_ours:
+        rig, *place = channel.topic.rsplit("/", 2)
+        match place:
+            case ["control", what] if what in _OF_CONTROL and self._is_text(channel) and self._rig in (None, rig):
+                item = self._of_control(what, message.data)
+                self._rig = rig
+                return item
+            case ["control", "setup"] if self._is_text(channel):
+                raise self._error(f"holds the recordings of {self._rig!a} and {rig!a}: replay them from a file each")
+            case [camera, "exposure"] if rig == self._rig:
                 self._check_version(channel)
                 self._exposure(camera, message.data)
-            case [camera, "camera_info"] if of_ours:
+            case [camera, "camera_info"] if rig == self._rig:
                 geometry = read_camera_info(message.data)
                 if geometry is not None:
                     self._calibrations[camera] = geometry
-            case [camera, "image"] if of_ours:
+            case [camera, "image_raw" | "image"] if rig == self._rig:
                 notes = channel.metadata
                 full_scale = FULL_SCALE.items() <= notes.items() or bool(notes.get(OFFERED_QOS))
                 return self._image(camera, message.data, full_scale=full_scale)
@@ -327,6 +335,10 @@ class Recording:
         calibrations, self._calibrations = self._calibrations, {}
         inputs = StepInputs(pair, **given)
         return Step(info.sequence, info.cameras, inputs, decision, requests, calibrations, stamp_ns)
+
+    def _is_text(self, channel: Channel) -> bool:
+        schema = self._schemas.get(channel.schema_id)
+        return schema is not None and schema.name == STRING
 
     def _check_version(self, channel: Channel) -> None:
         schema = self._schemas.get(channel.schema_id)

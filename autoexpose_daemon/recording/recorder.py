@@ -20,7 +20,7 @@ from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.setup import ControlSetup
 from autoexpose_daemon.control.snapshot import Plain
 from autoexpose_daemon.control.step import ControlStep
-from autoexpose_daemon.messages.frames import Stamp
+from autoexpose_daemon.messages.frames import Stamping
 from autoexpose_daemon.recording.file import RecordingError, RecordingFile, Step
 from drivers.log_throttle import LogThrottle
 from imaging.frames import CameraName
@@ -48,7 +48,7 @@ class Entry:
     setup: ControlSetup
     state: Plain
     taken_ns: int
-    stamp: Stamp
+    stamping: Stamping
 
 
 class Recorder(ABC):
@@ -111,7 +111,7 @@ class Recorder(ABC):
             self._setup, self._snapshot_step, state = loop.setup, self.steps, loop.state()
         assert made.decision is not None, "a pair without a decision is no step"
         step = Step(self.steps, cameras, made.inputs, made.decision, made.requests, calibrations)
-        self._queue.put(Entry(step, loop.setup, state, now_ns, self._frames.stamp))
+        self._queue.put(Entry(step, loop.setup, state, now_ns, self._frames.stamping))
 
     @abstractmethod
     def save(self) -> None:
@@ -150,7 +150,7 @@ class ContinuousRecorder(Recorder):
     def _run(self) -> None:
         try:
             while (entry := self._queue.get()) is not None:
-                self._file.write(entry.step, entry.setup, entry.state, entry.stamp)
+                self._file.write(entry.step, entry.setup, entry.state, entry.stamping)
         except RecordingError as error:
             self._end(error)
         try:
@@ -221,7 +221,7 @@ class LastSecondsRecorder(Recorder):
         self.failure = None
         try:
             for entry in entries:
-                file.write(entry.step, entry.setup, entry.state, entry.stamp)
+                file.write(entry.step, entry.setup, entry.state, entry.stamping)
         except RecordingError as error:
             self._fell_short("not all is saved", error)
         try:

@@ -14,7 +14,7 @@ from autoexpose_daemon.control.inputs import LightAhead, LightSeries, TrackedCel
 from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.picture.steering import CellExposure, Steering, TrackingMemory
 from autoexpose_daemon.control.step import StepInputs
-from autoexpose_daemon.messages.frames import Stamp, moment_ns
+from autoexpose_daemon.messages.frames import MIDDLE, Stamping
 from autoexpose_daemon.status.counters import Counts, ImuTally, LightTally, TrackingRefusal, TrackingTally
 from drivers.log_throttle import LogThrottle
 from imaging.frames import CameraName, FrameSet
@@ -184,19 +184,20 @@ _WORDS = {
 class Tracking(InputSource):
     """Keeps what consumers report. Reports arrive on one thread, control asks on another; neither waits for the other.
 
-    `stamp` is the moment of a frame that reports on it name.
+    `stamping` is that of the frames that reports are on.
     """
 
     def __init__(
         self,
         cameras: Collection[CameraName],
         rate_hz: float,
-        stamp: Stamp = "middle",
+        stamping: Stamping = MIDDLE,
         now_ns: Callable[[], int] = time.monotonic_ns,
     ) -> None:
         self.tally = TrackingTally()
         self._cameras = cameras
-        self._stamp = stamp
+        self._stamping = stamping
+        self._ptp_ahead_ns: int | None = None  # at the newest frame
         self._now_ns = now_ns
         self._memory = TrackingMemory()
         self._waiting: deque[tuple[TrackedCells, int]] = deque()
@@ -204,6 +205,11 @@ class Tracking(InputSource):
             maxlen=math.ceil(OLDEST_REPORT_S * rate_hz) + 1
         )
         self._throttle = LogThrottle(_SAID_S)
+
+    def taken_ns(self, stamp_ns: int, realtime_offset_ns: int) -> int:
+        """What CLOCK_MONOTONIC was at a frame's stamp; `realtime_offset_ns` is what CLOCK_REALTIME is ahead of it."""
+        ahead_ns = self._ptp_ahead_ns
+        return stamp_ns - (realtime_offset_ns if ahead_ns is None else ahead_ns)
 
     def take(self, report: TrackedCells, taken_ns: int) -> None:
         """A report has arrived; its stamp is `taken_ns` on CLOCK_MONOTONIC."""
@@ -231,11 +237,15 @@ class Tracking(InputSource):
         steering = inputs.steering if any(loop.steered for loop in loops) else None
         self.tally.by, self.tally.age_s = ((), None) if steering is None else (steering.by, steering.age_s)
         exposures = {camera: each for loop in loops for camera, each in loop.cell_exposures.items()}
-        self.saw(moment_ns(inputs.pair.reference, self._stamp), exposures)
+        self._saw_pair(inputs.pair, exposures)
 
     def passed_over(self, pair: FrameSet) -> None:
         """Nothing is known of how its frames were exposed."""
-        self.saw(moment_ns(pair.reference, self._stamp), {})
+        self._saw_pair(pair, {})
+
+    def _saw_pair(self, pair: FrameSet, exposures: Mapping[CameraName, CellExposure]) -> None:
+        self._ptp_ahead_ns = self._stamping.ptp_ahead_ns(pair.reference)
+        self.saw(self._stamping.moment_ns(pair.reference), exposures)
 
     def _judge(self, report: TrackedCells, taken_ns: int) -> None:
         """Take a report into the memory, or refuse it."""

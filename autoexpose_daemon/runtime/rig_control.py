@@ -12,6 +12,7 @@ from typing import Protocol
 from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.config.request import Request
 from autoexpose_daemon.control.step import ControlStep, StepInputs
+from autoexpose_daemon.messages.frames import realtime_offset_ns
 from autoexpose_daemon.runtime.group_control import GroupControl, starts
 from autoexpose_daemon.runtime.inputs import InputSource
 from autoexpose_daemon.runtime.rig_health import RigHealth
@@ -32,7 +33,13 @@ from drivers.rig.events import (
 )
 from drivers.rig.supervision import Slots
 from drivers.triggers import RigRecord
-from drivers.triggers.host import HostTriggers, PtpTriggers, ReadoutTimes, SoftwareTriggers
+from drivers.triggers.host import (
+    HostTriggers,
+    PhasedSoftwareTriggers,
+    PtpTriggers,
+    ReadoutTimes,
+    SoftwareTriggers,
+)
 from imaging.errors import ConfigurationError
 from imaging.exposure import ExposureSetting
 from imaging.frames import CameraName, FrameSet
@@ -55,12 +62,16 @@ class Cameras(Protocol):
         """Close and reopen a camera that answers but sends nothing; `why` follows its name in a sentence."""
 
 
-def _host_triggers(config: Config, now_ns: int) -> HostTriggers:
+def _host_triggers(config: Config, now_ns: int, realtime_offset_ns: Callable[[], int]) -> HostTriggers:
+    rate_hz, phase_ms = config.trigger.rate_hz, config.trigger.phase_ms
+    phase_ns = None if phase_ms is None else round(1e6 * phase_ms)
     match config.trigger.mode:
+        case "software" if phase_ns is not None:
+            return PhasedSoftwareTriggers(rate_hz, now_ns, phase_ns, realtime_offset_ns)
         case "software":
-            return SoftwareTriggers(config.trigger.rate_hz, now_ns)
+            return SoftwareTriggers(rate_hz, now_ns)
         case "ptp":
-            return PtpTriggers(config.trigger.rate_hz)
+            return PtpTriggers(rate_hz, phase_ns)
         case _:
             return HostTriggers()
 
@@ -84,6 +95,7 @@ class RigControl:
         start: ExposureSetting | None = None,  # the setting that the cameras start with; None: as configured
         *,
         now_ns: Callable[[], int] = time.monotonic_ns,  # another clock in virtual time
+        realtime_offset_ns: Callable[[], int] = realtime_offset_ns,
     ) -> None:
         self.telemetry = Telemetry(period_s=1.0 / config.trigger.rate_hz)
         self.outlets: list[Outlet] = []
@@ -107,9 +119,9 @@ class RigControl:
         }
         self._cameras = cameras
         self._now_ns = now_ns
-        self._triggers = _host_triggers(config, now_ns())
+        self._triggers = _host_triggers(config, now_ns(), realtime_offset_ns)
         self._readout_times = ReadoutTimes()
-        self._health = RigHealth(config, self.telemetry, self.record, self._triggers)
+        self._health = RigHealth(config, self.telemetry, self.record, self._triggers, realtime_offset_ns)
         self._last_trigger = -1
         self._joins = False  # a camera is open, and no pair with it has been decided on yet
 
@@ -246,7 +258,7 @@ class RigControl:
             case CameraSilent(camera):
                 self._health.silent(camera, now_ns)
             case ClockRead(camera, reading):
-                self._health.clock_read(camera, reading)
+                self._health.clock_read(camera, reading, now_ns)
             case PacketsRefused(camera, packets):
                 self._health.packets_refused(camera, packets)
         return pairs

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import logging
 from collections import Counter
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 
-from autoexpose_daemon.config.document import Config
+from autoexpose_daemon.config.document import Config, PublishConfig
 from autoexpose_daemon.runtime.light_spread import LightSpread
 from autoexpose_daemon.runtime.response_drift import ResponseDrift
 from autoexpose_daemon.runtime.setup import Tuning
+from autoexpose_daemon.runtime.stamp_watch import StampWatch
 from autoexpose_daemon.status.states import ADJUSTED, START_PATIENCE_NS
 from autoexpose_daemon.status.telemetry import GONE, Telemetry
 from drivers.camera import ClockReading, IncompleteFrame, RefusedPackets
@@ -143,7 +144,14 @@ def _light_spread(config: Config) -> LightSpread:
 class RigHealth:
     """Examines what the rig's events say of its cameras, after the record has taken them."""
 
-    def __init__(self, config: Config, telemetry: Telemetry, record: RigRecord, triggers: HostTriggers) -> None:
+    def __init__(
+        self,
+        config: Config,
+        telemetry: Telemetry,
+        record: RigRecord,
+        triggers: HostTriggers,
+        realtime_offset_ns: Callable[[], int],
+    ) -> None:
         self._telemetry = telemetry
         self._counts, self._cameras = telemetry.counts, telemetry.cameras
         self._troubles = Troubles(telemetry.cameras.troubles)
@@ -159,6 +167,8 @@ class RigHealth:
         self._light = _light_spread(config)
         self._record = record
         self._triggers = triggers
+        self._stamps = StampWatch((config.publish or PublishConfig()).stamping)
+        self._realtime_offset_ns = realtime_offset_ns
         self._sides = frozenset(config.cameras)
         self._ever_ready: set[CameraName] = set()
         self._out: set[CameraName] = set()
@@ -259,9 +269,12 @@ class RigHealth:
         if camera in self._silent:
             self._troubles.begin(camera, "strangers", f"{packets}: {_WHOSE_PACKETS}")
 
-    def clock_read(self, camera: CameraName, reading: ClockReading) -> None:
+    def clock_read(self, camera: CameraName, reading: ClockReading, now_ns: int) -> None:
         """A camera says how its clock is synchronised."""
         self._cameras.ptp[camera] = reading.ptp
+        ptp_ns = self._triggers.ptp_time_ns(now_ns)
+        if ptp_ns is not None:
+            self._stamps.look(ptp_ns, now_ns + self._realtime_offset_ns())
 
     def pair(self, pair: FrameSet) -> None:
         """Look at a set: do the cameras respond as calibrated, and see the same light?"""

@@ -132,7 +132,7 @@ def add_outlets(daemon: Daemon, config: Config, recorder: Recorder | GroupRecord
     light = ForetoldLight(config.trigger.rate_hz)
     daemon.follow("light_ahead", light)
     daemon.telemetry.light_ahead = light.tally
-    tracking = Tracking(config.cameras, config.trigger.rate_hz, config.publish.stamp)
+    tracking = Tracking(config.cameras, config.trigger.rate_hz, config.publish.stamping)
     daemon.follow("steering", tracking)
     daemon.telemetry.tracking = tracking.tally
     publisher = Publisher(

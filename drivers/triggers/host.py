@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 from drivers.camera import ClockReading
 from drivers.rig.events import CameraGone, CameraReady, ClockRead, FrameArrived, RigEvent
 from drivers.rig.supervision import Slots
+from drivers.triggers.phase import Grid, Phase
 from imaging.frames import CameraName, Frame, FrameSet
 
 SYNCHRONISED_NS = 100_000
@@ -57,12 +58,17 @@ class _Clock:
 
 
 class Synchronisation:
-    """Follows the clocks of a rig's cameras. Times are CLOCK_MONOTONIC, in ns, unless they are of PTP or a camera."""
+    """Follows the clocks of a rig's cameras. Times are CLOCK_MONOTONIC, in ns, unless they are of PTP or a camera.
 
-    def __init__(self, rate_hz: float) -> None:
+    Triggers keep `phase_ns` after whole seconds of PTP time; with None they begin with one, and keep to no phase.
+    """
+
+    def __init__(self, rate_hz: float, phase_ns: int | None = None) -> None:
         self._rate_hz = rate_hz
+        self._phase = Phase(rate_hz, phase_ns or 0)
+        self._keeps_phase = phase_ns is not None
         self._clocks: dict[CameraName, _Clock] = {}
-        self._first_ns: int | None = None  # slot 0, in PTP time; None: triggers have not begun
+        self._grid: Grid | None = None  # of slots, in PTP time; None: triggers have not begun
         self._offset_ns = 0  # host time minus PTP time
         self._reference: CameraName | None = None  # whose clock shows PTP time at present
 
@@ -81,9 +87,9 @@ class Synchronisation:
             return {}
         clock.read(reading, now_ns)
         self._track(now_ns)
-        if self._first_ns is None:
+        if self._grid is None:
             return {}
-        return {camera: self._slots(clock, self._first_ns) for camera, clock in self._clocks.items() if clock.ever}
+        return {camera: self._slots(clock, self._grid) for camera, clock in self._clocks.items() if clock.ever}
 
     def trouble(self, camera: CameraName, now_ns: int) -> str | None:
         """Why a camera is not synchronised, and what to do, in words; None: it is, or has not had time yet."""
@@ -91,7 +97,7 @@ class Synchronisation:
         if clock is None or clock.reading is None:
             return None
         if clock.synchronised:
-            if self._first_ns is None or self._in_time(clock):
+            if self._grid is None or self._in_time(clock):
                 return None
             apart_s = abs(clock.offset_ns - self._offset_ns) / _NS_PER_S
             return f"its clock is {apart_s:.1f} s off that of the other cameras: have all follow one PTP master"
@@ -107,6 +113,10 @@ class Synchronisation:
             return frame.host_time_ns
         return common_ns
 
+    def ptp_time_ns(self, host_time_ns: int) -> int | None:
+        """What PTP time is then: as last seen, while no clock is synchronised; None before one was."""
+        return None if self._grid is None else host_time_ns - self._offset_ns
+
     def is_common(self, cameras: Mapping[CameraName, Frame]) -> bool:
         """Whether the clocks of these cameras show one time at present."""
         return all(camera in self._clocks and self._in_time(self._clocks[camera]) for camera in cameras)
@@ -115,28 +125,37 @@ class Synchronisation:
         return clock.synchronised and abs(clock.offset_ns - self._offset_ns) <= STEP_NS
 
     def _track(self, now_ns: int) -> None:
-        """Follow PTP time. When it was set, or is back, slots go on where they are; only their PTP times change."""
+        """Follow PTP time. When it was set, or is back, slots go on where they are; only their PTP times change.
+
+        If they are to keep a phase, they come nearer to it with each reading.
+        """
         synchronised = [camera for camera, clock in self._clocks.items() if clock.synchronised]
-        if not synchronised:
+        if synchronised:
+            self._follow(synchronised, now_ns)
+        else:
             self._reference = None
-            return
+        if self._grid is not None and self._keeps_phase:
+            self._grid = self._phase.approached(self._grid, now_ns - self._offset_ns)
+
+    def _follow(self, synchronised: list[CameraName], now_ns: int) -> None:
         back = self._reference is None
         if self._reference not in synchronised:
             self._reference = synchronised[0]
         offset_ns = self._clocks[self._reference].offset_ns
-        if self._first_ns is None:
+        if self._grid is None:
             waiting = len(synchronised) < len(self._clocks)
             if waiting and now_ns - min(clock.since_ns for clock in self._clocks.values()) < PATIENCE_NS:
                 return
-            self._first_ns = -(-(now_ns - offset_ns) // _NS_PER_S) * _NS_PER_S  # a whole second
+            self._grid = self._phase.begun(now_ns - offset_ns)
         elif back or abs(offset_ns - self._offset_ns) > STEP_NS:
-            self._first_ns += self._offset_ns - offset_ns
+            self._grid = self._grid.shown_by(self._offset_ns - offset_ns)
         self._offset_ns = offset_ns
 
-    def _slots(self, clock: _Clock, first_ns: int) -> Slots:
-        host_first_ns = first_ns + self._offset_ns
-        device_first_ns = first_ns if self._in_time(clock) else host_first_ns - clock.offset_ns
-        return Slots.ahead(self._rate_hz, host_first_ns, device_first_ns, clock.queue)
+    def _slots(self, clock: _Clock, grid: Grid) -> Slots:
+        host_first_ns = grid.first_ns + self._offset_ns
+        device_first_ns = grid.first_ns if self._in_time(clock) else host_first_ns - clock.offset_ns
+        slots = Slots.ahead(self._rate_hz, host_first_ns, device_first_ns, clock.queue)
+        return replace(slots, period_ns=grid.period_ns)
 
 
 def _waited(status: str) -> str:
@@ -159,6 +178,10 @@ class HostTriggers:
         """The event, with the best time that is known for its frame."""
         return event
 
+    def ptp_time_ns(self, _host_time_ns: int) -> int | None:
+        """What PTP time is then; None: nobody knows."""
+        return None
+
     def trouble(self, _side: CameraName, _now_ns: int) -> str | None:
         """What keeps a camera from being triggered as it should, in words; None: nothing."""
         return None
@@ -179,11 +202,42 @@ class SoftwareTriggers(HostTriggers):
         return {event.camera: self._slots} if isinstance(event, CameraReady) else {}
 
 
-class PtpTriggers(HostTriggers):
-    """Triggers scheduled on the clock that the cameras share."""
+class PhasedSoftwareTriggers(SoftwareTriggers):
+    """The same, `phase_ns` after whole seconds of the host's clock; `realtime_offset_ns` returns what that is ahead of
+    CLOCK_MONOTONIC, which changes when somebody sets it."""
 
-    def __init__(self, rate_hz: float) -> None:
-        self._sync = Synchronisation(rate_hz)
+    def __init__(self, rate_hz: float, now_ns: int, phase_ns: int, realtime_offset_ns: Callable[[], int]) -> None:
+        self._phase = Phase(rate_hz, phase_ns)
+        self._realtime_offset_ns = realtime_offset_ns
+        offset_ns = realtime_offset_ns()
+        self._grid = self._phase.begun(now_ns + offset_ns).shown_by(-offset_ns)
+        super().__init__(rate_hz, self._grid.first_ns)
+        self._open: set[CameraName] = set()
+        self._look_ns = now_ns
+
+    def see(self, event: RigEvent, now_ns: int) -> Mapping[CameraName, Slots]:
+        """Once a second, with any event, the host's clock is looked at."""
+        match event:
+            case CameraReady(camera):
+                self._open.add(camera)
+            case CameraGone(camera):
+                self._open.discard(camera)
+        if now_ns >= self._look_ns:
+            self._look_ns = now_ns + _NS_PER_S
+            offset_ns = self._realtime_offset_ns()
+            grid = self._phase.approached(self._grid.shown_by(offset_ns), now_ns + offset_ns).shown_by(-offset_ns)
+            if grid != self._grid:
+                self._grid = grid
+                self._slots = replace(self._slots, first_ns=grid.first_ns, period_ns=grid.period_ns)
+                return dict.fromkeys(self._open, self._slots)
+        return super().see(event, now_ns)
+
+
+class PtpTriggers(HostTriggers):
+    """Triggers scheduled on the clock that the cameras share; `phase_ns` as `Synchronisation` has it."""
+
+    def __init__(self, rate_hz: float, phase_ns: int | None = None) -> None:
+        self._sync = Synchronisation(rate_hz, phase_ns)
 
     def see(self, event: RigEvent, now_ns: int) -> Mapping[CameraName, Slots]:
         """Cameras are triggered from when they are synchronised."""
@@ -200,8 +254,14 @@ class PtpTriggers(HostTriggers):
         """Frames of cameras that are synchronised get their time from the common clock."""
         match event:
             case FrameArrived(camera, Frame() as frame, stale):
-                return FrameArrived(camera, replace(frame, host_time_ns=self._sync.common_ns(camera, frame)), stale)
+                host_time_ns = self._sync.common_ns(camera, frame)
+                ptp_time_ns = self.ptp_time_ns(host_time_ns)
+                return FrameArrived(camera, replace(frame, host_time_ns=host_time_ns, ptp_time_ns=ptp_time_ns), stale)
         return event
+
+    def ptp_time_ns(self, host_time_ns: int) -> int | None:
+        """By a clock that is synchronised; as last seen, while there is none."""
+        return self._sync.ptp_time_ns(host_time_ns)
 
     def trouble(self, camera: CameraName, now_ns: int) -> str | None:
         """Why a camera is not synchronised."""

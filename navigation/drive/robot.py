@@ -194,7 +194,7 @@ class Robot:
             if self._keys.ros2_domain is not None and self._keys.command:
                 kind = TWIST_STAMPED if self._keys.stamped else TWIST
                 node = Ros2Node(self._keys.ros2_domain, "", "autoexpose_repeat", str(session.info.zid()))
-                topic = node.topic(1, self._keys.command.strip("/"), kind, DEFAULT)
+                topic = node.topic(1, self._keys.command, kind, DEFAULT)
                 for token in (node.token, topic.token):
                     tokens.enter_context(session.liveliness().declare_token(token))
                 self._in_ros2 = topic.key, Attachments(topic)

@@ -44,7 +44,7 @@ def opened_by_mcap(path: Path) -> float:
     with path.open("rb") as stream:
         times_ns = [
             message.log_time
-            for _, _, message in make_reader(stream, validate_crcs=True).iter_messages("/autoexpose/rig/left/image")
+            for _, _, message in make_reader(stream, validate_crcs=True).iter_messages("/rig/left/image_raw")
         ]
     return (times_ns[-1] - times_ns[0]) * 1e-9
 
@@ -56,5 +56,5 @@ def opened_by_rosbags(path: Path) -> None:
             store.register(get_types_from_msg(connection.msgdef.data, connection.msgtype))
         for connection, _, data in reader.messages():
             message = store.deserialize_cdr(data, connection.msgtype)
-            if connection.topic.endswith("/image"):
+            if connection.topic.endswith("/image_raw"):
                 assert (message.height, message.width) == (540, 720)  # type: ignore[attr-defined]

@@ -146,14 +146,21 @@ HELD_NS = MS
 
 
 class HostRun(ABC):
-    """Two cameras that the host triggers, `rate_hz` times a second, from when the rig opens them."""
+    """Two cameras that the host triggers, `rate_hz` times a second, from when the rig opens them.
+
+    `phase_ms` is as in the configuration.
+    """
 
     def __init__(
-        self, mode: str, rate_hz: float, new_device: Callable[[CameraName, Clock, int], Device] = Device
+        self,
+        mode: str,
+        rate_hz: float,
+        new_device: Callable[[CameraName, Clock, int], Device] = Device,
+        phase_ms: float | None = None,
     ) -> None:
         self.rate_hz = rate_hz
         self.said: list[str] = []
-        trigger = {"mode": mode, "rate_hz": rate_hz}
+        trigger = {"mode": mode, "rate_hz": rate_hz, "phase_ms": phase_ms}
         self.rig = VirtualRig(7, self._see_pair, self._see_health, tuning(START_US, trigger=trigger), new_device)
         self.actors: list[Any] = []
 
@@ -171,11 +178,12 @@ class HostRun(ABC):
 class PtpRun(HostRun):
     """With a PTP master, if there is one, and clocks that drift."""
 
-    def __init__(self, rate_hz: float = 20.0) -> None:
+    def __init__(self, rate_hz: float = 20.0, phase_ms: float | None = None) -> None:
         self.apart_ns: list[int] = []
+        self.pairs: list[FrameSet] = []
         self.alone = 0
         self.master = Master()
-        super().__init__("ptp", rate_hz, PtpDevice)
+        super().__init__("ptp", rate_hz, PtpDevice, phase_ms)
         left, right = self.rig.devices
         assert isinstance(left, PtpDevice) and isinstance(right, PtpDevice)
         self.left, self.right = left, right
@@ -211,6 +219,7 @@ class PtpRun(HostRun):
         if len(times_ns) == 1:
             self.alone += 1
             return
+        self.pairs.append(pair)
         self.apart_ns.append(abs(times_ns[0] - times_ns[1]))
         assert self.apart_ns[-1] < SECOND / self.rate_hz / 2, "a pair of two instants"
 

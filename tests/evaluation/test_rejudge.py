@@ -32,6 +32,7 @@ from evaluation.stage.rendering import Stage
 from imaging.errors import AutoexposeError, ConfigurationError
 from imaging.frames import FrameSet
 from imaging.geometry import CameraGeometry
+from tests.autoexpose_daemon.recording.runs import as_in_fourteenth, copy
 
 FRAMES = 36
 BEGIN_S = 4.0  # in full motion
@@ -171,6 +172,15 @@ def test_a_policy_under_which_the_program_tracks_nothing_is_lost(drive_file: Pat
     assert result["recommended"] == "kim2018"
     rows = [line.split()[0] for line in outcome.output.splitlines() if "%" in line]
     assert rows.index("kim2018") < min(rows.index("fixed"), rows.index("neves2009"))
+
+
+def test_a_drive_that_was_recorded_under_former_names_is_judged_alike(drive_file: Path, tmp_path: Path) -> None:
+    former = copy([drive_file], tmp_path / "drive.mcap", as_in_fourteenth)
+    found, figures = [], tmp_path / "figures.json"
+    for file in (drive_file, former):
+        assert run(file, *QUICK, "--json", figures).exit_code == 0
+        found.append(json.loads(figures.read_text())["policies"])
+    assert found[0] == found[1]
 
 
 def test_what_cannot_be_judged_is_refused_in_a_sentence(drive_file: Path, tmp_path: Path) -> None:

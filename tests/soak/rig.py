@@ -192,7 +192,11 @@ class VirtualRig:
         for device in self.devices:
             device.period_ns = SECOND / config.trigger.rate_hz
         self.units = {device.camera: Unit(device, self._events, self.clock, config) for device in self.devices}
-        self.control = RigControl(tuning.config, self, now_ns=self.clock)
+        self.realtime_offset_ns = 1_700_000_000 * SECOND + 123_456_789
+        """What the host's clock is ahead of the virtual one; a test may set it."""
+        self.control = RigControl(
+            tuning.config, self, now_ns=self.clock, realtime_offset_ns=lambda: self.realtime_offset_ns
+        )
         self.control.outlets.append(outlet)
         self.control.tune(tuning)
         self._control = self._events.control = Actor(self._take, self.clock.now_ns)

@@ -157,7 +157,7 @@ def test_the_state_is_what_its_format_says() -> None:
     """A change here changes what a recording holds: give `STATE_FORMAT` another number."""
     states = {policy_id: ControlLoop(policy_id, ResponseFunction.linear(), STEPPED, START) for policy_id in POLICY_IDS}
     names = {policy_id: sorted(state) for policy_id, loop in states.items() if (state := _policy_state(loop))}
-    assert STATE_FORMAT == "autoexpose-control/14"
+    assert STATE_FORMAT == "autoexpose-control/15"
     assert set(states["fixed"].state()) == {"past", "motions", "motion_camera", "motion_px", "policy", "flicker"}
     assert names == {
         "neves2009": ["previous_error"],

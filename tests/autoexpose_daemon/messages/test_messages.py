@@ -19,12 +19,14 @@ from autoexpose_daemon import messages
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.messages.frames import (
     LAST_STAMP_NS,
+    MIDDLE,
     TOPICS,
     DamagedMessageError,
     Message,
     MessageWriter,
+    Moment,
     ReceivedImage,
-    Stamp,
+    Stamping,
     decision_of,
     frame_of,
     read_exposure_info,
@@ -66,10 +68,10 @@ def written(
     *,
     offset_ns: int = 0,
     cameras: int = 2,
-    stamp: Stamp = "middle",
+    stamping: Stamping = MIDDLE,
 ) -> dict[tuple[CameraName, str], Message]:
     decisions = {} if decision is None else dict.fromkeys(pair.frames, decision)
-    messages = MessageWriter("robot", cameras, stamp).messages(pair, decisions, sequence, offset_ns)
+    messages = MessageWriter("robot", cameras, stamping).messages(pair, decisions, sequence, offset_ns)
     return {(message.camera, message.topic): message for message in messages}
 
 
@@ -102,16 +104,27 @@ def test_what_is_written_is_read_back_to_the_bit(
 
 @given(frames(), frames(), st.sampled_from([("start", 0.0), ("middle", 0.5), ("end", 1.0)]))
 def test_all_messages_of_a_pair_have_one_stamp_and_the_frame_of_their_camera(
-    left: Frame, right: Frame, moment: tuple[Stamp, float]
+    left: Frame, right: Frame, moment: tuple[Moment, float]
 ) -> None:
-    offset_ns, (stamp, share) = 1_600_000_000_000_000_000, moment
-    messages = written(FrameSet(1, {"left": left, "right": right}), offset_ns=offset_ns, stamp=stamp)
+    offset_ns, (name, share) = 1_600_000_000_000_000_000, moment
+    messages = written(FrameSet(1, {"left": left, "right": right}), offset_ns=offset_ns, stamping=Stamping(name))
     headers = {key: parsed(message).header for key, message in messages.items()}
     assert len(headers) == 6
     at_ns = left.host_time_ns + round(1e3 * share * left.setting.exposure_time_us) + offset_ns
     for (camera, _), header in headers.items():
         assert header.stamp.sec * 10**9 + header.stamp.nanosec == min(at_ns, LAST_STAMP_NS)
         assert header.frame_id == f"robot_{camera}_optical_frame"
+
+
+@pytest.mark.parametrize("utc_offset_s", [0, 37])
+def test_a_stamp_of_ptp_time_is_the_first_cameras_own_less_the_seconds_between_tai_and_utc(utc_offset_s: int) -> None:
+    taken_ns = 1_700_000_000_123_456_789
+    left, right = (replace(frame(), ptp_time_ns=taken_ns + apart_ns) for apart_ns in (0, 70))
+    exposed = round(500 * left.setting.exposure_time_us)
+    made = written(FrameSet(1, {"left": left, "right": right}), offset_ns=5, stamping=Stamping("middle", utc_offset_s))
+    for message in made.values():
+        stamp = parsed(message).header.stamp
+        assert stamp.sec * 10**9 + stamp.nanosec == taken_ns + exposed - utc_offset_s * 10**9
 
 
 @pytest.mark.parametrize(

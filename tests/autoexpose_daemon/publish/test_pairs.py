@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from autoexpose_daemon.client import StereoClient, received
 from autoexpose_daemon.client.received import ReceivedPair, SetAssembler, SetQueue
 from autoexpose_daemon.messages.client import ConsumerTally
-from autoexpose_daemon.messages.frames import DamagedMessageError, Message, MessageWriter, moment_ns
+from autoexpose_daemon.messages.frames import MIDDLE, DamagedMessageError, Message, MessageWriter
 from imaging.exposure import ExposureSetting
 from imaging.frames import CameraName, Frame, FrameSet
 from imaging.geometry import SIDES
@@ -110,7 +110,7 @@ def test_a_pair_holds_what_its_messages_say() -> None:
     receiver.receive(*messages(7))
     (pair,) = receiver.drain()
     assert pair.right is not None
-    assert (pair.trigger, pair.stamp_ns, pair.decision) == (7, moment_ns(pair.left, "middle"), DECISION)
+    assert (pair.trigger, pair.stamp_ns, pair.decision) == (7, MIDDLE.moment_ns(pair.left), DECISION)
     assert pair.stereo.frames == {"left": pair.left, "right": pair.right}
     assert not pair.left.pixels.flags.writeable
 

@@ -29,7 +29,7 @@ OUR_NODE = ("%rig", "autoexpose")
 GRAPH = {("NN", "%", *OUR_NODE)} | {
     ("MP", "%", *OUR_NODE, f"%rig%{camera}%{topic}")
     for camera in ("left", "right")
-    for topic in ("image", "camera_info", "exposure")
+    for topic in ("image_raw", "camera_info", "exposure")
 }
 
 
@@ -87,7 +87,7 @@ def test_ros2_finds_node_and_topics_and_gets_messages_through_its_router(tmp_pat
 
 
 def check_messages(session: zenoh.Session) -> None:
-    images = received(session, "7/rig/left/image/**", 3)
+    images = received(session, "7/rig/left/image_raw/**", 3)
     for sample in images:
         stamp_ns, image = read_image(sample.payload.to_bytes())
         assert abs(stamp_ns - time.time_ns()) < 60e9
@@ -109,7 +109,7 @@ def test_our_own_keys_are_there_as_well_and_nothing_is_attached_to_them() -> Non
     with publishing(PublishConfig(listen=(at,), ros2_domain=0)), node(at) as session:
         plain = received(session, "autoexpose/rig/left/image", 1)[0]
         assert plain.attachment is None
-        marked = received(session, "0/rig/left/image/**", 1)[0]
+        marked = received(session, "0/rig/left/image_raw/**", 1)[0]
         assert marked.attachment is not None
         assert len(marked.payload) == len(plain.payload)
         assert named(tokens(session)) == GRAPH
@@ -143,12 +143,12 @@ NODE = Ros2Node(2, "talker", "autoexpose", SESSION)
     ],
 )
 def test_a_key_is_domain_topic_type_and_the_hash_of_ros2(kind: str, dds: str, known: str) -> None:
-    assert NODE.topic(10, "talker/chatter", kind).key == f"2/talker/chatter/{dds}/{known}"
+    assert NODE.topic(10, "/talker/chatter", kind).key == f"2/talker/chatter/{dds}/{known}"
 
 
 def test_a_token_says_who_publishes_what_and_how() -> None:
     assert NODE.token == f"@ros2_lv/2/{SESSION}/0/0/NN/%/%talker/autoexpose"
-    topic = NODE.topic(10, "talker/left/chatter", "std_msgs/msg/String")
+    topic = NODE.topic(10, "/talker/left/chatter", "std_msgs/msg/String")
     fields = topic.token.split("/")
     assert fields[:9] == ["@ros2_lv", "2", SESSION, "0", "10", "MP", "%", "%talker", "autoexpose"]
     assert fields[9:12] == ["%talker%left%chatter", "std_msgs::msg::dds_::String_", STRING_HASH]
@@ -161,11 +161,11 @@ def test_a_token_says_who_publishes_what_and_how() -> None:
 def test_a_node_without_a_namespace_sends_commands_reliably_and_what_is_sent_once_is_kept() -> None:
     node = Ros2Node(0, "", "autoexpose_repeat", SESSION)
     assert node.token == f"@ros2_lv/0/{SESSION}/0/0/NN/%/%/autoexpose_repeat"
-    topic = node.topic(1, "cmd_vel", TWIST, DEFAULT)
+    topic = node.topic(1, "/cmd_vel", TWIST, DEFAULT)
     assert topic.key.startswith("0/cmd_vel/geometry_msgs::msg::dds_::Twist_/RIHS01_")
     assert topic.token.split("/")[9] == "%cmd_vel"
     assert topic.token.split("/")[-1] == "::,10:,:,:,,"
-    assert node.topic(1, "setup", "std_msgs/msg/String", LATCHED).token.split("/")[-1] == ":1:,1:,:,:,,"
+    assert node.topic(1, "/setup", "std_msgs/msg/String", LATCHED).token.split("/")[-1] == ":1:,1:,:,:,,"
 
 
 def test_messages_of_a_topic_are_heard_whatever_their_hash() -> None:

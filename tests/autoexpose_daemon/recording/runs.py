@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from mcap.reader import make_reader
+from mcap.writer import Writer
 from numpy.typing import NDArray
 
 from autoexpose_daemon.config.document import PublishConfig
@@ -122,3 +124,30 @@ def record(path: Path, run: VirtualRun, steps: int = 60) -> Path:
 
 def replayed(path: Path, policy_id: str | None = None) -> list[Replayed]:
     return list(Replay(policy_id).steps(Recording(path)))
+
+
+def copy(sources: Sequence[Path], target: Path, changed: Callable[[str, bytes], tuple[str, bytes]]) -> Path:
+    """A file with the messages of others, one file after the other, each on the topic and of the bytes that `changed`
+    makes of them."""
+    with target.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start("ros2", "tests")
+        channels: dict[str, int] = {}
+        for source in sources:
+            with source.open("rb") as content:
+                for schema, channel, message in make_reader(content).iter_messages():
+                    assert schema is not None
+                    topic, data = changed(channel.topic, message.data)
+                    if topic not in channels:
+                        number = writer.register_schema(schema.name, schema.encoding, schema.data)
+                        channels[topic] = writer.register_channel(topic, "cdr", number, channel.metadata)
+                    times = message.log_time, message.publish_time
+                    writer.add_message(channels[topic], times[0], data, times[1], message.sequence)
+        writer.finish()  # type: ignore[no-untyped-call]
+    return target
+
+
+def as_in_fourteenth(topic: str, data: bytes) -> tuple[str, bytes]:
+    """A message under the name that it had in recordings of the fourteenth format."""
+    name = topic.removesuffix("_raw") if topic.endswith("/image_raw") else topic
+    return f"/autoexpose{name}", data.replace(b"autoexpose-control/15", b"autoexpose-control/14")

@@ -38,13 +38,9 @@ from imaging.pixels import SAMPLES, PixelFormat
 from tests.autoexpose_daemon.recording.runs import VirtualRun, record, replayed
 
 TOPICS = {
-    *(
-        f"/autoexpose/rig/{camera}/{what}"
-        for camera in ("left", "right")
-        for what in ("image", "camera_info", "exposure")
-    ),
-    "/autoexpose/rig/control/setup",
-    "/autoexpose/rig/control/state",
+    *(f"/rig/{camera}/{what}" for camera in ("left", "right") for what in ("image_raw", "camera_info", "exposure")),
+    "/rig/control/setup",
+    "/rig/control/state",
 }
 
 
@@ -66,7 +62,7 @@ def test_the_mcap_reader_opens_it(whole: Path) -> None:
         assert summary is not None
         assert {channel.topic for channel in summary.channels.values()} == TOPICS
         assert {schema.encoding for schema in summary.schemas.values()} == {"ros2msg"}
-        times = [message.log_time for _, _, message in reader.iter_messages(topics=["/autoexpose/rig/left/image"])]
+        times = [message.log_time for _, _, message in reader.iter_messages(topics=["/rig/left/image_raw"])]
     assert len(times) == STEPS
     assert times == sorted(times)
 
@@ -80,7 +76,7 @@ def test_rosbags_opens_it_and_reads_every_message_by_the_definitions_in_it(whole
             store.register(get_types_from_msg(connection.msgdef.data, connection.msgtype))
         for connection, _, data in reader.messages():
             message = store.deserialize_cdr(data, connection.msgtype)
-            images += connection.topic.endswith("image")
+            images += connection.topic.endswith("image_raw")
             if connection.topic.endswith("exposure"):
                 assert message.exposure_time_us >= 20.0  # type: ignore[attr-defined]
     assert images == 2 * STEPS
@@ -171,7 +167,7 @@ def test_a_count_of_too_many_digits_is_one_sentence(tmp_path: Path) -> None:
 def test_another_format_of_states_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("autoexpose_daemon.recording.file.STATE_FORMAT", "autoexpose-control/0")
     path = record(tmp_path / "old.mcap", VirtualRun("fixed"), 5)
-    with pytest.raises(RecordingError, match="of format 'autoexpose-control/0': only 'autoexpose-control/14' can be"):
+    with pytest.raises(RecordingError, match="of format 'autoexpose-control/0': only 'autoexpose-control/15' can be"):
         list(Recording(path))
 
 
@@ -287,7 +283,7 @@ def test_some_of_the_disk_is_left_free_and_the_file_is_whole(
     assert not recording.cut_off
     assert recorder.summary.startswith(f"{path}: 30 steps recorded, 0 dropped by the recorder, ")
     with Reader(path) as reader:
-        assert reader.topics["/autoexpose/rig/left/image"].msgcount == 30
+        assert reader.topics["/rig/left/image_raw"].msgcount == 30
 
 
 def test_a_disk_that_fails_or_a_name_that_is_too_long_ends_the_recording_and_nothing_else(
@@ -433,7 +429,7 @@ def test_a_changed_stamp_is_recorded_from_then_on(tmp_path: Path) -> None:
         recorder.follow(60, PublishConfig(rig="scout", stamp="start"))
         run.feed(recorder, 4)
     with path.open("rb") as stream:
-        messages = make_reader(stream).iter_messages(topics=["/autoexpose/scout/left/exposure"])
+        messages = make_reader(stream).iter_messages(topics=["/scout/left/exposure"])
         infos = [TYPESTORE.deserialize_cdr(message.data, EXPOSURE_INFO) for _, _, message in messages]
     stamps = np.array([info.header.stamp.sec * 10**9 + info.header.stamp.nanosec - info.host_time_ns for info in infos])
     halves = np.array([500.0 * info.exposure_time_us for info in infos])

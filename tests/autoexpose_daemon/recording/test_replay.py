@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from rosbags.rosbag2 import Reader
 
 from autoexpose_daemon.config.document import PublishConfig
 from autoexpose_daemon.control.inputs import LightAhead
@@ -21,7 +22,7 @@ from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY, POLICY_IDS
 from autoexpose_daemon.control.setup import ControlSetup
 from autoexpose_daemon.control.snapshot import parse, plain
 from autoexpose_daemon.recording import recorder as recorder_module
-from autoexpose_daemon.recording.file import LoopState, RecordingFile, Setup, Step, from_json, to_json
+from autoexpose_daemon.recording.file import LoopState, RecordingError, RecordingFile, Setup, Step, from_json, to_json
 from autoexpose_daemon.recording.read import Recording, upgraded_light, upgraded_setup, upgraded_state
 from autoexpose_daemon.recording.recorder import ContinuousRecorder, LastSecondsRecorder
 from autoexpose_daemon.recording.replay import report_replay
@@ -29,7 +30,16 @@ from imaging.frames import CameraName, FrameSet
 from imaging.geometry import SIDES
 from imaging.response import ResponseFunction
 from imaging.vignetting import Vignetting
-from tests.autoexpose_daemon.recording.runs import LIMITS, SHAPE, START, VirtualRun, record, replayed
+from tests.autoexpose_daemon.recording.runs import (
+    LIMITS,
+    SHAPE,
+    START,
+    VirtualRun,
+    as_in_fourteenth,
+    copy,
+    record,
+    replayed,
+)
 
 
 @pytest.fixture(autouse=True)
@@ -364,3 +374,48 @@ def test_light_of_the_ninth_format_changed_as_its_levels_did() -> None:
     assert parse(upgraded_light(light), LightAhead) == LightAhead((9.0, 12.5), (-9.0, -12.5), 1, 1.0)
     for other in (None, [], {"levels": 3}, {**light, "risen": [0.0, 1.0]}):
         assert upgraded_light(other) == other
+
+
+FOURTEENTH = Path(__file__).with_name("format14.mcap")
+"""Six steps that a daemon of that format recorded, with everything that control can be given."""
+
+
+def test_a_recording_of_the_fourteenth_format_is_replayed_though_its_topics_had_other_names() -> None:
+    with Reader(FOURTEENTH) as reader:
+        assert {topic.split("/")[1] for topic in reader.topics} == {"autoexpose"}
+        assert len(reader.topics) == 13
+    steps = [item for item in Recording(FOURTEENTH) if isinstance(item, Step)]
+    assert [step.sequence for step in steps] == list(range(1, 7))
+    assert {frame.pixels.shape for step in steps for frame in step.pair.frames.values()} == {(68, 90)}
+    for name in ("angular_rate_rad_s", "light_ahead", "steering"):
+        assert any(getattr(step.inputs, name) is not None for step in steps)
+    assert steps[0].requests == ("made up in step 100",)
+    assert [each.same for each in replayed(FOURTEENTH)] == [False, *[True] * 5]  # a snapshot comes after the first
+
+
+def test_names_are_all_that_changed_since_the_fourteenth_format(tmp_path: Path) -> None:
+    new = record(tmp_path / "new.mcap", VirtualRun(imu=True, steered=True), 12)
+    old = copy([new], tmp_path / "old.mcap", as_in_fourteenth)
+    assert [each.same for each in replayed(old)] == [each.same for each in replayed(new)] == [False, *[True] * 11]
+
+
+def test_topics_of_others_in_a_recording_are_left_alone(tmp_path: Path) -> None:
+    """As after `ros2 bag record` beside a replay: another camera's image, and text of another's control."""
+    new = record(tmp_path / "new.mcap", VirtualRun("fixed"), 3)
+
+    def of_arm(topic: str, data: bytes) -> tuple[str, bytes]:
+        if "/control/" in topic:
+            return "/arm/control/state", b"\0\1\0\0\1\0\0\0\0"
+        return topic.replace("/rig/", "/arm/"), data
+
+    others = copy([new], tmp_path / "others.mcap", of_arm)
+    both = copy([new, others], tmp_path / "both.mcap", lambda topic, data: (topic, data))
+    assert len(replayed(both)) == 3
+
+
+def test_recordings_of_two_rigs_in_one_file_are_refused_by_name(tmp_path: Path) -> None:
+    new = record(tmp_path / "new.mcap", VirtualRun("fixed"), 3)
+    other = copy([new], tmp_path / "other.mcap", lambda topic, data: (topic.replace("/rig/", "/scout/"), data))
+    both = copy([new, other], tmp_path / "both.mcap", lambda topic, data: (topic, data))
+    with pytest.raises(RecordingError, match="recordings of '/rig' and '/scout': replay them from a file each"):
+        replayed(both)

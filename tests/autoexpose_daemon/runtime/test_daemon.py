@@ -8,13 +8,16 @@ import random
 import numpy as np
 import pytest
 
+from autoexpose_daemon.client import ReceivedPair, StereoClient
 from autoexpose_daemon.config.request import new_request
+from autoexpose_daemon.messages.frames import realtime_offset_ns
 from drivers.aravis import open_nodes
 from drivers.genicam.features import differing
 from drivers.rig import supervision
 from drivers.setup import parse_features
 from fake_camera.device.faults import Fault
 from imaging.exposure import ExposureSetting
+from tests.autoexpose_daemon.publish.steps import endpoint
 from tests.autoexpose_daemon.stereo import JOIN_WARNING, Run, running_daemon, stereo_cameras
 from tests.fakes import ptp_master
 
@@ -82,6 +85,42 @@ def test_cameras_with_one_ptp_clock_expose_together_and_go_on_without_their_mast
             assert "no longer synchronised" in telemetry.cameras.troubles["left", "clock"]
             run.wait_for_pairs(5)
             assert median_skew_periods(run, 20) < 0.1
+
+
+@pytest.mark.long
+@pytest.mark.gige_only
+def test_ptp_time_is_stamp_phase_and_what_a_report_on_a_frame_is_known_by() -> None:
+    """The master gives the time of this machine, as a computer's own does: UTC."""
+    port, at = random.SystemRandom().randrange(20_000, 30_000, 2), endpoint()
+    settings = {
+        "control": CONTROL,
+        "trigger": {"mode": "ptp", "rate_hz": 20, "phase_ms": 15},
+        "publish": {"listen": [at], "stamp": "ptp", "ptp_utc_offset_s": 0},
+    }
+    with (
+        ptp_master(port),
+        stereo_cameras("--still", "--ptp", str(port)) as cameras,
+        running_daemon(cameras, settings) as run,
+        StereoClient(connect=[at], name="slam") as client,
+    ):
+        tracking = run.daemon.telemetry.tracking
+        assert tracking is not None
+        pairs: list[ReceivedPair] = []
+
+        def is_known() -> bool:
+            pair = client.next_pair(0.1)
+            if pair is not None:
+                pairs.append(pair)
+                client.send_tracking(pair.stamp_ns, np.full((6, 8), 20, np.uint16), np.full((6, 8), 20, np.uint16))
+            return tracking.reports >= 5
+
+        run.wait_until(is_known, "reports on frames")
+    for pair in pairs:
+        exposed_ns = round(500 * pair.left.setting.exposure_time_us)
+        assert pair.stamp_ns == pair.left.device_time_ns + exposed_ns
+        assert abs((pair.left.device_time_ns - 15_000_000) % 50_000_000) < 10_000
+        assert abs(pair.stamp_ns - (pair.left.host_time_ns + realtime_offset_ns())) < 10_000_000
+    assert tracking.refused["future"] == tracking.refused["stale"] == tracking.refused["unknown_frame"] == 0
 
 
 @pytest.mark.gige_only  # shots are independent of the transport

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import logging
 from collections import Counter
 
 import pytest
 
 from autoexpose_daemon.control.step import ControlStep
+from autoexpose_daemon.messages.frames import Stamping
+from autoexpose_daemon.runtime.stamp_watch import StampWatch
 from drivers.triggers.host import PATIENCE_NS
 from drivers.triggers.outcomes import LossReason
 from imaging.frames import FrameSet
@@ -23,9 +26,9 @@ RATE_HZ = 60
 class SoftwareRun(HostRun):
     """After its first second."""
 
-    def __init__(self) -> None:
+    def __init__(self, rate_hz: float = RATE_HZ, phase_ms: float | None = None) -> None:
         self.pairs: list[FrameSet] = []
-        super().__init__("software", RATE_HZ)
+        super().__init__("software", rate_hz, phase_ms=phase_ms)
         self.left, self.right = self.rig.devices
         self.let_pass(2.0)
 
@@ -34,10 +37,10 @@ class SoftwareRun(HostRun):
         self.rig.control.close()
         tally = self.rig.control.record.tally
         assert tally.window_start_ns is not None and tally.window_end_ns is not None
-        assert tally.triggers == round((tally.window_end_ns - tally.window_start_ns) * RATE_HZ / SECOND)
+        assert tally.triggers == round((tally.window_end_ns - tally.window_start_ns) * self.rate_hz / SECOND)
         assert tally.surplus_frames == 0
         lost = +tally.lost
-        assert lost.pop(LossReason.STARTUP) < RATE_HZ
+        assert lost.pop(LossReason.STARTUP) < self.rate_hz
         del lost[LossReason.SHUTDOWN]
         return lost
 
@@ -222,3 +225,118 @@ def test_two_hours_with_a_master_that_comes_and_goes(monkeypatch: pytest.MonkeyP
     run = PtpRun(rate_hz=0.5)
     run.let_pass(30.0)
     run.hours_with_outages(2)
+
+
+LIDAR_HZ = 10
+PHASE_MS = 30.0
+STAMPED_NS = 5_000
+"""How far from the truth a virtual camera's stamp may be."""
+
+
+def off_phase_ns(times_ns: list[int]) -> list[int]:
+    """How far from `PHASE_MS` after each tenth of a second; negative: before."""
+    period_ns = SECOND // LIDAR_HZ
+    return [(time_ns - round(PHASE_MS * MS) + period_ns // 2) % period_ns - period_ns // 2 for time_ns in times_ns]
+
+
+def in_ptp_time(run: PtpRun) -> list[int]:
+    """When the pairs since the last call were taken, truly, by the master's clock."""
+    times_ns = [frame.pulse for pair in run.pairs if isinstance(frame := pair.frames["left"], VirtualFrame)]
+    run.pairs.clear()
+    return [run.master.time_ns(time_ns) for time_ns in times_ns]
+
+
+def test_scheduled_exposures_keep_their_phase_within_the_second_of_ptp_time() -> None:
+    run = PtpRun(LIDAR_HZ, PHASE_MS)
+    run.begin()
+    in_ptp_time(run)
+    run.let_pass(60.0)
+    off_ns = off_phase_ns(in_ptp_time(run))
+    assert len(off_ns) == pytest.approx(600, abs=1)
+    assert max(map(abs, off_ns)) < EXACT_NS
+
+
+@pytest.mark.parametrize("set_by_ns", [37 * SECOND, 43 * MS, -49 * MS])
+def test_they_come_back_to_their_phase_when_the_master_is_set(set_by_ns: int) -> None:
+    """Smoothly: it costs no more than without a phase, and no pair is of two instants."""
+    run = PtpRun(LIDAR_HZ, PHASE_MS)
+    run.begin()
+    run.master.set_by(set_by_ns)
+    run.let_pass(10.0)
+    run.apart_ns.clear()
+    run.let_pass(60.0)
+    assert max(run.apart_ns) < HELD_NS
+    in_ptp_time(run)
+    run.let_pass(60.0)
+    assert max(map(abs, off_phase_ns(in_ptp_time(run)))) < 20_000
+    assert sum(run.end(most_surplus=4).values()) <= 8
+
+
+def test_they_come_back_to_their_phase_after_a_quarter_of_an_hour_without_a_master() -> None:
+    run = PtpRun(LIDAR_HZ, PHASE_MS)
+    run.begin()
+    run.master.on_air = False
+    run.let_pass(900.0)
+    run.master.on_air = True
+    run.let_pass(120.0)
+    assert run.said[-1] == "exposing"
+    in_ptp_time(run)
+    run.let_pass(10.0)
+    assert max(map(abs, off_phase_ns(in_ptp_time(run)))) < 20_000
+    assert sum(run.end(most_surplus=15).values()) <= 15
+
+
+def test_software_triggers_keep_their_phase_within_the_second_of_the_hosts_clock() -> None:
+    run = SoftwareRun(LIDAR_HZ, PHASE_MS)
+
+    def late_ns() -> list[int]:
+        times_ns = [pair.reference.host_time_ns + run.rig.realtime_offset_ns for pair in run.pairs]
+        run.pairs.clear()
+        return off_phase_ns(times_ns)
+
+    run.let_pass(10.0)
+    assert max(map(abs, late_ns())) < MS
+    run.rig.realtime_offset_ns += 13 * SECOND + 47 * MS  # somebody sets the clock
+    run.let_pass(60.0)
+    run.pairs.clear()
+    run.let_pass(10.0)
+    assert len(run.pairs) == 10 * LIDAR_HZ
+    assert max(map(abs, late_ns())) < MS
+    assert run.lost() == {}
+
+
+def test_frames_tell_ptp_time_also_while_their_master_is_away() -> None:
+    """As the host's clock goes on: it is off by 40 ppm of the time since, and of no camera's own."""
+    run = PtpRun()
+    run.begin()
+
+    def errors_ns() -> list[int]:
+        frames = [(frame, run.master.time_ns(frame.pulse)) for pair in run.pairs
+                  if isinstance(frame := pair.reference, VirtualFrame)]  # fmt: skip
+        run.pairs.clear()
+        return [abs(frame.ptp_time_ns - true_ns) for frame, true_ns in frames if frame.ptp_time_ns is not None]
+
+    run.pairs.clear()
+    run.let_pass(10.0)
+    assert all(pair.reference.ptp_time_ns == pair.reference.device_time_ns for pair in run.pairs)
+    assert max(errors_ns()) < EXACT_NS + STAMPED_NS
+    run.master.on_air = False
+    run.let_pass(100.0)
+    assert EXACT_NS + STAMPED_NS < max(errors_ns()) < 100 * SECOND * 40e-6 + HELD_NS
+
+
+@pytest.mark.parametrize(
+    ("utc_offset_s", "realtime_ahead_s", "words"),
+    [(37, -37, []), (37, 0, ["-37", "UTC", "ptp_utc_offset_s: 0"]), (0, -37, ["+37", "TAI", "ptp_utc_offset_s: 37"]),
+     (37, 500, ["-537", "by its clock"])],
+)  # fmt: skip
+def test_stamps_that_are_far_from_the_computers_clock_are_told_once(
+    utc_offset_s: int, realtime_ahead_s: int, words: list[str], caplog: pytest.LogCaptureFixture
+) -> None:
+    watch, ptp_ns = StampWatch(Stamping("middle", utc_offset_s)), 1_700_000_000 * SECOND
+    with caplog.at_level(logging.INFO):
+        for second in range(3):
+            watch.look(ptp_ns + second * SECOND, ptp_ns + (second + realtime_ahead_s) * SECOND)
+    (record,) = caplog.records
+    assert record.levelno == (logging.WARNING if words else logging.INFO)
+    assert all(word in record.message for word in words)

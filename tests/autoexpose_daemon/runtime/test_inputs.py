@@ -20,6 +20,7 @@ from autoexpose_daemon.control.inputs import (
 )
 from autoexpose_daemon.control.picture.steering import FORGOTTEN_S, MOST_CONSUMERS, CellExposure
 from autoexpose_daemon.control.step import StepInputs
+from autoexpose_daemon.messages.frames import Stamping
 from autoexpose_daemon.runtime.inputs import (
     APART_NS,
     MOST_WAITING,
@@ -263,6 +264,21 @@ def test_a_report_on_a_frame_that_control_has_seen_steers() -> None:
 )
 def test_a_stamp_must_be_that_of_a_frame_of_late(taken_ns: int, why: str | None) -> None:
     assert Run().report(taken_ns) == why
+
+
+def test_a_report_on_a_frame_with_a_stamp_of_ptp_time_is_known_for_what_it_is() -> None:
+    """The host's clock may show anything."""
+    stamping, loop = Stamping("middle", 37), SimpleNamespace(steered=True, cell_exposures={"left": WELL})
+    tracking = Tracking(("left",), 60.0, stamping, now_ns=lambda: NOW_NS + 20_000_000)
+    ptp_ns = 1_700_000_000 * SECOND
+    frame = Frame(np.zeros((1, 1), np.uint8), 8, 0, ptp_ns, NOW_NS, NOW_NS, SETTING, ptp_time_ns=ptp_ns)
+    tracking.decided(StepInputs(FrameSet(0, {"left": frame})), [loop])  # type: ignore[list-item]
+    stamp_ns = ptp_ns + 500_000 - 37 * SECOND
+    for off_ns in (0, 37 * SECOND):
+        taken_ns = tracking.taken_ns(stamp_ns + off_ns, realtime_offset_ns=12345)
+        tracking.take(TrackedCells("slam", 0, "left", CELLS, CELLS), taken_ns)
+    tracking(NOW_NS + 20_000_000)
+    assert (tracking.tally.reports, tracking.tally.refused["future"]) == (1, 1)
 
 
 def test_a_report_before_any_frame_or_on_a_camera_that_was_missing_is_refused() -> None:
