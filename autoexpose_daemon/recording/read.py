@@ -202,9 +202,8 @@ class Recording:
 
     @property
     def rig(self) -> str | None:
-        """The name of the rig, once its first frame has been read."""
-        topics = [channel.topic.split("/") for channel in self._channels.values()]
-        return next((names[-3] for names in topics if len(names) > 3 and names[-1] == "exposure"), None)
+        """The name of the rig, once something of control has been read."""
+        return None if self._rig is None else self._rig.rpartition("/")[2]
 
     def __iter__(self) -> Iterator[Item]:
         """Read from the start of the file."""

@@ -33,12 +33,12 @@ class ResultCache(KeptResults[Job]):
         """Equal for jobs that have the same result."""
         policies = tuple(PLACES) if asked.policies is None else asked.policies
         digest = _digest(asked.measure.__module__, policies)
-        arguments = dict(asked.arguments) | {name: _content(Path(str(asked.arguments[name]))) for name in asked.files}
+        arguments = dict(asked.arguments) | {name: content(Path(str(asked.arguments[name]))) for name in asked.files}
         parts = [asked.measure.__module__, asked.measure.__qualname__, arguments, digest]
         return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
 
 
-def _content(path: Path) -> str:
+def content(path: Path) -> str:
     """A hash of what is in a file, or in all files of a folder. Raises AutoexposeError when one cannot be read."""
     files = sorted(each for each in path.rglob("*") if each.is_file()) if path.is_dir() else [path]
     try:

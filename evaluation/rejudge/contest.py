@@ -230,7 +230,9 @@ def follow_best_shots(drive: Drive, odometry: str, folder: Path) -> Trajectory |
     if followed is None:
         return None
     if not len(followed.trajectory.times_s):
-        raise NothingTrackedError(f"--odometry {odometry} tracks nothing on the best shots: give a reference, --trajectory")
+        raise NothingTrackedError(
+            f"--odometry {odometry} tracks nothing on the best shots: give a reference, --trajectory"
+        )
     return followed.trajectory
 
 

@@ -14,9 +14,9 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-import numpy as np
+from scipy.stats import t
 
-from evaluation.experiments.statistics import FEWEST, Interval, over_places
+from evaluation.intervals import FEWEST, Interval, over_places
 
 SEGMENT_S = 10.0
 FEWEST_SEGMENTS = 6
@@ -68,7 +68,7 @@ class Recommendation:
 
     policy: str | None
     why: str
-    more_minutes: float | None = None  # how much more to record, where that would decide
+    more_minutes: int | None = None  # how much more to record, where that would decide
 
 
 def differences(
@@ -132,7 +132,7 @@ def decide(seen: Mapping[str, Sequence[SeenSegment]], present: str, margins: Mar
     if len(seen) < 2:
         return Recommendation(None, f"there is no other policy to compare {present} with")
     found = differences(seen, present)
-    if not any(each.known for each in found) or all(one.matches in (None, 0.0) for one in seen[present]):
+    if all(not one.matches for rows in seen.values() for one in rows):
         return Recommendation(
             None, f"nothing was matched, so nothing tells what frames are worth to localization: stay with {present}"
         )
@@ -141,7 +141,7 @@ def decide(seen: Mapping[str, Sequence[SeenSegment]], present: str, margins: Mar
         if better:
             best, by = min(better, key=_order)
             return Recommendation(best.policy, f"{best.policy} rather than {present}: {_in_words(best, by)}")
-        if all(_settled(each, margins) for each in found):
+        if all(each.known and _settled(each, margins) for each in found):
             return Recommendation(
                 None, f"no other policy is better than {present} by more than the margins, in {said}: stay with it"
             )
@@ -149,7 +149,7 @@ def decide(seen: Mapping[str, Sequence[SeenSegment]], present: str, margins: Mar
     more = _more_minutes(nearest, margins, len(seen[present]))
     return Recommendation(
         None,
-        f"no difference that {said} of driving could show: stay with {present}; record about {more:.0f} more "
+        f"no difference that {said} of driving could show: stay with {present}; record about {more} more "
         f"minutes to decide, first of all about {nearest.policy}",
         more,
     )
@@ -201,15 +201,25 @@ def _percent(interval: Interval) -> str:
     return f"{100 * interval.value:.1f} % [{100 * interval.low:.1f}, {100 * interval.high:.1f}]"
 
 
-def _more_minutes(one: Difference, margins: Margins, segments: int) -> float:
-    """How much more would decide on it, if it goes on as it has begun: intervals narrow with the root of segments."""
-    name, interval = one.known[0]
-    half = (interval.high - interval.low) / 2.0
-    margin = _margin(name, margins)
-    wanted = max(abs(interval.value), margin)
-    if not math.isfinite(half):
-        needed: float = 2 * FEWEST_SEGMENTS
-    else:
-        needed = max(segments * (half / wanted) ** 2, FEWEST_SEGMENTS, segments + 1)
-    minutes = (needed - segments) * SEGMENT_S / 60.0
-    return float(max(np.ceil(minutes), 1.0))
+def _more_minutes(one: Difference, margins: Margins, segments: int) -> int:
+    """How much more would decide on it, if it goes on as it has begun: intervals narrow with the root of segments.
+
+    Those of few segments are wider still, by what is not known of the spread; that goes away with more of them.
+    """
+    fewest = 2.0 * FEWEST_SEGMENTS
+    needed = fewest
+    if one.known:
+        name, interval = one.known[0]
+        margin = _margin(name, margins)
+        value, low, high = (
+            -math.log(1.0 - each) if name == "odometry" else each
+            for each in (interval.value, interval.low, interval.high)
+        )
+        half = (high - low) / 2.0 / (_student(segments) if segments < FEWEST else 1.0)
+        needed = max(segments * (half / max(abs(value), margin)) ** 2, fewest, segments + 1.0)
+    return max(math.ceil((needed - segments) * SEGMENT_S / 60.0), 1)
+
+
+def _student(segments: int) -> float:
+    """By how much an interval of few is wider than one of many with the same spread."""
+    return float(t.ppf(0.995, segments - 1) / t.ppf(0.995, 1e6))

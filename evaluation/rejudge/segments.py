@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import base64
+import shlex
 import tempfile
 from collections.abc import Sequence
 from dataclasses import asdict, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +16,7 @@ import numpy as np
 
 from evaluation.arrays import Greys
 from evaluation.jobs.job import Job, Plain
+from evaluation.jobs.kept import content
 from evaluation.rejudge.contest import (
     Figures,
     NothingTrackedError,
@@ -25,7 +28,7 @@ from evaluation.rejudge.contest import (
 )
 from evaluation.rejudge.decide import SEGMENT_S, SeenSegment
 from evaluation.rejudge.drive import Drive
-from evaluation.rejudge.following import ReferenceTrajectory, Trajectory, read_tum
+from evaluation.rejudge.following import IN_HOUSE, ORB_SLAM3, ReferenceTrajectory, Trajectory, read_tum
 from evaluation.rejudge.sources import Part, Survey, read_drive
 from imaging.errors import AutoexposeError, ConfigurationError
 
@@ -59,24 +62,35 @@ def parts_of(times_s: Sequence[float]) -> list[Part]:
     if len(times_s) > 1 and (times_s[-1] - times_s[0]) % SEGMENT_S < SEGMENT_S / 2 and numbers[-1] > 0:
         numbers[numbers == numbers[-1]] -= 1
     starts = [0, *(np.flatnonzero(np.diff(numbers)) + 1).tolist(), len(times_s)]
-    return list(zip(starts[:-1], starts[1:], strict=True))
+    return list(pairwise(starts))
 
 
-def segment_jobs(
-    drive: Path, part: Part, policies: Sequence[str], odometry: str, trajectory: Path | None
-) -> list[Job]:
+def segment_jobs(drive: Path, part: Part, policies: Sequence[str], odometry: str, trajectory: Path | None) -> list[Job]:
     """One for each policy through a segment."""
     arguments: dict[str, Plain] = {
         "drive": str(drive), "first": part[0], "end": part[1], "odometry": odometry,
-        "trajectory": None if trajectory is None else str(trajectory),
+        "trajectory": None if trajectory is None else str(trajectory), "program": _program(odometry),
     }  # fmt: skip
     files = ("drive",) if trajectory is None else ("drive", "trajectory")
     cost_s = PAIR_S * (part[1] - part[0])
     return [Job(measure_segment, arguments, cost_s, (policy,), side_by_side=True, files=files) for policy in policies]
 
 
+def _program(odometry: str) -> list[Plain]:
+    """What is in the files that a command names."""
+    words = [] if odometry in (IN_HOUSE, ORB_SLAM3) else shlex.split(odometry)
+    return [content(Path(word)) for word in words if Path(word).is_file()]
+
+
 def measure_segment(
-    drive: str, first: int, end: int, odometry: str, trajectory: str | None, policies: Sequence[str]
+    drive: str,
+    *,
+    first: int,
+    end: int,
+    odometry: str,
+    trajectory: str | None,
+    program: Sequence[str],
+    policies: Sequence[str],
 ) -> list[Plain]:
     """For each policy its figures, levels, and pictures, and what is known of the segment.
 
@@ -154,9 +168,10 @@ def together(results: Sequence[Any]) -> Figures:
         known = [(value, count) for value, count in every if value is not None]
         return sum(value * count for value, count in known) / sum(count for _, count in known) if known else None
 
+    means: dict[str, Any] = {name: mean(name) for name in _MEANS}
     return replace(
         figures[0],
-        **{name: mean(name) for name in _MEANS},
+        **means,
         rpe_parts_mm=[part for one in figures for part in one.rpe_parts_mm],
         exposure_time_us=float(np.median([one.exposure_time_us for one in figures])),
         gain_db=float(np.median([one.gain_db for one in figures])),

@@ -24,7 +24,7 @@ from evaluation.experiments.drives.drives import measure_policies
 from evaluation.experiments.experiment import Claim, Experiment, Figure, ReportSection, Results, Table, Verdict
 from evaluation.experiments.experiments_app import count_of_verdicts, write_experiments_report
 from evaluation.experiments.experiments_app import experiments_app as app
-from evaluation.experiments.statistics import clustered, mean_interval, pearson
+from evaluation.intervals import clustered, mean_interval, pearson
 from evaluation.jobs import kept as kept_results
 from evaluation.jobs.job import Job, Plain
 from evaluation.jobs.kept import ResultCache

@@ -34,7 +34,6 @@ from evaluation.experiments.prediction.still_life import (
     rest_level,
     summary,
 )
-from evaluation.experiments.statistics import Interval, above, alike, below, not_above, together
 from evaluation.experiments.steering import (
     EXPERIMENT,
     HALVES,
@@ -47,6 +46,8 @@ from evaluation.experiments.steering import (
     measure_halves,
     stage_of,
 )
+from evaluation.experiments.verdicts import above, alike, below, not_above, together
+from evaluation.intervals import Interval
 from evaluation.jobs.kept import ResultCache
 from evaluation.jobs.run import here, run_jobs
 from evaluation.odometry.stereo import Tracked

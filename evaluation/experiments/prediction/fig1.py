@@ -18,7 +18,7 @@ from evaluation.experiments.prediction.still_life import (
     measure_coupling,
     plateau_centre,
 )
-from evaluation.experiments.statistics import Interval, mean_interval
+from evaluation.intervals import Interval, mean_interval
 from evaluation.jobs.job import Job
 from evaluation.prose import text_beside
 

@@ -22,7 +22,7 @@ from evaluation.experiments.prediction.still_life import (
     frames_to_converge,
     measure_step,
 )
-from evaluation.experiments.statistics import Interval, mean_interval
+from evaluation.intervals import Interval, mean_interval
 from evaluation.jobs.job import Job
 from evaluation.prose import text_beside
 from evaluation.stage.camera import CameraResponse
