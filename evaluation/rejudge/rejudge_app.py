@@ -163,7 +163,8 @@ def _print_differences(found: Sequence[Difference], present: str, console: Conso
 def _interval(interval: Interval | None) -> str:
     if interval is None or not math.isfinite(interval.high - interval.low):
         return "-" if interval is None else f"{100 * interval.value:+.1f} [?]"
-    return f"{100 * interval.value:+.1f} \\[{100 * interval.low:+.1f}, {100 * interval.high:+.1f}]"
+    value, low, high = (f"{max(100 * each, -999.0):+.1f}" for each in (interval.value, interval.low, interval.high))
+    return f"{value} \\[{low}, {high}]"
 
 
 def _print(figures: Sequence[Figures], best: str, console: Console) -> None:

@@ -26,6 +26,7 @@ from evaluation.experiments.rejudge import simulated_geometries, simulated_setup
 from evaluation.odometry.tracking import lap, odometry_stage
 from evaluation.rejudge.following import ReferenceTrajectory, Trajectory, read_tum, tum
 from evaluation.rejudge.rejudge_app import rejudge
+from evaluation.rejudge.segments import parts_of
 from evaluation.rejudge.sources import read_recording
 from evaluation.stage.camera import DelayedLoop
 from evaluation.stage.rendering import Stage
@@ -184,6 +185,33 @@ def test_a_drive_that_was_recorded_under_former_names_is_judged_alike(drive_file
         assert run(file, *QUICK, "--json", figures).exit_code == 0
         found.append(json.loads(figures.read_text())["policies"])
     assert found[0] == found[1]
+
+
+def test_a_fleet_is_judged_by_groups_and_what_is_damaged_is_left_out(drive_file: Path, tmp_path: Path) -> None:
+    content = drive_file.read_bytes()
+    folder = tmp_path / "drives/robot1"
+    folder.mkdir(parents=True)
+    for name in ("a", "b"):
+        (folder / f"{name}.mcap").write_bytes(content)
+    (folder / "c.mcap").write_text("not a recording")
+    (tmp_path / "list.txt").write_text("# of today\ndrives/robot1/a.mcap\n")
+    (tmp_path / "groups.csv").write_text("a.mcap,north\nb.mcap,south\n")
+    given = (tmp_path / "drives", tmp_path / "list.txt", "--policies", "fixed,neves2009", "--present", "fixed")
+    outcome = run(*given, "--groups", tmp_path / "groups.csv", "--json", tmp_path / "f.json")
+    assert outcome.exit_code == 0, outcome.exception
+    written = json.loads((tmp_path / "f.json").read_text())
+    assert [Path(drive["drive"]).name for drive in written["drives"]] == ["a.mcap", "b.mcap"]
+    assert written["drives"][0]["policies"] == written["drives"][1]["policies"] == written["policies"]
+    assert "c.mcap is not an MCAP file" in " ".join(written["refused"]).replace(":", "")
+    assert "left out" in outcome.output and set(written["groups"]) == {"north", "south"}
+    assert written["intervals"].keys() == {"neves2009"}
+
+
+def test_a_drive_is_cut_into_ten_seconds() -> None:
+    times_s = np.arange(0.0, 34.0, 0.1)
+    assert parts_of(times_s.tolist()) == [(0, 100), (100, 200), (200, 340)]
+    assert parts_of(np.arange(0.0, 36.0, 0.1).tolist())[-1] == (300, 360)
+    assert parts_of([5.0, 5.1]) == [(0, 2)]
 
 
 def test_what_cannot_be_judged_is_refused_in_a_sentence(drive_file: Path, tmp_path: Path) -> None:
