@@ -78,7 +78,7 @@ class JudgedDrive:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Judgement:
+class JudgedFleet:
     """All drives, and what follows from them. `refused`: sentences about those that were left out."""
 
     drives: Sequence[JudgedDrive]
@@ -172,7 +172,7 @@ def judge(
     kept: ResultCache,
     workers: Workers,
     console: Console,
-) -> Judgement:
+) -> JudgedFleet:
     """Take policies through drives. Raises AutoexposeError in words for the user.
 
     `present` is what robots run now; None: what they ran when they recorded, if all ran the same.
@@ -193,7 +193,7 @@ def judge(
     judged = [
         JudgedDrive(path, one, groups.get(path.name, _group(one, by)), results[path]) for path, one in surveys.items()
     ]
-    return Judgement(judged, everyone, present, margins, refused)
+    return JudgedFleet(judged, everyone, present, margins, refused)
 
 
 def _surveyed(

@@ -20,7 +20,7 @@ from evaluation.jobs.run import CLUSTER, CORES, FINISHED, KEPT, PROCESSES, worke
 from evaluation.long_runs import make_writable
 from evaluation.rejudge.contest import Figures
 from evaluation.rejudge.decide import Difference, Margins
-from evaluation.rejudge.fleet import By, JudgedDrive, Judgement, found_drives, groups_of, judge
+from evaluation.rejudge.fleet import By, JudgedDrive, JudgedFleet, found_drives, groups_of, judge
 from evaluation.rejudge.following import IN_HOUSE, check_odometry, read_tum
 from evaluation.rejudge.report import write_report
 from imaging.errors import ConfigurationError
@@ -105,7 +105,7 @@ def _chosen(policies: str) -> list[str]:
     return chosen
 
 
-def _show(judgement: Judgement, console: Console) -> None:
+def _show(judgement: JudgedFleet, console: Console) -> None:
     for sentence in judgement.refused:
         console.print(f"left out: {sentence}", highlight=False, markup=False)
     for drive in judgement.drives:

@@ -10,7 +10,7 @@ from typing import Any
 from documents.text import readable
 from evaluation.intervals import Interval
 from evaluation.rejudge.decide import Difference
-from evaluation.rejudge.fleet import JudgedDrive, Judgement
+from evaluation.rejudge.fleet import JudgedDrive, JudgedFleet
 from imaging.errors import AutoexposeError
 
 REACH = 0.4  # The axis of differences goes so far to both sides, as a share
@@ -42,7 +42,7 @@ class Worst:
     present_line: str
 
 
-def write_report(judgement: Judgement, page: Path) -> None:
+def write_report(judgement: JudgedFleet, page: Path) -> None:
     """Write the page; an existing one is replaced. Raises AutoexposeError when it cannot be written, or packages are
     missing."""
     try:
@@ -79,7 +79,7 @@ def _bar(name: str, interval: Interval) -> Bar:
     return Bar(name, f"{100 * interval.value:+.1f} %", low, value, high, side)
 
 
-def _worst(judgement: Judgement, policy: str) -> Worst | None:
+def _worst(judgement: JudgedFleet, policy: str) -> Worst | None:
     """By the error beside the present policy's, or by lost pairs or matches where there is none."""
     if policy == judgement.present:
         return None
