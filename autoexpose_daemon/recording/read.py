@@ -200,6 +200,11 @@ class Recording:
         self._setup: ControlSetup | None = None
         self._calibrations: dict[CameraName, CameraGeometry] = {}
 
+    @property
+    def rig(self) -> str | None:
+        """The name of the rig, once something of control has been read."""
+        return None if self._rig is None else self._rig.rpartition("/")[2]
+
     def __iter__(self) -> Iterator[Item]:
         """Read from the start of the file."""
         try:

@@ -33,9 +33,10 @@ from evaluation.arena.altered_policy import (
     constants_of,
     run_altered,
 )
-from evaluation.arena.count import ROOT, c_files, count_c, count_python, python_files
+from evaluation.arena.count import count_c, count_python, python_files
 from evaluation.arena.race import CourseScore, course_of, run_course
 from evaluation.arena.runs import MAIN_DELAY, TUNE_SCENES, ArenaRun, results
+from evaluation.jobs.native import ROOT, c_files
 from evaluation.long_runs import KeptResults, LongProgress
 from evaluation.pool import over_processes
 from evaluation.prose import table_row, text_beside

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import json
 import math
-import os
 from collections.abc import Sequence
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import closing
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -27,13 +25,14 @@ from evaluation.arena.ablation import (
 from evaluation.arena.altered_policy import Course
 from evaluation.arena.arena_report import cells, mean_ratios, write_arena_report
 from evaluation.arena.count import count_policy, print_count
-from evaluation.arena.runs import ArenaRun, Task, document, full_plan, quick_plan, run_plan
-from evaluation.long_runs import LongProgress, check_chosen, make_writable
+from evaluation.arena.runs import ArenaRun, Task, document, full_plan, jobs_of, quick_plan, runs_of
+from evaluation.jobs.kept import ResultCache
+from evaluation.jobs.run import CLUSTER, CORES, FINISHED, KEPT, PROCESSES, Workers, run_long, workers_of
+from evaluation.long_runs import check_chosen, make_writable
 from evaluation.scenes.scenarios import SCENARIOS
 from fake_camera.world.scene.panorama import load_radiance
 from imaging.errors import AutoexposeError, ConfigurationError
 
-_FRAME_S = 0.005  # of one core per frame and policy, measured on full arenas of 14 policies
 _ALL_POLICIES = ",".join(POLICY_IDS)
 _ABLATIONS = Path("out/ablation")  # Where what is finished of an ablation is kept
 arena_app = typer.Typer(add_completion=False)
@@ -49,7 +48,9 @@ def arena(
     policies: Annotated[str, typer.Option(help="Ids, separated by commas.")] = _ALL_POLICIES,
     scenarios: Annotated[str, typer.Option(help="Ids, separated by commas.")] = ",".join(SCENARIOS),
     pictures: Annotated[Path | None, typer.Option(help="A folder of Radiance .hdr files: further scenes.")] = None,
-    jobs: Annotated[int, typer.Option(min=1, help="Processes.")] = len(os.sched_getaffinity(0)),
+    jobs: PROCESSES = CORES,
+    cluster: CLUSTER = None,
+    kept: KEPT = FINISHED,
     count: Annotated[bool, typer.Option("--count", help="Only count what --policy's decision is made of.")] = False,
     ablate: Annotated[
         bool, typer.Option("--ablate", help="Alter each constant of --policy: over an hour, half with --quick.")
@@ -80,9 +81,9 @@ def arena(
 
     check_chosen(quick, full, lambda quick: _duration_s(plan_of(quick), chosen[0], jobs))
     _check_places(json_file, report)
-    plan = plan_of(quick)
+    make_writable(kept, "--kept")
     console = Console()
-    runs = _run(plan, chosen[0], jobs, console)
+    runs = _run(plan_of(quick), chosen[0], ResultCache(kept), workers_of(jobs, cluster), console)
     figures = document(runs, DEFAULT_POLICY)
     _write(figures, json_file)
     _print(figures["results"], console)
@@ -147,26 +148,17 @@ def _check_places(json_file: Path | None, report: Path | None) -> None:
         make_writable(report, "--report")
 
 
-def _duration_s(plan: Sequence[Task], policies: Sequence[str], jobs: int) -> float:
-    return sum(task.frames * len(task.delays) for task in plan) * len(policies) * _FRAME_S / jobs
+def _duration_s(plan: Sequence[Task], policies: Sequence[str], processes: int) -> float:
+    return sum(job.cost_s for task in plan for job in jobs_of(task, policies)) / processes
 
 
-def _run(plan: Sequence[Task], policies: Sequence[str], jobs: int, console: Console) -> list[ArenaRun]:
-    runs: list[ArenaRun] = []
-    try:
-        with LongProgress(console, 3600.0) as progress:
-            bar = progress.add_task("arena", total=sum(task.frames * len(task.delays) for task in plan))
-            with closing(run_plan(plan, policies, jobs)) as finished:
-                for task, done in finished:
-                    runs += done
-                    progress.update(bar, advance=task.frames * len(task.delays), description=task.scenario)
-    except BrokenProcessPool:
-        raise AutoexposeError(
-            "a process was killed from outside, perhaps because memory ran out: try fewer --jobs; nothing was written"
-        ) from None
-    except KeyboardInterrupt:
-        raise AutoexposeError("the arena was stopped before it was done: nothing was written") from None
-    return runs
+def _run(
+    plan: Sequence[Task], policies: Sequence[str], kept: ResultCache, workers: Workers, console: Console
+) -> list[ArenaRun]:
+    asked = [(task, policy) for task in plan for policy in policies]
+    jobs = [job for task in plan for job in jobs_of(task, policies)]
+    found = run_long(jobs, kept, workers, console, "arena")
+    return [run for (task, policy), result in zip(asked, found, strict=True) for run in runs_of(task, policy, result)]
 
 
 def _print(rows: Sequence[dict[str, object]], console: Console) -> None:

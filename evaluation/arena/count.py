@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import ast
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -17,16 +16,14 @@ from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.policies.ids import PLACES
 from autoexpose_daemon.control.snapshot import Plain
 from evaluation.arena.race import course_of
+from evaluation.jobs.native import ROOT, c_files, tree
 from evaluation.prose import text_beside
 from evaluation.stage.camera import Entrant
 from evaluation.stage.oracle import Oracle, best_start
-from imaging.errors import ConfigurationError
 from imaging.geometry import SIDES
 
-ROOT = Path(__file__).resolve().parents[2]
 LOOP = "autoexpose_daemon.control.loop"
 SCOPE = ("autoexpose_daemon.control", "imaging.exposure", "imaging.response")
-NATIVE = "autoexpose_daemon/control/native"
 # Frames before the snapshot: enough to fill what a frame leaves behind, and what its decision's outcome does.
 FRAMES = 12
 
@@ -37,8 +34,6 @@ _C = re.compile(
     re.VERBOSE | re.MULTILINE | re.DOTALL,
 )
 _SMALL = re.compile(r"(?:0*[012](?:\.0*)?|\.0+|0[xX]0*[012])[uUlLfF]*")
-_METHOD = re.compile(r"\{\s*\"(\w+)\"\s*,")
-_INCLUDE = re.compile(r"^\s*#\s*include\s+\"([^\"]+)\"", re.MULTILINE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,28 +74,6 @@ def python_files(policy_id: str, root: Path = ROOT) -> dict[str, Path]:
         reached[module] = path
         ahead += [_home(origin, name, root) for origin, name in _imported(path)]
     return dict(sorted(reached.items()))
-
-
-def c_files(python: Sequence[Path], root: Path = ROOT) -> list[Path]:
-    """The files of the C extension with the functions that these Python files call, and all that those need.
-
-    Raises ConfigurationError when there are none.
-    """
-    sources = sorted((root / NATIVE).rglob("*.c"))
-    if not sources:
-        raise ConfigurationError(f"{root / NATIVE}: no C files to count: run this from a checkout of the sources")
-    names = {node.attr for path in python for node in ast.walk(_tree(path)) if isinstance(node, ast.Attribute)}
-    ahead = [path for path in sources if names.intersection(_METHOD.findall(path.read_text(encoding="utf-8")))]
-    reached: set[Path] = set()
-    while ahead:
-        path = ahead.pop()
-        if path in reached or not path.exists():
-            continue
-        reached.add(path)
-        included = _INCLUDE.findall(path.read_text(encoding="utf-8"))
-        ahead += [folder / name for folder in (path.parent, root / NATIVE) for name in included]
-        ahead.append(path.with_suffix(".c"))
-    return sorted(reached)
 
 
 def snapshot_fields(state: Plain) -> set[str]:
@@ -160,11 +133,6 @@ def print_count(counts: dict[str, Any], console: Console) -> None:
     )
 
 
-@cache
-def _tree(path: Path) -> ast.Module:
-    return ast.parse(path.read_text(encoding="utf-8"))
-
-
 def _file(module: str, root: Path) -> Path | None:
     path = root.joinpath(*module.split("."))
     return next((each for each in (path.with_suffix(".py"), path / "__init__.py") if each.exists()), None)
@@ -184,7 +152,7 @@ def _home(module: str, name: str, root: Path) -> str:
 
 def _imported(path: Path) -> Iterator[tuple[str, str]]:
     """Modules and the names imported from them."""
-    ahead: list[ast.AST] = [_tree(path)]
+    ahead: list[ast.AST] = [tree(path)]
     while ahead:
         node = ahead.pop()
         match node:

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Generator, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
-from functools import partial
 from typing import Any, Literal
 
 import numpy as np
@@ -13,14 +12,16 @@ import numpy as np
 from evaluation.arena.race import CourseScore, Series, run_course
 from evaluation.arrays import Floats32
 from evaluation.committed import HELD_OUT_SEED
-from evaluation.pool import over_processes
+from evaluation.jobs.job import Job, Plain
 from evaluation.scenes.scenarios import SCENARIOS
 from evaluation.stage.camera import Entrant
+from imaging.python310 import Self
 
 Split = Literal["tune", "heldout"]
 QUICK_SEED = 2000  # Of quick arenas, which anyone may look at. Seeds 0 to 99 are for tuning; reports had 2000 to 2013.
 MAIN_DELAY = 2  # The delay (frames) that results are for
 OTHER_DELAYS = (1, 3)
+PICTURE = ".hdr"  # Ends the name of a scene that is a file
 TUNE_SCENES = ("room", "leaves", "street")
 # The scenes that judge, with the number of their seeds, from `HELD_OUT_SEED`; `shelves` and `hall` with other seeds are
 # in `worth-tuning`.
@@ -81,6 +82,17 @@ class Trace:
     ratios: Floats32
     first_scored: int
 
+    @classmethod
+    def of(cls, levels: list[float], oracle_levels: list[float], ratios: list[float], first_scored: int) -> Self:
+        """From plain lists."""
+        ours, best, shares = (np.array(each, np.float32) for each in (levels, oracle_levels, ratios))
+        return cls(ours, best, shares, first_scored)
+
+    def plain(self) -> dict[str, Plain]:
+        """As plain lists."""
+        arrays = {"levels": self.levels, "oracle_levels": self.oracle_levels, "ratios": self.ratios}
+        return {**{name: values.tolist() for name, values in arrays.items()}, "first_scored": self.first_scored}
+
 
 @dataclass(frozen=True, slots=True)
 class ArenaRun:
@@ -96,24 +108,48 @@ class ArenaRun:
     trace: Trace | None = None
 
 
-def run_task(task: Task, policies: Sequence[str]) -> list[ArenaRun]:
-    """Run all policies through one course, with each of its delays."""
-    entrants = [Entrant.of(policy, delay) for delay in task.delays for policy in policies]
-    return [_run_of(task, series) for series in run_course(task.scenario, task.scene, task.seed, entrants)]
+FRAME_S = 0.005  # of one core per frame and policy, measured on full arenas of 14 policies
 
 
-def run_plan(tasks: Sequence[Task], policies: Sequence[str], jobs: int) -> Generator[tuple[Task, list[ArenaRun]]]:
-    """Run all tasks in `jobs` processes; yields each when it is done."""
-    return over_processes(partial(run_task, policies=policies), tasks, jobs)
+def jobs_of(task: Task, policies: Sequence[str]) -> list[Job]:
+    """The runs of a course, a job for each policy: they go side by side where several are missing."""
+    arguments: dict[str, Plain] = {
+        "scenario": task.scenario, "scene": task.scene, "seed": task.seed, "delays": list(task.delays),
+        "keep_traces": task.keep_traces,
+    }  # fmt: skip
+    files = ("scene",) if task.scene.endswith(PICTURE) else ()
+    cost_s = task.frames * len(task.delays) * FRAME_S
+    return [Job(measure_course, arguments, cost_s, (policy,), side_by_side=True, files=files) for policy in policies]
 
 
-def _run_of(task: Task, series: Series) -> ArenaRun:
+def measure_course(
+    scenario: str, scene: str, seed: int, delays: Sequence[int], policies: Sequence[str], *, keep_traces: bool
+) -> list[Plain]:
+    """For each policy what became of it with each of the delays."""
+    entrants = [Entrant.of(policy, delay) for policy in policies for delay in delays]
+    found = [_plain(series, keep_traces) for series in run_course(scenario, scene, seed, entrants)]
+    return [found[first : first + len(delays)] for first in range(0, len(found), len(delays))]
+
+
+def _plain(series: Series, keep_trace: bool) -> Plain:
     levels, best, ratios = (each.astype(np.float32) for each in (series.levels, series.oracle_levels, series.ratios))
-    trace = Trace(levels, best, ratios, series.first_scored) if task.keep_traces else None
-    entrant = series.entrant
-    return ArenaRun(
-        entrant.name, task.scenario, task.scene, task.seed, entrant.delay_frames, task.split, series.score(), trace
-    )
+    trace = Trace(levels, best, ratios, series.first_scored) if keep_trace else None
+    return {
+        "delay_frames": series.entrant.delay_frames,
+        "score": asdict(series.score()),
+        "trace": None if trace is None else trace.plain(),
+    }
+
+
+def runs_of(task: Task, policy: str, results: Any) -> list[ArenaRun]:
+    """The runs of a policy from the result of its job."""
+    return [
+        ArenaRun(
+            policy, task.scenario, task.scene, task.seed, each["delay_frames"], task.split,
+            CourseScore(**each["score"]), None if each["trace"] is None else Trace.of(**each["trace"]),
+        )
+        for each in results
+    ]  # fmt: skip
 
 
 MEANS = tuple(each.name for each in fields(CourseScore) if each.name != "settle_frames")

@@ -7,21 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeAlias
 
+from evaluation.jobs.job import Job, Plain
 from imaging.python310 import StrEnum
-
-Plain: TypeAlias = "bool | int | float | str | list[Any] | dict[str, Any] | None"  # What JSON can hold, NaN included
-
-
-@dataclass(frozen=True, slots=True)
-class Job:
-    """One piece of work, done in one process, whose result is kept."""
-
-    # A module-level function, called with `arguments` by name. Its result must depend on nothing else.
-    measure: Callable[..., Plain]
-    arguments: Mapping[str, Plain]  # names, seeds and numbers
-    cost_s: float = 1.0  # approximate duration (s of one core): decides the order of jobs and the time left
-    # Ids of the policies that it runs: its result is kept until their code changes. None: any policy.
-    policies: tuple[str, ...] | None = None
 
 
 class Verdict(StrEnum):

@@ -5,11 +5,9 @@ from __future__ import annotations
 import html
 import json
 import math
-import os
 import time
 from collections import Counter
 from collections.abc import Sequence
-from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 from typing import Annotated
 
@@ -19,10 +17,12 @@ from rich.console import Console
 from rich.markup import escape
 from rich.padding import Padding
 
-from evaluation.experiments.cache import ResultCache, run_jobs
-from evaluation.experiments.experiment import Claim, Experiment, Figure, Job, Plain, ReportSection, Table, Verdict
+from evaluation.experiments.experiment import Claim, Experiment, Figure, ReportSection, Table, Verdict
 from evaluation.experiments.registry import EXPERIMENTS
-from evaluation.long_runs import LongProgress, check_chosen, make_writable
+from evaluation.jobs.job import Plain
+from evaluation.jobs.kept import ResultCache
+from evaluation.jobs.run import CLUSTER, CORES, PROCESSES, run_long, workers_of
+from evaluation.long_runs import check_chosen, make_writable
 from evaluation.prose import table_row
 from imaging.errors import AutoexposeError, ConfigurationError
 
@@ -123,7 +123,8 @@ def run(
     quick: Annotated[bool, typer.Option("--quick", help="Few scenes and seeds: minutes.")] = False,
     full: Annotated[bool, typer.Option("--full", help="What the verdicts rest on: up to hours.")] = False,
     out: _Folder = Path("out/experiments"),
-    jobs: Annotated[int, typer.Option(min=1, help="Processes.")] = len(os.sched_getaffinity(0)),
+    jobs: PROCESSES = CORES,
+    cluster: CLUSTER = None,
     json_file: Annotated[
         Path | None, typer.Option("--json", help="Also write the numbers to this file, by experiment if several.")
     ] = None,
@@ -135,9 +136,11 @@ def run(
     if json_file is not None:
         make_writable(json_file.parent, "--json")
     console = Console()
+    workers = workers_of(jobs, cluster)
     begun_s = time.monotonic()
     work = {experiment.name: experiment.jobs(quick) for experiment in chosen}
-    results = _results([job for jobs_of_one in work.values() for job in jobs_of_one], out / "jobs", jobs, console)
+    everything = [job for jobs_of_one in work.values() for job in jobs_of_one]
+    results = run_long(everything, ResultCache(out / "jobs"), workers, console, "experiments")
     chapters: list[Chapter] = []
     data: dict[str, Plain] = {}
     for experiment in chosen:
@@ -186,34 +189,6 @@ def _without_nan(data: Plain) -> Plain:
         case list():
             return [_without_nan(value) for value in data]
     return data
-
-
-def _results(jobs: Sequence[Job], folder: Path, processes: int, console: Console) -> list[Plain]:
-    try:
-        with LongProgress(console, 7200.0) as progress:
-            bar = progress.add_task("experiments", total=sum(job.cost_s for job in jobs))
-
-            def advance(job: Job, took_s: float) -> None:
-                name = job.measure.__module__.rsplit(".", 1)[-1]
-                if took_s:
-                    progress.update(bar, advance=job.cost_s, description=name)
-                else:  # kept from earlier, so it says nothing about the speed
-                    total = progress.tasks[bar].total or 0.0
-                    progress.update(bar, total=total - job.cost_s, description=name)
-
-            results = run_jobs(jobs, ResultCache(folder), processes, advance)
-            if not progress.tasks[bar].total:
-                progress.update(bar, total=1.0, completed=1.0, description="all kept from earlier")
-            return results
-    except BrokenProcessPool:
-        raise AutoexposeError(
-            "a process was killed from outside, perhaps because memory ran out: "
-            "try fewer --jobs; finished jobs are kept, and the same command resumes"
-        ) from None
-    except KeyboardInterrupt:
-        raise AutoexposeError(
-            "the experiments were stopped before they were done: the same command resumes where they were"
-        ) from None
 
 
 def _preface(names: Sequence[str], quick: bool) -> str:

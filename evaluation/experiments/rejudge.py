@@ -18,7 +18,8 @@ from autoexpose_daemon.control.parameters import Bracketing, ControlParameters
 from autoexpose_daemon.control.policies.ids import PLACES
 from autoexpose_daemon.control.setup import ControlSetup
 from evaluation.arena.race import course_of
-from evaluation.experiments.experiment import Claim, Experiment, Job, ReportSection, Results, Table
+from evaluation.experiments.experiment import Claim, Experiment, ReportSection, Results, Table
+from evaluation.jobs.job import Job
 from evaluation.odometry.stereo import StereoCamera
 from evaluation.odometry.tracking import Light, odometry_stage
 from evaluation.prose import text_beside

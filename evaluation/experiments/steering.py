@@ -24,7 +24,8 @@ from autoexpose_daemon.control.picture.steering import STEERING_SHARE, CellExpos
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from autoexpose_daemon.control.step import StepInputs
 from evaluation.arrays import Floats, Floats32, Greys
-from evaluation.experiments.experiment import Claim, Experiment, Figure, Job, Plain, ReportSection, Results, Table
+from evaluation.experiments.experiment import Claim, Experiment, Figure, ReportSection, Results, Table
+from evaluation.jobs.job import Job, Plain
 from evaluation.odometry.orb import in_house
 from evaluation.odometry.stereo import images, prepared
 from evaluation.odometry.tracking import EVERY, Light, odometry_stage, outcome, track_entrants

@@ -1,4 +1,4 @@
-"""All policies in closed loop through one drive, what their frames are worth, and which policy to take."""
+"""Policies in closed loop through a drive, and what their frames are worth."""
 
 from __future__ import annotations
 
@@ -28,6 +28,10 @@ from imaging.frames import CameraName, FrameSet
 
 FOCAL_LENGTH_PX = 1000.0  # Control is told the speed of the image as an angular rate and a focal length; any will do
 FEWEST_BETWEEN = 2  # Odometry gets at most every second pair
+
+
+class NothingTrackedError(AutoexposeError):
+    """Odometry is lost on the best shots from the first to the last."""
 
 
 class InstantCameras(Protocol):
@@ -148,11 +152,7 @@ def _mean(decisions: list[Decision], name: str) -> float:
     return float(values.mean())
 
 
-# An error is greater than the least one if they differ by so many standard errors, by the parts of the drive; those
-# that are not are alike, and more matches decide.
-SURE = 2.0
-LOST_MORE = 0.05  # A policy that loses a larger share of the pairs than the best one by this is not recommended
-PICTURES = 6  # Instants at which pictures are kept for the report
+PICTURES = 3  # Instants at which pictures are kept for the report
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -214,7 +214,7 @@ def exposers(drive: Drive) -> dict[CameraName, Exposer]:
 
 def follow_best_shots(drive: Drive, odometry: str, folder: Path) -> Trajectory | None:
     """Where odometry says the camera was, on the best shot of each cycle by M_g, as it was recorded. None where nothing
-    can follow, for lack of a geometry; raises AutoexposeError where odometry is lost altogether."""
+    can follow, for lack of a geometry; raises NothingTrackedError where odometry is lost altogether."""
     judge = _judge(drive, odometry, folder, "best shots")
     if judge.follower is None:
         return None
@@ -230,29 +230,10 @@ def follow_best_shots(drive: Drive, odometry: str, folder: Path) -> Trajectory |
     if followed is None:
         return None
     if not len(followed.trajectory.times_s):
-        raise AutoexposeError(f"--odometry {odometry} tracks nothing on the best shots: give a reference, --trajectory")
+        raise NothingTrackedError(
+            f"--odometry {odometry} tracks nothing on the best shots: give a reference, --trajectory"
+        )
     return followed.trajectory
-
-
-def recommended(figures: Sequence[Figures]) -> str:
-    """The policy of the least error of odometry; among those alike, or where there is none, of the most matches. Where
-    nothing was matched, that of the largest metric."""
-    least_lost = min((one.lost_share for one in figures if one.lost_share is not None), default=0.0)
-    kept = [one for one in figures if (one.lost_share or 0.0) <= least_lost + LOST_MORE]
-    followed = [one for one in kept if one.rpe_mm is not None]
-    if followed:
-        best = min(followed, key=lambda one: one.rpe_mm or 0.0)
-        kept = [one for one in followed if not _worse(one, best)]
-    return max(kept, key=lambda one: (one.matches or 0.0, one.metric)).policy
-
-
-def _worse(one: Figures, best: Figures) -> bool:
-    """Whether the errors of odometry are surely greater, part by part of the drive."""
-    parts = zip(one.rpe_parts_mm, best.rpe_parts_mm, strict=True)
-    apart = np.array([ours - theirs for ours, theirs in parts if ours is not None and theirs is not None])
-    if len(apart) < 2:
-        return False
-    return bool(apart.mean() > SURE * apart.std(ddof=1) / math.sqrt(len(apart)))
 
 
 def section(policy: str, limits: ExposureLimits, start: ExposureSetting) -> str:
@@ -277,10 +258,3 @@ def _judge(drive: Drive, odometry: str, folder: Path, name: str) -> PairJudge:
     rectifier = Rectifier(drive.geometries, drive.shape)
     following = Following(odometry, rectifier.camera, drive.timeline.cycle_s, folder)
     return PairJudge(rectifier, following.begin(name))
-
-
-def document(figures: Sequence[Figures], limits: ExposureLimits, start: ExposureSetting) -> dict[str, Any]:
-    """What is written as JSON."""
-    best = recommended(figures)
-    rows = [{name: getattr(one, name) for name in Figures.__dataclass_fields__} for one in figures]
-    return {"policies": rows, "recommended": best, "section": section(best, limits, start)}

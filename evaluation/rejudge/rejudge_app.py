@@ -1,121 +1,97 @@
-"""The command `autoexpose rejudge`, and the page that it writes."""
+"""The command `autoexpose rejudge`."""
 
 from __future__ import annotations
 
-import base64
 import json
 import math
-import os
-import tempfile
-from collections.abc import Mapping, Sequence
-from contextlib import closing
-from dataclasses import replace
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
-import cv2
 import typer
 from rich.console import Console
 from rich.table import Table
 
 from autoexpose_daemon.control.policies.ids import POLICY_IDS, check_policy_id
 from documents.files import check_writable
-from documents.text import readable
-from evaluation.arrays import Greys
-from evaluation.long_runs import LongProgress
-from evaluation.pool import over_processes
-from evaluation.rejudge.contest import Figures, Outcome, Round, document, first_setting, follow_best_shots, play
-from evaluation.rejudge.drive import Drive
-from evaluation.rejudge.following import IN_HOUSE, ReferenceTrajectory, Trajectory, check_odometry, read_tum
-from evaluation.rejudge.sources import read_folder, read_recording
-from imaging.errors import AutoexposeError, ConfigurationError
+from evaluation.intervals import Interval
+from evaluation.jobs.kept import ResultCache
+from evaluation.jobs.run import CLUSTER, CORES, FINISHED, KEPT, PROCESSES, workers_of
+from evaluation.long_runs import make_writable
+from evaluation.rejudge.contest import Figures
+from evaluation.rejudge.decide import Difference, Margins
+from evaluation.rejudge.fleet import By, JudgedDrive, JudgedFleet, found_drives, groups_of, judge
+from evaluation.rejudge.following import IN_HOUSE, check_odometry, read_tum
+from evaluation.rejudge.report import write_report
+from imaging.errors import ConfigurationError
 
-WIDTH = 240  # Of a picture, pixels
-
-
-def write_report(drive: Drive, outcomes: Sequence[Outcome], result: Mapping[str, Any], page: Path) -> None:
-    """Write the page; an existing one is replaced. `result`: as `contest.document` returns it. Raises AutoexposeError
-    when it cannot be written, or packages are missing."""
-    try:
-        import jinja2  # noqa: PLC0415  an extra, which only reports need
-    except ImportError as error:
-        raise AutoexposeError("jinja2 is missing: pip install 'autoexpose-daemon[calibration]'") from error
-    loaders = [jinja2.PackageLoader(package, "") for package in ("evaluation.rejudge", "calibration.report")]
-    environment = jinja2.Environment(loader=jinja2.ChoiceLoader(loaders), autoescape=True)
-    rows = [
-        {
-            "figures": outcome.figures,
-            "pictures": [
-                {"jpeg": _jpeg(picture), "caption": caption}
-                for picture, caption in zip(outcome.pictures, outcome.captions, strict=True)
-            ],
-        }
-        for outcome in outcomes
-    ]
-    text = environment.get_template("report.html").render(
-        title=f"Policies on {Path(drive.name).name}", drive=drive, rows=rows, **result
-    )
-    try:
-        page.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise AutoexposeError(f"{page} cannot be written: {readable(str(error.strerror))}") from error
-
-
-def _jpeg(picture: Greys) -> str:
-    height = round(WIDTH * picture.shape[0] / picture.shape[1])
-    small = cv2.resize(picture, (WIDTH, height), interpolation=cv2.INTER_AREA)
-    return base64.b64encode(cv2.imencode(".jpg", small)[1].tobytes()).decode()
-
-
-SIDE_BY_SIDE = 3  # Policies in one round: reading is shared, and progress still shows
+_MARGINS = Margins()
 
 
 def rejudge(
-    drive: Annotated[Path, typer.Argument(help="A recording by `record --bracket`, or a folder of images.")],
+    drives: Annotated[
+        list[Path],
+        typer.Argument(help="Recordings by `record --bracket`, folders of images, folders of these, or lists (.txt)."),
+    ],
     *,
     policies: Annotated[str, typer.Option(help="Ids, separated by commas; or `all`.")] = "all",
+    present: Annotated[
+        str | None, typer.Option(help="What robots run now, with which others are compared: by default, what they ran.")
+    ] = None,
     odometry: Annotated[
         str, typer.Option(help="`in-house`, `orbslam3`, or a command that gets a folder and writes a trajectory.")
     ] = IN_HOUSE,
     trajectory: Annotated[
-        Path | None, typer.Option(help="The true trajectory in TUM's format; by default that on the best shots.")
+        Path | None,
+        typer.Option(help="The true trajectory of a drive in TUM's format; by default that on the best shots."),
+    ] = None,
+    margin_odometry: Annotated[
+        float,
+        typer.Option(min=0.0, max=1.0, help="Differences of the error that you do not care about, a share of it."),
+    ] = _MARGINS.odometry,
+    margin_lost: Annotated[
+        float, typer.Option(min=0.0, max=1.0, help="The same of lost pairs, a share of all.")
+    ] = _MARGINS.lost,
+    margin_features: Annotated[
+        float, typer.Option(min=0.0, max=1.0, help="The same of matches, a share of them.")
+    ] = _MARGINS.features,
+    by: Annotated[By | None, typer.Option(help="Decide also for each day, robot or class of light.")] = None,
+    groups: Annotated[
+        Path | None, typer.Option(help="The same for groups of your own, a CSV file: drive,group.")
     ] = None,
     json_file: Annotated[Path | None, typer.Option("--json", help="Write the figures to this JSON file.")] = None,
     report: Annotated[Path | None, typer.Option(help="Write a page with pictures to this HTML file.")] = None,
-    jobs: Annotated[int, typer.Option(min=1, help="Processes.")] = len(os.sched_getaffinity(0)),
+    jobs: PROCESSES = CORES,
+    cluster: CLUSTER = None,
+    kept: KEPT = FINISHED,
 ) -> None:
-    """Take policies through a drive that was recorded in brackets, and say which one serves the robot best."""
+    """Take policies through drives that were recorded in brackets, and say which one robots should run."""
     chosen = _chosen(policies)
+    if present is not None:
+        check_policy_id(present)
     check_odometry(odometry)
     for file, option, suffix in ((json_file, "--json", ".json"), (report, "--report", ".html")):
         if file is not None:
             if file.suffix != suffix:  # so that no drive, trajectory or configuration is ever replaced
                 raise ConfigurationError(f"{option} {file}: name a {suffix} file")
             check_writable(file)
-    truth = None if trajectory is None else read_tum(trajectory)
+    found = found_drives(drives)
+    if trajectory is not None:
+        if len(found) > 1:
+            raise ConfigurationError("--trajectory is of one drive: give one drive")
+        read_tum(trajectory)
+    make_writable(kept, "--kept")
     console = Console()
-    with console.status(f"reading {drive} ..."):
-        recorded = read_folder(drive) if drive.is_dir() else read_recording(drive)
-    _print_drive(recorded, console)
-    with tempfile.TemporaryDirectory(prefix="autoexpose-rejudge-") as folder:
-        if truth is None:
-            with console.status("following the camera on the best shots ..."):
-                truth = follow_best_shots(recorded, odometry, Path(folder))
-        else:
-            _check_fits(truth, recorded, trajectory)
-        reference = None if truth is None else ReferenceTrajectory.of(truth, recorded.timeline.cycle_s)
-        outcomes = _play(Round(recorded, chosen, odometry, reference, Path(folder)), jobs, console)
-    figures = [outcome.figures for outcome in outcomes]
-    limits = recorded.setup.limits
-    result = document(figures, limits, first_setting(recorded))
-    _print(figures, result["recommended"], console)
-    if all(one.rpe_mm is None and not one.matches for one in figures):
-        console.print("recommended by M_g alone, since nothing was matched", highlight=False)
-    console.print(f"recommended for this drive, to paste into the configuration:\n\n{result['section']}", markup=False)
+    judgement = judge(
+        found, chosen, present=present, by=by, groups={} if groups is None else groups_of(groups), odometry=odometry,
+        trajectory=trajectory, margins=Margins(margin_odometry, margin_lost, margin_features), kept=ResultCache(kept),
+        workers=workers_of(jobs, cluster), console=console,
+    )  # fmt: skip
+    _show(judgement, console)
     if json_file is not None:
-        json_file.write_text(json.dumps(result, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+        json_file.write_text(json.dumps(judgement.document(), indent=1, allow_nan=False) + "\n", encoding="utf-8")
     if report is not None:
-        write_report(recorded, outcomes, result, report)
+        write_report(judgement, report)
         console.print(f"report: {report}")
 
 
@@ -129,37 +105,41 @@ def _chosen(policies: str) -> list[str]:
     return chosen
 
 
-def _check_fits(truth: Trajectory, drive: Drive, path: Path | None) -> None:
-    """Raise a ConfigurationError for a trajectory of another time."""
-    glimpses = drive.timeline.glimpses
-    known = sum(truth.at(glimpse.time_s) is not None for glimpse in glimpses)
-    if known < len(glimpses) / 2:
-        raise ConfigurationError(
-            f"{path}: covers {known} of the {len(glimpses)} pairs of the drive: its times are "
-            f"{truth.times_s[0]:.3f} to {truth.times_s[-1]:.3f} s, those of the drive {glimpses[0].time_s:.3f} to "
-            f"{glimpses[-1].time_s:.3f} s"
-        )
+def _show(judgement: JudgedFleet, console: Console) -> None:
+    for sentence in judgement.refused:
+        console.print(f"left out: {sentence}", highlight=False, markup=False)
+    for drive in judgement.drives:
+        _print_drive(drive, judgement.present, console)
+    _print(judgement.figures(), judgement.decision().policy or judgement.present, console)
+    _print_differences(judgement.differences(), judgement.present, console)
+    for group in judgement.groups:
+        console.print(f"{group}: {judgement.decision(group).why}", highlight=False, markup=False)
+    console.print(f"\n{judgement.decision().why}", highlight=False, markup=False)
+    console.print(f"for the configuration:\n\n{judgement.section}", highlight=False, markup=False)
 
 
-def _print_drive(drive: Drive, console: Console) -> None:
-    timeline = drive.timeline
-    still = sum(timeline.still) / len(timeline.still)
-    moved_px, jumps = timeline.cycle_motion_px, timeline.sections[-1]
-    moved = "" if moved_px is None else f", else {moved_px:.0f} pixels to a cycle"
+def _print_drive(drive: JudgedDrive, present: str, console: Console) -> None:
+    abouts = [result["about"] for result in drive.results[present]]
+    pairs, cycle = sum(about["pairs"] for about in abouts), abouts[0]["cycle"]
+    still = sum(about["still_share"] * about["pairs"] for about in abouts) / pairs
+    moving = [about["cycle_motion_px"] for about in abouts if about["cycle_motion_px"] is not None]
+    moved = f", else {sum(moving) / len(moving):.0f} pixels to a cycle" if moving else ""
+    jumps = sum(about["jumps"] for about in abouts)
     console.print(
-        f"{len(timeline.glimpses)} pairs in {drive.seconds:.1f} s, {timeline.cycle} to a cycle, "
-        f"{drive.missing} missing; a decision shows after {drive.delay_frames} pairs; {100 * still:.0f} % at "
-        f"rest{moved}; {jumps} {'jump' if jumps == 1 else 'jumps'} of the light",
-        highlight=False,
-    )
-    if jumps > len(timeline.glimpses) / timeline.cycle / 2:
+        f"{drive.path.name}: {pairs} pairs in {drive.seconds:.1f} s, {cycle} to a cycle, "
+        f"{sum(about['missing'] for about in abouts)} missing; "
+        f"a decision shows after {abouts[0]['delay_frames']} pairs; {100 * still:.0f} % at rest{moved}; "
+        f"{jumps} {'jump' if jumps == 1 else 'jumps'} of the light",
+        highlight=False, markup=False,
+    )  # fmt: skip
+    if jumps > pairs / cycle / 2:
         console.print(
             "the light seems to jump in most cycles: more likely, a response is missing or wrong, and nothing below "
             "can be trusted: give cameras.left.response and cameras.right.response "
             "(`autoexpose calibrate response`), and record again",
             highlight=False,
         )
-    if len(drive.geometries) < 2:
+    if not abouts[0]["calibrated"]:
         console.print(
             "no matches and no odometry: the drive has no calibrated pair of cameras; give "
             "cameras.left.calibration and cameras.right.calibration when you record, or put left.yaml and right.yaml "
@@ -168,23 +148,23 @@ def _print_drive(drive: Drive, console: Console) -> None:
         )
 
 
-def _play(everyone: Round, jobs: int, console: Console) -> list[Outcome]:
-    policies = everyone.policies
-    rounds = [
-        replace(everyone, policies=policies[first : first + SIDE_BY_SIDE])
-        for first in range(0, len(policies), SIDE_BY_SIDE)
-    ]
-    found: dict[str, Outcome] = {}
-    try:
-        with LongProgress(console, 3600.0) as progress:
-            bar = progress.add_task("policies", total=len(policies))
-            with closing(over_processes(play, rounds, min(jobs, len(rounds)))) as finished:
-                for one, outcomes in finished:
-                    found |= {outcome.figures.policy: outcome for outcome in outcomes}
-                    progress.update(bar, advance=len(one.policies))
-    except KeyboardInterrupt:
-        raise AutoexposeError("stopped before all policies were judged: nothing was written") from None
-    return [found[policy] for policy in policies]
+def _print_differences(found: Sequence[Difference], present: str, console: Console) -> None:
+    if not found:
+        return
+    table = Table(box=None, padding=(0, 1, 0, 0), pad_edge=False)
+    for place, name in enumerate([f"better than {present} by", "error", "lost pairs", "matches"]):
+        table.add_column(name, justify="right" if place else "left", no_wrap=True)
+    for one in found:
+        table.add_row(one.policy, _interval(one.odometry), _interval(one.lost), _interval(one.features))
+    console.print(table)
+    console.print("in %, with intervals of 95 %, paired by segments of ten seconds", highlight=False)
+
+
+def _interval(interval: Interval | None) -> str:
+    if interval is None or not math.isfinite(interval.high - interval.low):
+        return "-" if interval is None else f"{100 * interval.value:+.1f} [?]"
+    value, low, high = (f"{max(100 * each, -999.0):+.1f}" for each in (interval.value, interval.low, interval.high))
+    return f"{value} \\[{low}, {high}]"
 
 
 def _print(figures: Sequence[Figures], best: str, console: Console) -> None:

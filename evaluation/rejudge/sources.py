@@ -6,7 +6,8 @@ import csv
 import io
 import itertools
 import math
-from collections.abc import Iterator
+import sys
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -18,6 +19,7 @@ import numpy as np
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.parameters import Bracketing, ControlParameters
+from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from autoexpose_daemon.control.setup import ControlSetup
 from autoexpose_daemon.recording.file import LoopState, RecordingError, Setup, Step
 from autoexpose_daemon.recording.read import Recording
@@ -30,6 +32,7 @@ from imaging.exposure import ExposureLimits, ExposureSetting
 from imaging.frames import CameraName, Frame, FrameSet
 from imaging.geometry import SIDES, CameraGeometry
 from imaging.pixels import Pixels
+from imaging.python310 import Self
 from imaging.response import ResponseFunction
 
 LIST = "frames.csv"
@@ -50,7 +53,16 @@ class ListedImage:
     setting: ExposureSetting
 
 
-def read_folder(folder: Path) -> Drive:
+Part = tuple[int, int]  # Of the complete pairs of a drive: the first, and the one after the last
+_ALL: Part = (0, sys.maxsize)
+
+
+def read_drive(path: Path, part: Part = _ALL) -> Drive:
+    """A recording or a folder, or a part of it, for the first time. Raises as `read_folder` and `read_recording` do."""
+    return read_folder(path, part) if path.is_dir() else read_recording(path, part)
+
+
+def read_folder(folder: Path, part: Part = _ALL) -> Drive:
     """Read a folder for the first time. Raises AutoexposeError: naming the file and the line at fault."""
     instants = _instants(folder)
     cameras = tuple(instants[0])
@@ -66,7 +78,7 @@ def read_folder(folder: Path) -> Drive:
         max(_HIGHEST_GAIN_DB, *(setting.gain_db for setting in settings)),
     )
     setup = ControlSetup("fixed", responses, limits, settings[0], ControlParameters(bracket=bracket))
-    source = partial(_pairs, instants)
+    source = partial(_pairs, instants[slice(*part)])
     return watched(str(folder), setup, _decided(setup, source()), source, geometries)
 
 
@@ -210,21 +222,54 @@ def _response(folder: Path, camera: CameraName) -> ResponseFunction:
     return ResponseFile.load(file).response if file.exists() else ResponseFunction.linear()
 
 
-def read_recording(path: Path) -> Drive:
+def read_recording(path: Path, part: Part = _ALL) -> Drive:
     """Read a recording for the first time. Raises AutoexposeError: in one sentence, when it cannot be read, or was not
     recorded in brackets."""
-    setup = _setup(path)
+    setup = _bracketed(path)
     bracket = setup.parameters.bracket
-    if bracket is None:
-        raise RecordingError(f"{path}: was not recorded in brackets: record the drive with `record --bracket`")
     geometries: dict[CameraName, CameraGeometry] = {}
 
     def seen() -> Iterator[tuple[FrameSet, Decision, float]]:
-        for step in _steps(path, bracket):
+        first, end = part
+        for number, step in enumerate(itertools.islice(_steps(path, bracket), end)):
             geometries.update(step.calibrations)
-            yield step.pair, step.decision, step.stamp_ns * 1e-9
+            if number >= first:
+                yield step.pair, step.decision, step.stamp_ns * 1e-9
 
-    return watched(str(path), setup, seen(), partial(_recorded_pairs, path, bracket), geometries)
+    return watched(str(path), setup, seen(), partial(_recorded_pairs, path, bracket, part), geometries)
+
+
+@dataclass(frozen=True, slots=True)
+class Survey:
+    """What is known of a drive without looking at its pictures."""
+
+    policy: str  # that the robot ran, as far as known
+    robot: str  # the rig that it was recorded as, or the name of the folder
+    times_s: Sequence[float]  # of its complete pairs
+    level: float  # median exposure level of the pairs, stops: the higher, the darker it was
+
+    @classmethod
+    def of(cls, path: Path) -> Self:
+        """Read a drive. Raises as `read_drive` does."""
+        if path.is_dir():
+            entries = [next(iter(instant.values())) for instant in _instants(path)]
+            policy, robot = DEFAULT_POLICY, path.name
+            seen = [(entry.time_s, entry.setting.level) for entry in entries]
+        else:
+            setup, recording = _bracketed(path), Recording(path)
+            policy, robot = setup.policy_id, path.stem
+            steps = _complete(recording, path, setup.parameters.bracket)
+            seen = [(step.stamp_ns * 1e-9, step.pair.reference.setting.level) for step in steps]
+            robot = recording.rig or robot
+        times_s = [time_s for time_s, _ in seen]
+        return cls(policy, robot, times_s, float(np.median([level for _, level in seen] or [0.0])))
+
+
+def _bracketed(path: Path) -> ControlSetup:
+    setup = _setup(path)
+    if setup.parameters.bracket is None:
+        raise RecordingError(f"{path}: was not recorded in brackets: record the drive with `record --bracket`")
+    return setup
 
 
 def _setup(path: Path) -> ControlSetup:
@@ -235,13 +280,17 @@ def _setup(path: Path) -> ControlSetup:
     raise RecordingError(f"{path}: is damaged: it does not say how it was made")
 
 
-def _recorded_pairs(path: Path, bracket: Bracketing) -> Iterator[FrameSet]:
-    return (step.pair for step in _steps(path, bracket))
+def _recorded_pairs(path: Path, bracket: Bracketing | None, part: Part) -> Iterator[FrameSet]:
+    return (step.pair for step in itertools.islice(_steps(path, bracket), *part))
 
 
-def _steps(path: Path, bracket: Bracketing) -> Iterator[Step]:
+def _steps(path: Path, bracket: Bracketing | None) -> Iterator[Step]:
     """Those with complete pairs."""
-    for item in Recording(path):
+    return _complete(Recording(path), path, bracket)
+
+
+def _complete(recording: Recording, path: Path, bracket: Bracketing | None) -> Iterator[Step]:
+    for item in recording:
         match item:
             case Step() if len(item.pair.frames) == item.cameras:
                 yield item

@@ -16,11 +16,14 @@ from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from evaluation.arena import arena_app, count, runs
 from evaluation.arena.arena_app import arena_app as app
 from evaluation.arena.arena_report import mean_ratios, outcomes
-from evaluation.arena.count import Count, c_files, count_c, count_python, python_files, snapshot_fields
-from evaluation.arena.race import CourseScore
-from evaluation.arena.runs import ArenaRun, Task, document, full_plan, quick_plan, results, run_plan, run_task
+from evaluation.arena.count import Count, count_c, count_python, python_files, snapshot_fields
+from evaluation.arena.race import CourseScore, Series
+from evaluation.arena.runs import ArenaRun, document, full_plan, quick_plan, results
 from evaluation.experiments.worth.matches.courses import courses
+from evaluation.jobs import run as jobs_run
+from evaluation.jobs.native import c_files
 from evaluation.scenes.scenarios import SCENARIOS, WARM_UP_FRAMES
+from evaluation.stage.camera import Entrant
 from imaging.errors import AutoexposeError, ConfigurationError
 
 FIGURES = {
@@ -54,6 +57,7 @@ def short_scenarios(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_quick_arena_writes_json_and_report(tmp_path: Path) -> None:
     out, folder = tmp_path / "out.json", tmp_path / "report"
     options = ["--quick", "--jobs", "1", "--policies", "begin2022,fixed", "--scenarios", "step_up,step_down"]
+    options += ["--kept", str(tmp_path / "kept")]
     result = CliRunner().invoke(app, [*options, "--json", str(out), "--report", str(folder)])
     assert result.exit_code == 0, result.output
     figures = json.loads(out.read_text())
@@ -76,35 +80,44 @@ def check(entry: dict[str, object], schema: dict[str, object]) -> None:
         assert isinstance(entry[key], kind), key  # type: ignore[arg-type]
 
 
-def run_shortened(task: Task, policies: Sequence[str]) -> list[ArenaRun]:
-    """`run_task` in a process of its own, which does not have what is patched here."""
-    SCENARIOS.update(SHORT)
-    return run_task(task, policies)
-
-
-@pytest.mark.long
 @pytest.mark.usefixtures("short_scenarios")
-def test_processes_give_what_one_process_gives(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(runs, "run_task", run_shortened)
-    tasks = [Task("step_down", scene, 1, (2,), "tune") for scene in ("leaves", "shelves")]
-    alone = dict(run_plan(tasks, ["fixed"], 1))
-    spread = dict(run_plan(tasks, ["fixed"], 2))
-    assert alone == spread
-
-
-@pytest.mark.parametrize(
-    ("error", "message"),
-    [(KeyboardInterrupt, "stopped before it was done"), (BrokenProcessPool, "killed from outside.*fewer --jobs")],
-)
-def test_an_arena_that_is_cut_short_ends_in_one_sentence(
-    error: type[BaseException], message: str, monkeypatch: pytest.MonkeyPatch
+def test_a_stopped_arena_goes_on_and_another_policy_costs_its_own_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def interrupted(*_: object) -> None:
-        raise error
+    """What is asked for later is to the byte what it would be at once."""
+    raced: list[tuple[str, list[str]]] = []
+    run_course = runs.run_course
 
-    monkeypatch.setattr(arena_app, "run_plan", interrupted)
-    with pytest.raises(AutoexposeError, match=message):
-        app(["--quick", "--jobs", "1"], standalone_mode=False)
+    def noted(scenario: str, scene: str, seed: int, entrants: Sequence[Entrant]) -> list[Series]:
+        raced.append((scenario, [entrant.name for entrant in entrants]))
+        if len(raced) == 2:
+            raise KeyboardInterrupt
+        return run_course(scenario, scene, seed, entrants)
+
+    def race(*policies: str, kept: str = "kept") -> str:
+        file = tmp_path / "out.json"
+        given = ["--policies", ",".join(policies), "--kept", str(tmp_path / kept), "--json", str(file)]
+        app(["--quick", "--jobs", "1", "--scenarios", "step_up,step_down", *given], standalone_mode=False)
+        return file.read_text()
+
+    monkeypatch.setattr(runs, "run_course", noted)
+    with pytest.raises(AutoexposeError, match="the same command goes on where it was"):
+        race("fixed", "begin2022")
+    race("fixed", "begin2022")
+    first, again, other = (scenario for scenario, _ in raced)
+    assert {first, again} == {"step_up", "step_down"} and again == other
+    both = race("neves2009", "fixed", "begin2022")
+    assert [names for _, names in raced[3:]] == 2 * [["neves2009"]]
+    assert both == race("neves2009", "fixed", "begin2022", kept="anew")
+
+
+def test_an_arena_whose_process_dies_ends_in_one_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def killed(*_: object, **__: object) -> None:
+        raise BrokenProcessPool
+
+    monkeypatch.setattr(jobs_run, "over_processes", killed)
+    with pytest.raises(AutoexposeError, match=r"killed from outside.*fewer --jobs"):
+        app(["--quick", "--jobs", "1", "--kept", str(tmp_path)], standalone_mode=False)
 
 
 @pytest.mark.parametrize(
@@ -130,7 +143,7 @@ def test_bad_options_get_one_sentence_before_any_run(
 ) -> None:
     (tmp_path / "damaged.hdr").write_text("no picture")
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(arena_app, "run_plan", lambda *_: pytest.fail("it ran"))
+    monkeypatch.setattr(arena_app, "run_long", lambda *_: pytest.fail("it ran"))
     with pytest.raises(ConfigurationError, match=message):
         app(options, standalone_mode=False)
 

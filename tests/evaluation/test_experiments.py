@@ -19,23 +19,16 @@ import pytest
 from rich.console import Console
 from typer.testing import CliRunner
 
-from evaluation.experiments import cache, experiments_app
-from evaluation.experiments.cache import ResultCache, run_jobs
+from evaluation.experiments import experiments_app
 from evaluation.experiments.drives.drives import measure_policies
-from evaluation.experiments.experiment import (
-    Claim,
-    Experiment,
-    Figure,
-    Job,
-    Plain,
-    ReportSection,
-    Results,
-    Table,
-    Verdict,
-)
+from evaluation.experiments.experiment import Claim, Experiment, Figure, ReportSection, Results, Table, Verdict
 from evaluation.experiments.experiments_app import count_of_verdicts, write_experiments_report
 from evaluation.experiments.experiments_app import experiments_app as app
-from evaluation.experiments.statistics import clustered, mean_interval, pearson
+from evaluation.intervals import clustered, mean_interval, pearson
+from evaluation.jobs import kept as kept_results
+from evaluation.jobs.job import Job, Plain
+from evaluation.jobs.kept import ResultCache
+from evaluation.jobs.run import here, run_jobs
 from evaluation.long_runs import LongProgress
 from evaluation.pool import over_processes
 from imaging.errors import AutoexposeError
@@ -60,9 +53,9 @@ def test_results_are_kept_and_come_in_the_order_of_their_jobs(tmp_path: Path) ->
     def advance(job: Job, took_s: float) -> None:
         reported.append((jobs.index(job), took_s > 0))
 
-    first = run_jobs(jobs, ResultCache(tmp_path), 1, advance)
+    first = run_jobs(jobs, ResultCache(tmp_path), here(1), advance)
     assert CALLS == [5, 3, 2]  # the long ones first
-    again = run_jobs(jobs, ResultCache(tmp_path), 1, advance)
+    again = run_jobs(jobs, ResultCache(tmp_path), here(1), advance)
     assert CALLS == [5, 3, 2]
     assert [r["square"] for r in first if isinstance(r, dict)] == [4, 25, 9]
     assert repr(first) == repr(again)
@@ -73,15 +66,15 @@ def test_a_failed_run_resumes_where_it_was(tmp_path: Path) -> None:
     CALLS.clear()
     kept = ResultCache(tmp_path)
     with pytest.raises(ValueError, match="1 is refused"):
-        run_jobs([Job(square, {"number": 7}, 2.0), Job(fails, {"number": 1})], kept, 1, lambda _job, _took: None)
-    run_jobs([Job(square, {"number": 7}, 2.0)], kept, 1, lambda _job, _took: None)
+        run_jobs([Job(square, {"number": 7}, 2.0), Job(fails, {"number": 1})], kept, here(1), lambda _job, _took: None)
+    run_jobs([Job(square, {"number": 7}, 2.0)], kept, here(1), lambda _job, _took: None)
     assert CALLS == [7]
 
 
 def test_equal_jobs_run_once(tmp_path: Path) -> None:
     CALLS.clear()
     jobs = [Job(square, {"number": n}) for n in (4, 6, 4)]
-    found = run_jobs(jobs, ResultCache(tmp_path), 1, lambda _job, _took: None)
+    found = run_jobs(jobs, ResultCache(tmp_path), here(1), lambda _job, _took: None)
     assert [r["square"] for r in found if isinstance(r, dict)] == [16, 36, 16]
     assert sorted(CALLS) == [4, 6]
 
@@ -99,9 +92,9 @@ JOBS = {
 
 
 def keys() -> dict[tuple[str, ...] | None, str]:
-    cache._digest.cache_clear()
+    kept_results._digest.cache_clear()
     found = {policies: ResultCache(Path("anywhere")).key(job) for policies, job in JOBS.items()}
-    cache._digest.cache_clear()
+    kept_results._digest.cache_clear()
     return found
 
 
@@ -128,7 +121,7 @@ def test_a_job_runs_again_when_code_that_it_reaches_changes(
 def test_another_default_changes_all_results(monkeypatch: pytest.MonkeyPatch) -> None:
     """Quick runs and tables may ask for it."""
     before = keys()
-    monkeypatch.setattr(cache, "DEFAULT_POLICY", "begin2022")
+    monkeypatch.setattr(kept_results, "DEFAULT_POLICY", "begin2022")
     assert not set(before.values()) & set(keys().values())
 
 

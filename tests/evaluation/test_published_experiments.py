@@ -16,7 +16,6 @@ import pytest
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY, POLICY_IDS
 from evaluation.arrays import Greys
 from evaluation.experiments import steering
-from evaluation.experiments.cache import ResultCache, run_jobs
 from evaluation.experiments.drives import drives, fig7, fig12
 from evaluation.experiments.drives.drives import FEWEST_ROOMS, over_rooms
 from evaluation.experiments.drives.fig12 import LOW, SCENES, UNEVEN, PolicyRuns
@@ -35,7 +34,6 @@ from evaluation.experiments.prediction.still_life import (
     rest_level,
     summary,
 )
-from evaluation.experiments.statistics import Interval, above, alike, below, not_above, together
 from evaluation.experiments.steering import (
     EXPERIMENT,
     HALVES,
@@ -48,6 +46,10 @@ from evaluation.experiments.steering import (
     measure_halves,
     stage_of,
 )
+from evaluation.experiments.verdicts import above, alike, below, not_above, together
+from evaluation.intervals import Interval
+from evaluation.jobs.kept import ResultCache
+from evaluation.jobs.run import here, run_jobs
 from evaluation.odometry.stereo import Tracked
 from evaluation.scenes.views import build_views
 from evaluation.stage.camera import FAKE_CAMERAS, CameraResponse, time_first
@@ -80,7 +82,7 @@ def run_quick(
     jobs = [
         replace(job, arguments={**job.arguments, **changes}) for job in experiment.jobs(True) if keep(job.arguments)
     ]
-    found = run_jobs(jobs[-last:], ResultCache(folder / "jobs"), 1, lambda _job, _took: None)
+    found = run_jobs(jobs[-last:], ResultCache(folder / "jobs"), here(1), lambda _job, _took: None)
     results: Results = [(job.arguments, found[place % len(found)]) for place, job in enumerate(jobs)]
     section = experiment.section(results, folder)
     check_section(section, folder)

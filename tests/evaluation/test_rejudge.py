@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import sys
+import tempfile
 from dataclasses import replace
 from pathlib import Path
 
@@ -23,9 +24,9 @@ from autoexpose_daemon.recording.replay import report_replay
 from calibration.geometry.opencv import ros_yaml
 from evaluation.experiments.rejudge import simulated_geometries, simulated_setup
 from evaluation.odometry.tracking import lap, odometry_stage
-from evaluation.rejudge.contest import Figures, recommended
 from evaluation.rejudge.following import ReferenceTrajectory, Trajectory, read_tum, tum
 from evaluation.rejudge.rejudge_app import rejudge
+from evaluation.rejudge.segments import parts_of
 from evaluation.rejudge.sources import read_recording
 from evaluation.stage.camera import DelayedLoop
 from evaluation.stage.rendering import Stage
@@ -71,7 +72,9 @@ FIRST_STEADY = 8
 
 
 def run(*arguments: object) -> Result:
-    return CliRunner().invoke(app, [str(argument) for argument in arguments])
+    """Without what is kept from earlier."""
+    with tempfile.TemporaryDirectory() as kept:
+        return CliRunner().invoke(app, [*map(str, arguments), "--kept", kept])
 
 
 def said(*arguments: object) -> str:
@@ -97,10 +100,8 @@ def of_the_drive(trajectory: Trajectory, drive_file: Path) -> Trajectory:
 def test_policies_are_judged_and_one_is_recommended(drive_file: Path, tmp_path: Path) -> None:
     truth, page, figures = tmp_path / "true.tum", tmp_path / "page.html", tmp_path / "figures.json"
     truth.write_text(tum(of_the_drive(true_trajectory(), drive_file)))
-    outcome = run(
-        drive_file, "--policies", f"{DEFAULT_POLICY},neves2009", "--jobs", "1", "--trajectory", truth, "--json",
-        figures, "--report", page,
-    )  # fmt: skip
+    chosen = ("--policies", f"{DEFAULT_POLICY},neves2009", "--present", DEFAULT_POLICY, "--jobs", "1")
+    outcome = run(drive_file, *chosen, "--trajectory", truth, "--json", figures, "--report", page)
     assert outcome.exit_code == 0, outcome.exception
     assert "36 pairs in 0.6 s, 4 to a cycle, 0 missing" in outcome.output.replace("\n", " ")
     written = json.loads(figures.read_text())
@@ -109,11 +110,14 @@ def test_policies_are_judged_and_one_is_recommended(drive_file: Path, tmp_path: 
         assert 0.05 < one["metric"] < 0.5
         assert one["matches"] > 30
         assert 0.0 < one["rpe_mm"] < 10.0
-    assert written["recommended"] in written["section"]
-    assert written["section"] in outcome.output
+    assert written["recommended"] == written["present"] == DEFAULT_POLICY  # half a second decides nothing
+    assert written["decision"]["policy"] is None and f"stay with {DEFAULT_POLICY}" in written["decision"]["why"]
+    assert written["section"] in outcome.output and DEFAULT_POLICY in written["section"]
+    (drive,) = written["drives"]
+    assert drive["segments"] == 1 and [one["policy"] for one in drive["policies"]] == [DEFAULT_POLICY, "neves2009"]
     text = page.read_text()
-    assert text.count("<img") == 12
-    assert "http" not in text
+    assert text.count("<img") == 6  # the worst ten seconds of the other, side by side
+    assert f"Stay with {DEFAULT_POLICY}" in text and "http" not in text
 
 
 def program(tmp_path: Path, *lines: str) -> str:
@@ -169,7 +173,7 @@ def test_a_policy_under_which_the_program_tracks_nothing_is_lost(drive_file: Pat
     result = json.loads((tmp_path / "f.json").read_text())
     assert [one["lost_share"] for one in result["policies"]] == [1.0, 0.0, 1.0]
     assert [one["rpe_mm"] is None for one in result["policies"]] == [True, False, True]
-    assert result["recommended"] == "kim2018"
+    assert (result["recommended"], result["decision"]["policy"]) == (result["present"], None)
     rows = [line.split()[0] for line in outcome.output.splitlines() if "%" in line]
     assert rows.index("kim2018") < min(rows.index("fixed"), rows.index("neves2009"))
 
@@ -181,6 +185,37 @@ def test_a_drive_that_was_recorded_under_former_names_is_judged_alike(drive_file
         assert run(file, *QUICK, "--json", figures).exit_code == 0
         found.append(json.loads(figures.read_text())["policies"])
     assert found[0] == found[1]
+
+
+def test_a_fleet_is_judged_by_groups_and_what_is_damaged_is_left_out(drive_file: Path, tmp_path: Path) -> None:
+    content = drive_file.read_bytes()
+    folder = tmp_path / "drives/robot1"
+    folder.mkdir(parents=True)
+    for name in ("a", "b"):
+        (folder / f"{name}.mcap").write_bytes(content)
+    (folder / "c.mcap").write_text("not a recording")
+    (tmp_path / "list.txt").write_text("# of today\ndrives/robot1/a.mcap\n")
+    (tmp_path / "groups.csv").write_text("a.mcap,north\nb.mcap,south\n")
+    given = (tmp_path / "drives", tmp_path / "list.txt", "--policies", "fixed,neves2009", "--present", "fixed")
+    outcome = run(*given, "--groups", tmp_path / "groups.csv", "--json", tmp_path / "f.json")
+    assert outcome.exit_code == 0, outcome.exception
+    written = json.loads((tmp_path / "f.json").read_text())
+    assert [Path(drive["drive"]).name for drive in written["drives"]] == ["a.mcap", "b.mcap"]
+    one, other, both = (
+        [{name: value for name, value in each.items() if name != "rpe_parts_mm"} for each in rows]
+        for rows in (*(drive["policies"] for drive in written["drives"]), written["policies"])
+    )
+    assert one == other == both
+    assert "c.mcap is not an MCAP file" in " ".join(written["refused"]).replace(":", "")
+    assert "left out" in outcome.output and set(written["groups"]) == {"north", "south"}
+    assert written["intervals"].keys() == {"neves2009"}
+
+
+def test_a_drive_is_cut_into_ten_seconds() -> None:
+    times_s = np.arange(0.0, 34.0, 0.1)
+    assert parts_of(times_s.tolist()) == [(0, 100), (100, 200), (200, 340)]
+    assert parts_of(np.arange(0.0, 36.0, 0.1).tolist())[-1] == (300, 360)
+    assert parts_of([5.0, 5.1]) == [(0, 2)]
 
 
 def test_what_cannot_be_judged_is_refused_in_a_sentence(drive_file: Path, tmp_path: Path) -> None:
@@ -270,21 +305,7 @@ def test_a_folder_of_images_is_judged_as_its_recording_is(drive_file: Path, tmp_
         cv2.imwrite(str(tmp_path / "right15.png"), other)
         assert words in said(tmp_path, *QUICK)
     (tmp_path / "frames.csv").unlink()
-    assert "frames.csv: cannot be read" in said(tmp_path, *QUICK)
-
-
-def figures(policy: str, rpe_mm: list[float | None], matches: float, lost_share: float = 0.0) -> Figures:
-    known = [error_mm for error_mm in rpe_mm if error_mm is not None]
-    mean = float(np.mean(known)) if known else None
-    return Figures(policy, 0.2, 0.1, 0.1, matches, mean, rpe_mm, lost_share, 1000.0, 0.0, 0.0, 1.0)
-
-
-def test_who_is_recommended() -> None:
-    good, alike = figures("good", [1.0, 1.2, 0.9, 1.1], 100.0), figures("alike", [1.5, 0.7, 1.2, 1.1], 120.0)
-    worse, lost = figures("worse", [2.0, 2.2, 1.9, 2.3], 300.0), figures("lost", [0.1, 0.1, 0.1, 0.1], 300.0, 0.2)
-    assert recommended([good, worse, lost]) == "good"
-    assert recommended([good, alike, worse]) == "alike"
-    assert recommended([figures("a", [None], 10.0), figures("b", [None], 11.0)]) == "b"
+    assert "no drive in it: no .mcap file, and no frames.csv" in said(tmp_path, *QUICK)
 
 
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16"])

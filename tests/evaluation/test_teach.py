@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 
 from evaluation.arrays import Floats32, Greys
-from evaluation.experiments.cache import ResultCache, run_jobs
 from evaluation.experiments.experiment import Figure, Verdict
 from evaluation.experiments.teach.judge import (
     FIXED,
@@ -31,6 +30,8 @@ from evaluation.experiments.teach.judge import (
 from evaluation.experiments.teach.park import MAPS, REPLAYS, TEACHING, Daylight, ParkPath, park
 from evaluation.experiments.teach.replay import BRIGHTNESS, IMAGES_PER_MAP, OFFSETS, TrueShifts, at_half, measure_sweep
 from evaluation.experiments.teach.teach_repeat import EXPERIMENT
+from evaluation.jobs.kept import ResultCache
+from evaluation.jobs.run import here, run_jobs
 from evaluation.scenes.stills import leaves
 from evaluation.scenes.views import CAMERA
 from evaluation.stage.camera import SimulatedCamera
@@ -185,7 +186,7 @@ def test_the_full_run_has_as_many_views_and_registrations_as_the_paper() -> None
 def test_the_quick_run_shows_how_the_policies_expose_and_registers(tmp_path: Path) -> None:
     """Effects far beyond noise: the brightness that each policy holds, and that all three register well."""
     jobs = [replace(job, arguments={**job.arguments, "maps": 2}) for job in EXPERIMENT.jobs(True)]
-    measured: list[Any] = run_jobs(jobs, ResultCache(tmp_path / "jobs"), 1, lambda _job, _took: None)
+    measured: list[Any] = run_jobs(jobs, ResultCache(tmp_path / "jobs"), here(1), lambda _job, _took: None)
     (result,) = measured
     looks = {policy: np.array(rows) for policy, rows in result["looks"].items()}
     level, upper, whole, saturated = (

@@ -16,7 +16,6 @@ from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY, POLICY_IDS
 from evaluation.arrays import Floats
 from evaluation.committed import PAINTINGS
 from evaluation.experiments.experiment import Figure, Table
-from evaluation.experiments.statistics import PolicyComparison, over_places
 from evaluation.experiments.worth import odometry_judge, worth
 from evaluation.experiments.worth.contenders import CONTENDERS
 from evaluation.experiments.worth.matches import courses
@@ -36,6 +35,7 @@ from evaluation.experiments.worth.matches.scenes import MovingStill
 from evaluation.experiments.worth.odometry_judge import LUX, PERIODS_S, RoomDrive, drives
 from evaluation.experiments.worth.tables import BOUNDS, MARGINS, Verdicts, claims_tables
 from evaluation.experiments.worth.worth import SHOWN
+from evaluation.intervals import PolicyComparison, over_places
 from evaluation.stage.camera import LIMITS
 from imaging.exposure import ExposureSetting
 from tests.evaluation.sections import check_section

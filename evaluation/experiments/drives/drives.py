@@ -24,8 +24,9 @@ from autoexpose_daemon.control.metrics.published import (
 from autoexpose_daemon.control.picture.image import ImagePreparation
 from evaluation.arrays import Floats
 from evaluation.committed import FURNISHED_ROOMS
-from evaluation.experiments.experiment import Claim, Plain, Verdict
-from evaluation.experiments.statistics import FEWEST, Interval, mean_interval
+from evaluation.experiments.experiment import Claim, Verdict
+from evaluation.intervals import FEWEST, Interval, mean_interval
+from evaluation.jobs.job import Plain
 from evaluation.odometry.features import StereoMatcher
 from evaluation.odometry.orb import in_house
 from evaluation.odometry.orb_slam3 import OrbSlam3, silent, write_taught_vocabulary

@@ -26,16 +26,16 @@ from evaluation.experiments.experiment import (
     Claim,
     Experiment,
     Figure,
-    Job,
-    Plain,
     ReportSection,
     Results,
     Table,
     Verdict,
     jobs_and_results,
 )
-from evaluation.experiments.statistics import Interval, above, alike, below, not_above, together
+from evaluation.experiments.verdicts import above, alike, below, not_above, together
 from evaluation.experiments.worth.tables import Verdicts, claims_tables
+from evaluation.intervals import Interval
+from evaluation.jobs.job import Job, Plain
 from evaluation.odometry.orb_slam3 import PACKAGE, installed
 from evaluation.odometry.tracking import EVERY, Light
 from evaluation.prose import text_beside

@@ -19,8 +19,10 @@ from evaluation.experiments.drives.drives import (
     over_rooms,
     unless_few,
 )
-from evaluation.experiments.experiment import Claim, Experiment, Figure, Job, ReportSection, Results, Table, Verdict
-from evaluation.experiments.statistics import Interval, above, alike, below, clustered, not_above, pearson, together
+from evaluation.experiments.experiment import Claim, Experiment, Figure, ReportSection, Results, Table, Verdict
+from evaluation.experiments.verdicts import above, alike, below, not_above, together
+from evaluation.intervals import Interval, clustered, pearson
+from evaluation.jobs.job import Job
 from evaluation.prose import text_beside
 from evaluation.scenes.scenarios import RATE_HZ
 

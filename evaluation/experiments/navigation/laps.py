@@ -12,10 +12,10 @@ import numpy as np
 
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from evaluation.arrays import Flags, Floats
-from evaluation.experiments.experiment import Plain
 from evaluation.experiments.navigation.seasons import Night, ParkScene
 from evaluation.experiments.teach.park import REPLAYS, TEACHING, Daylight, ParkPath
 from evaluation.experiments.teach.replay import ExposingRobot
+from evaluation.jobs.job import Plain
 from evaluation.scenes.views import CAMERA
 from evaluation.stage.camera import Entrant, Radiance, SimulatedCamera
 from navigation.drive.repetition import Repetition, Stop

@@ -10,10 +10,10 @@ from typing import Final, get_args
 import numpy as np
 
 from evaluation.arrays import Floats, Ints
-from evaluation.experiments.experiment import Plain
 from evaluation.experiments.navigation.seasons import HOURS, TAUGHT, ParkScene, When, months
 from evaluation.experiments.teach.park import MAPS, ParkPath
 from evaluation.experiments.teach.replay import ExposingRobot, TrueShifts
+from evaluation.jobs.job import Plain
 from evaluation.stage.camera import Entrant, Image, SimulatedCamera
 from navigation.maps.adaptation import LocalMap, Strategy, adapt, best, drawn, states_of
 from navigation.maps.temporal import MODELS, FeatureHistory, Predict, fremen

@@ -15,22 +15,13 @@ import numpy as np
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from evaluation.arrays import Floats, Ints
 from evaluation.drawing import save
-from evaluation.experiments.experiment import (
-    Claim,
-    Experiment,
-    Figure,
-    Job,
-    Plain,
-    ReportSection,
-    Results,
-    Table,
-    Verdict,
-)
+from evaluation.experiments.experiment import Claim, Experiment, Figure, ReportSection, Results, Table, Verdict
 from evaluation.experiments.navigation.laps import AT_MOST_M, LIGHTS, LOST_M, POLICIES, measure_laps
 from evaluation.experiments.navigation.months import EXPOSURE, PAPERS, measure_hours, measure_months
 from evaluation.experiments.navigation.seasons import HOURS
-from evaluation.experiments.statistics import alike
 from evaluation.experiments.teach.judge import LOST_PX, WITHIN_PX, Errors, PairedComparison, compare, probability
+from evaluation.experiments.verdicts import alike
+from evaluation.jobs.job import Job, Plain
 from evaluation.prose import text_beside
 from navigation.views.registration import RULES
 

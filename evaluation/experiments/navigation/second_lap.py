@@ -18,7 +18,8 @@ from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from autoexpose_daemon.control.step import StepInputs
 from evaluation.arena.race import Series, race
 from evaluation.arrays import Floats, Ints
-from evaluation.experiments.experiment import Claim, Experiment, Figure, Job, Plain, ReportSection, Results, Table
+from evaluation.experiments.experiment import Claim, Experiment, Figure, ReportSection, Results, Table
+from evaluation.jobs.job import Job, Plain
 from evaluation.prose import text_beside
 from evaluation.scenes.scenarios import RATE_HZ, WARM_UP_FRAMES, Course, steady
 from evaluation.scenes.views import Gaze, build_views

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from evaluation.drawing import panels, save
-from evaluation.experiments.experiment import Claim, Experiment, Figure, Job, ReportSection, Results, Table, Verdict
+from evaluation.experiments.experiment import Claim, Experiment, Figure, ReportSection, Results, Table, Verdict
 from evaluation.experiments.prediction.still_life import (
     DELTAS,
     GAINS_DB,
@@ -18,7 +18,8 @@ from evaluation.experiments.prediction.still_life import (
     measure_coupling,
     plateau_centre,
 )
-from evaluation.experiments.statistics import Interval, mean_interval
+from evaluation.intervals import Interval, mean_interval
+from evaluation.jobs.job import Job
 from evaluation.prose import text_beside
 
 LUX = 50.0  # As in the paper

@@ -11,7 +11,7 @@ import numpy as np
 
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from evaluation.drawing import COLOURS, panels, save
-from evaluation.experiments.experiment import Claim, Experiment, Figure, Job, ReportSection, Results, Table, Verdict
+from evaluation.experiments.experiment import Claim, Experiment, Figure, ReportSection, Results, Table, Verdict
 from evaluation.experiments.prediction.still_life import (
     BAND_STOPS,
     CONTESTANTS,
@@ -22,7 +22,8 @@ from evaluation.experiments.prediction.still_life import (
     frames_to_converge,
     measure_step,
 )
-from evaluation.experiments.statistics import Interval, mean_interval
+from evaluation.intervals import Interval, mean_interval
+from evaluation.jobs.job import Job
 from evaluation.prose import text_beside
 from evaluation.stage.camera import CameraResponse
 

@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 
 from evaluation.drawing import COLOURS, panels, save
-from evaluation.experiments.experiment import Claim, Experiment, Figure, Job, ReportSection, Results, Table, Verdict
+from evaluation.experiments.experiment import Claim, Experiment, Figure, ReportSection, Results, Table, Verdict
 from evaluation.experiments.prediction.still_life import LAWS, camera_of, measure_rest, summary
-from evaluation.experiments.statistics import Interval, mean_interval
+from evaluation.intervals import Interval, mean_interval
+from evaluation.jobs.job import Job
 from evaluation.prose import text_beside
 from evaluation.stage.camera import CameraResponse
 

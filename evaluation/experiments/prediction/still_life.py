@@ -19,7 +19,7 @@ from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from autoexpose_daemon.control.policies.published.gamma import gamma_table
 from autoexpose_daemon.control.policy import ExposurePolicy, Observation, Target
 from evaluation.arrays import Floats, Greys
-from evaluation.experiments.experiment import Plain
+from evaluation.jobs.job import Plain
 from evaluation.scenes.scenarios import RATE_HZ, Course, no_turn, steady
 from evaluation.scenes.views import build_views
 from evaluation.stage.camera import LIMITS, CameraResponse, DelayedLoop, Image, pair_of, time_first

@@ -11,9 +11,9 @@ import numpy as np
 
 from evaluation.arrays import Floats, Ints
 from evaluation.experiments.experiment import Claim, Results, Verdict
-from evaluation.experiments.statistics import Interval
 from evaluation.experiments.teach.park import REPLAYS, STEADY
 from evaluation.experiments.teach.replay import POLICIES, WAYS
+from evaluation.intervals import Interval
 
 LOST_PX = 50.0  # In means and tests, larger errors and failures count as this: a robot cannot be more than lost
 WITHIN_PX = 5.0  # Where the curves are compared

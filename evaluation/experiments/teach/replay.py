@@ -12,8 +12,8 @@ import numpy as np
 
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from evaluation.arrays import Floats
-from evaluation.experiments.experiment import Plain
 from evaluation.experiments.teach.park import MAPS, REPLAYS, TEACHING, ParkPath, park
+from evaluation.jobs.job import Plain
 from evaluation.scenes.views import CAMERA
 from evaluation.stage.camera import LIMITS, Entrant, Image, Radiance, SimulatedCamera, pair_of, time_first
 from fake_camera.world.render.renderer import Renderer, Surface

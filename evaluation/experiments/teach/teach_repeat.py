@@ -15,7 +15,7 @@ from matplotlib.axes import Axes
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from evaluation.arrays import Greys
 from evaluation.drawing import save
-from evaluation.experiments.experiment import Experiment, Figure, Job, ReportSection, Results, Table
+from evaluation.experiments.experiment import Experiment, Figure, ReportSection, Results, Table
 from evaluation.experiments.teach.judge import (
     AS_PAPER,
     FIXED,
@@ -38,6 +38,7 @@ from evaluation.experiments.teach.judge import (
 )
 from evaluation.experiments.teach.park import MAPS, REPLAYS
 from evaluation.experiments.teach.replay import POLICIES, WAYS, measure, measure_sweep
+from evaluation.jobs.job import Job
 from evaluation.prose import text_beside
 
 

@@ -12,10 +12,10 @@ import numpy as np
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from evaluation.arrays import Floats
 from evaluation.committed import REPORT_ROOM, ROOMS, TUNING_ROOM
-from evaluation.experiments.experiment import Job, Plain
 from evaluation.experiments.worth.contenders import CONTENDERS, Contender, medians
 from evaluation.experiments.worth.matches.judge import PREPARATIONS
 from evaluation.experiments.worth.tables import FIXED_IN_HINDSIGHT
+from evaluation.jobs.job import Job, Plain
 from evaluation.odometry.orb import in_house
 from evaluation.odometry.stereo import SUB_TRAJECTORY_M, relative_errors_mm
 from evaluation.odometry.tracking import EVERY, illumination, lap, lost_for_good, true_pose

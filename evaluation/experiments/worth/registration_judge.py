@@ -11,7 +11,6 @@ import numpy as np
 
 from evaluation.arrays import Floats
 from evaluation.committed import REPORT_PARK, TUNING_PARK
-from evaluation.experiments.experiment import Job, Plain
 from evaluation.experiments.teach.judge import TILTS, WITHIN_PX
 from evaluation.experiments.teach.park import MAPS as PATH_MAPS
 from evaluation.experiments.teach.park import REPLAYS, TEACHING, Daylight, ParkPath, park
@@ -27,6 +26,7 @@ from evaluation.experiments.teach.replay import (
 )
 from evaluation.experiments.worth.contenders import APART, CONTENDERS, PUBLISHED, Contender, policy
 from evaluation.experiments.worth.tables import FIXED_IN_HINDSIGHT, ORACLE_PER_FRAME
+from evaluation.jobs.job import Job, Plain
 from evaluation.scenes.views import CAMERA
 from evaluation.stage.camera import LIMITS, Entrant, SimulatedCamera, time_first
 from fake_camera.world.render.renderer import Renderer, Surface

@@ -11,8 +11,6 @@ import argparse
 import time
 from pathlib import Path
 
-from evaluation.experiments.cache import ResultCache, run_jobs
-from evaluation.experiments.experiment import Job
 from evaluation.experiments.worth import odometry_judge
 from evaluation.experiments.worth.contenders import CONTENDERS
 from evaluation.experiments.worth.matches import judge as matches_judge
@@ -20,6 +18,9 @@ from evaluation.experiments.worth.matches.courses import courses
 from evaluation.experiments.worth.odometry_judge import drives
 from evaluation.experiments.worth.tables import claims_tables, means_tables
 from evaluation.experiments.worth.worth import verdicts_of
+from evaluation.jobs.job import Job
+from evaluation.jobs.kept import ResultCache
+from evaluation.jobs.run import here, run_jobs
 
 
 def main() -> None:
@@ -44,7 +45,7 @@ def main() -> None:
         took[name] = took.get(name, 0.0) + took_s
         print(f"{time.strftime('%H:%M:%S')} {name} {took_s:.0f} s", flush=True)
 
-    found = run_jobs(jobs, ResultCache(given.out / "jobs"), given.jobs, advance)
+    found = run_jobs(jobs, ResultCache(given.out / "jobs"), here(given.jobs), advance)
     verdicts = verdicts_of([(job.arguments, rows) for job, rows in zip(jobs, found, strict=True)])
     first, *others = given.names
     for table in (*means_tables(verdicts), *claims_tables(verdicts, others, first)):

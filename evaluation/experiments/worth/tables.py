@@ -13,7 +13,7 @@ from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from evaluation.committed import ERROR_MARGIN, FEATURE_MARGIN
 from evaluation.drawing import COLOURS, panels, save
 from evaluation.experiments.experiment import Table
-from evaluation.experiments.statistics import FEWEST, Interval, PolicyComparison, over_places
+from evaluation.intervals import FEWEST, Interval, PolicyComparison, over_places
 
 FIXED_IN_HINDSIGHT = "fixed-in-hindsight"
 ORACLE_PER_FRAME = "oracle-per-frame"

@@ -15,7 +15,7 @@ import numpy as np
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from evaluation.committed import ERROR_MARGIN, FEATURE_MARGIN, ROOMS
 from evaluation.drawing import save
-from evaluation.experiments.experiment import Experiment, Figure, Job, Plain, ReportSection, Results, Table
+from evaluation.experiments.experiment import Experiment, Figure, ReportSection, Results, Table
 from evaluation.experiments.worth import odometry_judge, registration_judge
 from evaluation.experiments.worth.contenders import LEARNED, OURS, PUBLISHED, policy
 from evaluation.experiments.worth.matches import judge as matches_judge
@@ -31,6 +31,7 @@ from evaluation.experiments.worth.tables import (
     means_tables,
     plot_gains,
 )
+from evaluation.jobs.job import Job, Plain
 from evaluation.prose import text_beside
 from imaging.exposure import ExposureSetting
 from imaging.frames import Frame

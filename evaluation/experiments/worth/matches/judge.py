@@ -12,13 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evaluation.arrays import Flags, Floats, Floats32, Greys
-from evaluation.experiments.experiment import Job
 from evaluation.experiments.worth.contenders import CONTENDERS, Contender, medians
 from evaluation.experiments.worth.matches.courses import EVERY, Film, MatchesCourse, MatchesRig
 from evaluation.experiments.worth.matches.courses import courses as courses_of
 from evaluation.experiments.worth.matches.courses import quick as some_of
 from evaluation.experiments.worth.matches.scenes import HEIGHT, WIDTH, Homography, TrueMotion, found_motion
 from evaluation.experiments.worth.tables import FIXED_IN_HINDSIGHT, ORACLE_PER_FRAME
+from evaluation.jobs.job import Job
 from evaluation.odometry.stereo import prepared
 from evaluation.stage.camera import LIMITS, DelayedLoop
 from imaging.exposure import ExposureSetting

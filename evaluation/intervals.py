@@ -1,17 +1,17 @@
-"""Intervals and correlations for small samples, and the verdicts that intervals allow."""
+"""Intervals and correlations for small samples."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.stats import t
 
 from evaluation.arrays import Flags, Floats, Ints
-from evaluation.experiments.experiment import Verdict
 
 _DRAWS = 10_000
 FEWEST = 10  # Clusters from which on a bootstrap of them is to be believed: of six, 95 % intervals cover 87 %
@@ -65,12 +65,23 @@ def over_places(
     sums = np.bincount(of, np.asarray(values, np.float64))
     totals = np.bincount(of, None if weights is None else np.asarray(weights, np.float64))
     if len(names) >= FEWEST:
-        return clustered(np.stack([sums, totals], axis=1), lambda drawn: _ratio(drawn.sum(axis=1)), percent=percent)
+        tail = (100.0 - percent) / 2
+        low, high = np.nanpercentile(
+            _ratio(_counts(len(names)) @ np.stack([sums, totals], axis=1)), [tail, 100.0 - tail]
+        )
+        return Interval(float(sums.sum() / totals.sum()), float(low), float(high))
     middle, half = float(sums.sum() / totals.sum()), math.inf
     if len(names) > 1:
         spread = math.sqrt(len(names) * ((sums - middle * totals) ** 2).sum() / (len(names) - 1)) / totals.sum()
         half = float(t.ppf(0.5 + percent / 200.0, len(names) - 1) * spread)
     return Interval(middle, middle - half, middle + half)
+
+
+@lru_cache(maxsize=2)
+def _counts(places: int) -> Floats:
+    """How often each place is drawn, (draws, places)."""
+    drawn = _draws(places, 0) + places * np.arange(_DRAWS)[:, None]
+    return np.bincount(drawn.ravel(), minlength=_DRAWS * places).reshape(_DRAWS, places).astype(np.float64)
 
 
 def _ratio(sums: Floats) -> Floats:
@@ -142,44 +153,3 @@ def _correlation(a: Floats, b: Floats) -> Floats:
     b = b - b.mean(axis=1, keepdims=True)
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.asarray((a * b).sum(axis=1) / np.sqrt((a**2).sum(axis=1) * (b**2).sum(axis=1)))
-
-
-def below(apart: Interval, margin: float) -> Verdict:
-    """On "the first is lower", from first minus second: not so when it is higher, or alike within the margin."""
-    if apart.low > 0 or apart.within(margin):
-        return Verdict.NOT_REPRODUCED
-    return Verdict.REPRODUCED if apart.high < 0 else Verdict.UNDECIDED
-
-
-def above(apart: Interval, margin: float) -> Verdict:
-    """On "the first is higher", likewise."""
-    return below(Interval(-apart.value, -apart.high, -apart.low), margin)
-
-
-def alike(apart: Interval, margin: float) -> Verdict:
-    """On "the two hardly differ": so when the whole interval is within the margin, not so when it is beyond."""
-    if apart.within(margin):
-        return Verdict.REPRODUCED
-    return Verdict.NOT_REPRODUCED if apart.low > margin or apart.high < -margin else Verdict.UNDECIDED
-
-
-def not_above(apart: Interval, margin: float) -> Verdict:
-    """On "the first is at most `margin` higher"."""
-    if apart.high <= margin:
-        return Verdict.REPRODUCED
-    return Verdict.NOT_REPRODUCED if apart.low > margin else Verdict.UNDECIDED
-
-
-def together(parts: Mapping[str, Verdict]) -> tuple[Verdict, str]:
-    """The verdict on a claim of several parts, and the condition: which of them hold, and which are undecided.
-    Conditionally when some hold; if none does, not reproduced as soon as one part is not."""
-    held, undecided = (
-        [name for name, verdict in parts.items() if verdict is which]
-        for which in (Verdict.REPRODUCED, Verdict.UNDECIDED)
-    )
-    if len(held) == len(parts):
-        return Verdict.REPRODUCED, ""
-    if not held:
-        return (Verdict.UNDECIDED if len(undecided) == len(parts) else Verdict.NOT_REPRODUCED), ""
-    doubt = f"; undecided: {', '.join(undecided)}" if undecided else ""
-    return Verdict.CONDITIONALLY, f"holds: {', '.join(held)}{doubt}"

@@ -1,4 +1,4 @@
-"""Jobs whose results are not kept yet are run; each result is kept by a hash of what made it."""
+"""The results of jobs, each kept under a hash of all that made it: code, libraries, arguments and files."""
 
 from __future__ import annotations
 
@@ -6,22 +6,21 @@ import ast
 import hashlib
 import importlib.metadata
 import json
-import time
-from collections.abc import Callable, Sequence
-from contextlib import closing
+import sys
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
 
+from autoexpose_daemon.control import _native
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY, PLACES
-from evaluation.arena.count import c_files
-from evaluation.experiments.experiment import Job, Plain
+from evaluation.jobs.job import Job
+from evaluation.jobs.native import c_files, tree
 from evaluation.long_runs import KeptResults
-from evaluation.pool import over_processes
+from imaging.errors import AutoexposeError
 
 _OURS = (
-    "autoexpose_daemon", "calibration", "documents", "drivers", "evaluation", "fake_camera", "imaging", "navigation"
+    "autoexpose_daemon", "autoexpose_lab", "calibration", "camera_twin", "documents", "drivers", "evaluation",
+    "fake_camera", "imaging", "navigation",
 )  # fmt: skip
 _LIBRARIES = ("numpy", "opencv-python-headless", "numba", "evo")
 
@@ -34,8 +33,36 @@ class ResultCache(KeptResults[Job]):
         """Equal for jobs that have the same result."""
         policies = tuple(PLACES) if asked.policies is None else asked.policies
         digest = _digest(asked.measure.__module__, policies)
-        parts = [asked.measure.__module__, asked.measure.__qualname__, asked.arguments, digest]
+        arguments = dict(asked.arguments) | {name: content(Path(str(asked.arguments[name]))) for name in asked.files}
+        parts = [asked.measure.__module__, asked.measure.__qualname__, arguments, digest]
         return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
+
+
+def content(path: Path) -> str:
+    """A hash of what is in a file, or in all files of a folder. Raises AutoexposeError when one cannot be read."""
+    files = sorted(each for each in path.rglob("*") if each.is_file()) if path.is_dir() else [path]
+    try:
+        found = [(each.name, _content_of(each, (now := each.stat()).st_size, now.st_mtime_ns)) for each in files]
+    except OSError as error:
+        raise AutoexposeError(f"{error.filename} cannot be read: {error.strerror}") from None
+    return found[0][1] if not path.is_dir() else hashlib.sha256(repr(found).encode()).hexdigest()
+
+
+# Of a larger file, a drive, this many pieces are read: any two recordings differ in each of them.
+_LARGE_BYTES, _PIECES, _PIECE_BYTES = 1 << 26, 64, 1 << 16
+
+
+@cache
+def _content_of(file: Path, size: int, _changed_ns: int) -> str:
+    state = hashlib.sha256(str(size).encode())
+    with file.open("rb") as opened:
+        if size <= _LARGE_BYTES:
+            state.update(opened.read())
+        else:
+            for piece in range(_PIECES):
+                opened.seek(piece * (size - _PIECE_BYTES) // (_PIECES - 1))
+                state.update(opened.read(_PIECE_BYTES))
+    return state.hexdigest()
 
 
 # Loads policies by their names, so no import statement leads to them.
@@ -64,12 +91,38 @@ def _digest(module: str, policies: tuple[str, ...] = tuple(PLACES)) -> str:
             state.update(name.encode() + b"\0" + reached[name].read_bytes() + b"\0")
         for weights in sorted(reached[name].parent.glob("*.npz")):  # of learned policies
             state.update(weights.read_bytes())
-    for path in c_files(list(reached.values())):
+    for path in _c_files(list(reached.values())):
         state.update(path.read_bytes())
     state.update(repr([DEFAULT_POLICY, *((policy, PLACES[policy]) for policy in policies)]).encode())
     for library in _LIBRARIES:
         state.update(f"{library} {_version(library)}".encode())
     return state.hexdigest()
+
+
+def _c_files(python: list[Path]) -> list[Path]:
+    """The sources that these reach; where it came as a wheel, without them, the whole C extension."""
+    built = Path(_native.__file__)
+    return c_files(python) if (built.parent / "native").is_dir() else [built]
+
+
+@cache
+def code_version() -> str:
+    """Of all our code and of what numbers depend on: processes with the same one get the same results."""
+    state = hashlib.sha256(repr(sys.version_info[:2]).encode())
+    for name in _OURS:
+        root = _source(name)
+        if root is None:
+            continue
+        for path in sorted(root.parent.rglob("*")):
+            if path.suffix in (".py", ".c", ".h", ".npz"):
+                state.update(str(path.relative_to(root.parent)).encode() + b"\0" + path.read_bytes() + b"\0")
+    state.update(libraries().encode())
+    return state.hexdigest()
+
+
+def libraries() -> str:
+    """Those that numbers depend on, with their versions."""
+    return ", ".join(f"{library} {_version(library)}" for library in _LIBRARIES)
 
 
 def _version(library: str) -> str:
@@ -92,48 +145,10 @@ def _source(module: str) -> Path | None:
 @cache
 def _imports(path: Path) -> tuple[str, ...]:
     names: list[str] = []
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in ast.walk(tree(path)):
         match node:
             case ast.Import(names=aliases):
                 names += [alias.name for alias in aliases]
             case ast.ImportFrom(module=str(module), names=aliases):
                 names += [module, *(f"{module}.{alias.name}" for alias in aliases)]
     return tuple(names)
-
-
-def plain(value: Any) -> Plain:
-    """A result as it will be read from disk, so that fresh and kept results are the same."""
-    kept: Plain = json.loads(json.dumps(value))
-    return kept
-
-
-# Called with each finished job and how long it took (s; 0 when its result was kept).
-Advance = Callable[[Job, float], None]
-
-
-def run_jobs(jobs: Sequence[Job], kept: ResultCache, processes: int, advance: Advance) -> list[Plain]:
-    """The results of all jobs, in their order; each is saved when it is ready, and equal jobs run once."""
-    results: dict[int, Plain] = {}
-    missing: dict[str, list[int]] = {}
-    for place, job in enumerate(jobs):
-        known = kept.get(job)
-        if known is None:
-            missing.setdefault(kept.key(job), []).append(place)
-        else:
-            results[place] = known[0]
-            advance(job, 0.0)
-    entries = [(places, jobs[places[0]]) for places in missing.values()]
-    entries.sort(key=lambda entry: -entry[1].cost_s)
-    with closing(over_processes(_measure, entries, min(processes, max(len(entries), 1)))) as finished:
-        for (places, job), (result, took_s) in finished:
-            kept.put(job, result)
-            for place in places:
-                results[place] = plain(result)
-                advance(jobs[place], took_s if place == places[0] else 0.0)
-    return [results[place] for place in range(len(jobs))]
-
-
-def _measure(entry: tuple[list[int], Job]) -> tuple[Plain, float]:
-    begun_s = time.perf_counter()
-    result = entry[1].measure(**entry[1].arguments)
-    return result, time.perf_counter() - begun_s
