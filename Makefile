@@ -40,7 +40,7 @@ $(VENV)/demo.stamp: pyproject.toml $(NATIVE_SOURCES) $(UNBUILT)
 $(VENV)/dev.stamp: $(VENV)/demo.stamp pyproject.toml
 	@echo "setting up what the tests need, once"
 	@./tools/install-debian $(TEST_PACKAGES)
-	@./tools/install-python $(PY) $(EXTRAS),ros2,lab,examiners,dev
+	@./tools/install-python $(PY) $(EXTRAS),ros2,lab,cluster,examiners,dev
 	@touch $@
 
 setup: $(VENV)/dev.stamp ## create .venv with everything

@@ -102,13 +102,13 @@ def test_a_stopped_arena_goes_on_and_another_policy_costs_its_own_runs(
 
     monkeypatch.setattr(runs, "run_course", noted)
     with pytest.raises(AutoexposeError, match="the same command goes on where it was"):
-        race("fixed", "begin2022")
-    race("fixed", "begin2022")
+        race("fixed", "kim2018")
+    race("fixed", "kim2018")
     first, again, other = (scenario for scenario, _ in raced)
     assert {first, again} == {"step_up", "step_down"} and again == other
-    both = race("neves2009", "fixed", "begin2022")
+    both = race("neves2009", "fixed", "kim2018")
     assert [names for _, names in raced[3:]] == 2 * [["neves2009"]]
-    assert both == race("neves2009", "fixed", "begin2022", kept="anew")
+    assert both == race("neves2009", "fixed", "kim2018", kept="anew")
 
 
 def test_an_arena_whose_process_dies_ends_in_one_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

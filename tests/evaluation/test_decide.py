@@ -44,21 +44,21 @@ def minutes(count: float) -> int:
 def test_policies_that_are_alike_are_seldom_told_apart(drives: int) -> None:
     """Six of them against the present one."""
     false = 0
-    for draw in range(100):
+    for draw in range(50):
         seen = {name: segments(10 * draw + place, minutes(20), drives=drives) for place, name in enumerate("abcdef")}
         false += (
             decide({PRESENT: segments(10 * draw + 9, minutes(20), drives=drives), **seen}, PRESENT).policy is not None
         )
-    assert false <= 5
+    assert false <= 2
 
 
 def test_twice_the_margin_is_found_in_twenty_minutes() -> None:
     found = 0
-    for draw in range(100):
+    for draw in range(50):
         seen = {name: segments(10 * draw + place, minutes(20)) for place, name in enumerate("abcde")}
         seen["better"] = segments(10 * draw + 8, minutes(20), 2 * MARGINS.odometry)
         found += decide({PRESENT: segments(10 * draw + 9, minutes(20)), **seen}, PRESENT).policy == "better"
-    assert found >= 90
+    assert found >= 45
 
 
 def test_a_short_drive_decides_nothing_and_says_how_much_is_missing() -> None:
