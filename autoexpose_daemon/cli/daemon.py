@@ -93,6 +93,7 @@ def record(
 
 def replay(
     file: Annotated[Path, typer.Argument(help="A recording.")],
+    *,
     policy: Annotated[str | None, typer.Option(help=f"Another policy: {', '.join(POLICY_IDS)}.")] = None,
     show_belief: Annotated[
         Path | None,
@@ -102,19 +103,31 @@ def replay(
         list[int] | None,
         typer.Option(help="A trigger to draw the decision on; repeat it for several. Else: the largest change."),
     ] = None,
+    page: Annotated[
+        Path | None, typer.Option("--html", help="Write curves, reasons and frames, to look at, to this HTML file.")
+    ] = None,
+    json_file: Annotated[Path | None, typer.Option("--json", help="Write every step to this JSON file.")] = None,
 ) -> None:
     """Replay a recording: the recorded policy, bit for bit, or what another one would have decided."""
     check_recording_extra()
-    from autoexpose_daemon.recording.replay import report_replay  # noqa: PLC0415
+    from autoexpose_daemon.recording.replay import Replay, Replayed, report_replay  # noqa: PLC0415
+    from autoexpose_daemon.recording.replay_page import ReplayLog  # noqa: PLC0415
 
     if policy is not None:
         check_policy_id(policy)
     if at and show_belief is None:
         raise ConfigurationError("--at chooses what --show-belief draws: give that, too")
     strip = None if show_belief is None else _belief_strip(show_belief, at or [])
-    same = report_replay(file, policy, typer.echo, None if strip is None else strip.see)
-    if strip is not None:
-        typer.echo(strip.draw())
+    log = ReplayLog(json_file, page)
+
+    def watch(player: Replay, replayed: Replayed) -> None:
+        if strip is not None:
+            strip.see(player, replayed)
+        log.see(player, replayed)
+
+    same = report_replay(file, policy, typer.echo, watch)
+    for line in [*([] if strip is None else [strip.draw()]), *log.write()]:
+        typer.echo(line)
     if not same:
         raise typer.Exit(1)
 
