@@ -11,13 +11,15 @@ if TYPE_CHECKING:
     from autoexpose_daemon.client.received import NormalisedPair, NormalisedSet, ReceivedPair, ReceivedSet, alike
     from autoexpose_daemon.client.rig_client import RigClient, StereoClient
     from autoexpose_daemon.control.inputs import count_by_cell
+    from imaging.errors import AutoexposeError
 
 __all__ = [
-    "MessageClient", "NormalisedPair", "NormalisedSet", "ReceivedPair", "ReceivedSet", "RigClient", "StereoClient",
-    "alike", "count_by_cell",
+    "AutoexposeError", "MessageClient", "NormalisedPair", "NormalisedSet", "ReceivedPair", "ReceivedSet", "RigClient",
+    "StereoClient", "alike", "count_by_cell",
 ]  # fmt: skip
 
 _HOMES = {
+    "AutoexposeError": "imaging.errors",
     "MessageClient": "autoexpose_daemon.client.message_client",
     "RigClient": "autoexpose_daemon.client.rig_client",
     "StereoClient": "autoexpose_daemon.client.rig_client",
