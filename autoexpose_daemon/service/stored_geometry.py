@@ -6,6 +6,7 @@ import logging
 import os
 from collections.abc import Mapping
 from concurrent.futures import Future
+from dataclasses import dataclass
 from pathlib import Path
 from typing import get_args
 
@@ -29,11 +30,11 @@ _PATIENCE_S = 4.0
 _MODELS: Mapping[str, DistortionModel] = {name: name for name in get_args(DistortionModel)}
 
 
+@dataclass(frozen=True)
 class StoredGeometry:
     """Files of cameras below a folder, in a folder named after the rig; None: kept until the process ends."""
 
-    def __init__(self, folder: Path | None) -> None:
-        self._folder = folder
+    folder: Path | None
 
     @classmethod
     def in_state_folder(cls) -> StoredGeometry:
@@ -99,11 +100,11 @@ class StoredGeometry:
             if geometry is None:
                 log.warning("%s camera: its geometry does not fit that of its pair any longer: set it, too", name)
             else:
-                where = "until the end" if self._folder is None else f"stored in {self._file(config, name)}"
+                where = "until the end" if self.folder is None else f"stored in {self._file(config, name)}"
                 log.info("%s camera: geometry of %s, %s", name, by, where)
 
     def _keep(self, config: Config, name: CameraName, geometry: CameraGeometry | None) -> None:
-        if self._folder is None:
+        if self.folder is None:
             return
         file = self._file(config, name)
         part = file.with_suffix(".part")
@@ -119,7 +120,7 @@ class StoredGeometry:
 
     def _load(self, config: Config, name: CameraName) -> CameraGeometry | None:
         """What is stored for a camera; None if there is nothing, or nothing usable."""
-        if self._folder is None or not (file := self._file(config, name)).exists():
+        if self.folder is None or not (file := self._file(config, name)).exists():
             return None
         try:
             geometry = load_geometry(file, config.side_of(name))
@@ -130,8 +131,8 @@ class StoredGeometry:
         return geometry
 
     def _file(self, config: Config, name: CameraName) -> Path:
-        assert self._folder is not None
-        return self._folder / (config.publish or PublishConfig()).rig / f"{name}.yaml"
+        assert self.folder is not None
+        return self.folder / (config.publish or PublishConfig()).rig / f"{name}.yaml"
 
 
 def _present(daemon: Daemon) -> dict[CameraName, CameraGeometry]:

@@ -127,7 +127,9 @@ class JpegThread:
         """Take an image if it is time for one; on any thread."""
         now_s = time.monotonic()
         if now_s >= self._due_s and self._is_wanted():
-            self._due_s = max(self._due_s + 1.0 / self._compression.rate_hz, now_s)
+            period_s = 1.0 / self._compression.rate_hz
+            in_step_s = self._due_s + period_s
+            self._due_s = in_step_s if in_step_s > now_s else now_s + period_s
             self._newest = image
             self._news.set()
 
