@@ -130,7 +130,7 @@ class Visit:
         self._ours: dict[str, dict[int, int]] = {"left": {}, "right": {}}
         self._heard = queue.SimpleQueue[bytes]()
         file = folder / "sums.json"
-        options = ["--ros-args", "-p", "reliability:=reliable", "-p", "depth:=100"]
+        options = ["--ros-args", "-p", "reliability:=reliable", "-p", "depth:=100", "-p", "compressed:=true"]
         demo = [*AUTOEXPOSE, "demo", "--publish", "--rate-hz", str(RATE_HZ), "--seconds", str(seconds + 90)]
         with contextlib.ExitStack() as running:
             quiet = subprocess.DEVNULL

@@ -25,7 +25,7 @@ from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
-from sensor_msgs.msg import CameraInfo, Image, Imu
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image, Imu
 from sensor_msgs.srv import SetCameraInfo
 from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
@@ -51,6 +51,7 @@ class Visitor:
             self._hear(Image, f"/rig/{camera}/image_raw", lambda cdr, camera=camera: self._sum(camera, cdr))
             self._hear(CameraInfo, f"/rig/{camera}/camera_info")
             self._hear(ExposureInfo, f"/rig/{camera}/exposure")
+        self._hear(CompressedImage, "/rig/left/image_raw/compressed")
         self._hear(DiagnosticArray, "/diagnostics", qos=10)
         self._hear(TFMessage, "/tf_static", qos=LATCHED)
 
@@ -227,6 +228,18 @@ def call_services(visitor: Visitor) -> None:
     )
 
 
+def look_at_compressed(visitor: Visitor) -> None:
+    name = "/rig/left/image_raw/compressed"
+    visitor.until(lambda: visitor.counts.get(name, 0) >= 5)
+    began_s, before = time.monotonic(), visitor.counts.get(name, 0)
+    visitor.until(lambda: False, 4.0)
+    rate_hz = (visitor.counts.get(name, 0) - before) / (time.monotonic() - began_s)
+    visitor.check("five compressed images a second", 3.0 < rate_hz < 6.0, rate_hz)
+    message = visitor.message(name)
+    jpeg = message is not None and bytes(message.data[:2]) == b"\xff\xd8" and bytes(message.data[-2:]) == b"\xff\xd9"
+    visitor.check("they are JPEG", jpeg and message.header.frame_id == "rig_left_optical_frame", message)
+
+
 def camera_info(focal_px: float, baseline_m: float = 0.0) -> CameraInfo:
     unturned = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]
     info = CameraInfo(width=720, height=540, distortion_model="plumb_bob", d=[0.01, 0.0, 0.0, 0.0, 0.0], r=unturned)
@@ -289,7 +302,15 @@ def main() -> int:
     walk_up(visitor)
     print("please: measure", flush=True)
     end_s = time.monotonic() + seconds
-    for look in (look_at_diagnostics, calibrate, look_at_transforms, set_parameters, call_services, send):
+    for look in (
+        look_at_diagnostics,
+        look_at_compressed,
+        calibrate,
+        look_at_transforms,
+        set_parameters,
+        call_services,
+        send,
+    ):
         try:
             look(visitor)
         except Exception as error:
