@@ -25,7 +25,7 @@ EXTRAS := sim,calibration,publish,record,page
 NATIVE_SOURCES := setup.py $(wildcard autoexpose_daemon/control/native/*/* fake_camera/usb3/shim/*)
 UNBUILT := $(if $(and $(wildcard autoexpose_daemon/control/_native.*.so),$(wildcard fake_camera/usb3/_shim.*.so)),,unbuilt)
 
-.PHONY: unbuilt setup demo test suite parallel realtime test-again test-data test-platforms test-arm64 lint count bench accept soak fuzz mutate test-kernel install uninstall deb wheels image docs clean
+.PHONY: unbuilt setup demo test suite parallel realtime test-again test-data test-platforms test-arm64 test-ros2 lint count bench accept soak fuzz mutate test-kernel install uninstall deb wheels image docs clean
 .DEFAULT_GOAL := demo
 
 # Stamps let later runs start at once; they are renewed when what is installed changes.
@@ -91,9 +91,13 @@ bench: $(VENV)/dev.stamp ## where the time goes, as ratios
 	$(PY) benchmarks/bench_render.py
 	$(PY) benchmarks/bench_publish.py
 
-build/ros2/stamp: $(wildcard tests/accept/ros2/*)
+build/ros2/stamp: tests/accept/ros2/install tests/accept/ros2/packages.txt
 	@./tools/timed "installing ROS 2 Jazzy in build/ros2" ./tests/accept/ros2/install build/ros2
 	@touch $@
+
+test-ros2: $(VENV)/dev.stamp build/ros2/stamp ## the ROS 2 node beside a demo, visited by a program of ROS 2 for a minute
+	@./tools/install-debian cmake g++
+	$(PY) -m tests.accept.ros2_node --seconds 60
 
 accept: $(VENV)/dev.stamp build/ros2/stamp ## the longer checks in real time, about 40 minutes
 	@./tools/install-debian $(ACCEPT_PACKAGES)

@@ -41,7 +41,8 @@ class ClockReading:
 class CameraDescription:
     """A camera's identity, its limitations as phrases for the user, its pixel format, and the node behind its gain.
 
-    `size` is width and height of its frames in pixels, if known; `action_queue` how many scheduled triggers it keeps.
+    `size` is width and height of its frames in pixels, if known; `action_queue` how many scheduled triggers it keeps;
+    `link_mbps` how fast it says its link is.
     """
 
     vendor: str
@@ -52,6 +53,7 @@ class CameraDescription:
     gain_node: str | None = None
     size: tuple[int, int] | None = None
     action_queue: int = 1
+    link_mbps: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,6 +104,9 @@ class Camera(Protocol):
 
     def latch_clock(self) -> ClockReading | None:
         """Measure again how the camera's clock maps to the host's; returns that in the trigger mode "ptp"."""
+
+    def temperature_c(self) -> float | None:
+        """How warm it is inside, degrees Celsius; None if it does not say."""
 
     def refused_packets(self) -> RefusedPackets | None:
         """What was sent to its stream since the last call and looked foreign; None: nothing."""

@@ -167,15 +167,16 @@ def run_daemon(
         add_outlets,
         run_until_stopped,
     )
+    from autoexpose_daemon.service.stored_geometry import StoredGeometry  # noqa: PLC0415
 
-    load = load or load_config
+    load, geometry = load or load_config, StoredGeometry.in_state_folder()
     stop, reload = threading.Event(), threading.Event()
     stop_on_signals(stop)
     by_hand = os.isatty(0)  # then SIGHUP means that the terminal was closed
     signal.signal(signal.SIGHUP, lambda *_: set_from_handler(stop if by_hand else reload))
 
     def read_config() -> Config:
-        config = load(file)
+        config = geometry.applied(load(file))
         for note in config.notes:
             log.warning("%s: %s", file, note)
         return config
@@ -187,7 +188,7 @@ def run_daemon(
         return read_config()
 
     def build(config: Config, start: ExposureSetting | None) -> Daemon:
-        return add_outlets(Daemon(config, openers(config), start=start), config, recorder)
+        return add_outlets(Daemon(config, openers(config), start=start), config, recorder, geometry)
 
     service = Service(read_config(), build, notifier, LastExposure.in_state_directory())
     run_until_stopped(service, stop, Console(), "autoexpose", new_config)

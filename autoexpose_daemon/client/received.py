@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.messages.client import ConsumerTally
+from autoexpose_daemon.messages.errors import DamagedMessageError
 from autoexpose_daemon.messages.frames import (
-    DamagedMessageError,
     ReceivedImage,
     decision_of,
     frame_of,

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from autoexpose_daemon.client.received import Received, ReceivedPair, ReceivedSet, SetAssembler, SetQueue
 from autoexpose_daemon.control.inputs import LightSeries, TrackedCells
 from autoexpose_daemon.messages.client import ConsumerTally, response_from_json, vignetting_from_json
-from autoexpose_daemon.messages.frames import DamagedMessageError
+from autoexpose_daemon.messages.errors import DamagedMessageError
 from autoexpose_daemon.messages.inputs import RegisteredView, light_ahead, registration, tracked_cells
 from autoexpose_daemon.messages.keys import (
     CONSUMER_NAME,

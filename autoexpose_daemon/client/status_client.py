@@ -15,7 +15,7 @@ import zenoh
 
 from autoexpose_daemon.control.decision import Grounds
 from autoexpose_daemon.messages.client import LARGEST_RESPONSE_BYTES, response_from_json
-from autoexpose_daemon.messages.frames import DamagedMessageError
+from autoexpose_daemon.messages.errors import DamagedMessageError
 from autoexpose_daemon.messages.inputs import LARGEST_REGISTRATION_BYTES, RegisteredView, read_registration
 from autoexpose_daemon.messages.keys import (
     RIG_NAME,

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Mapping
 from typing import Annotated, Any, Final
 
-from pydantic import Field, ValidationError, field_validator
+from pydantic import Field, ValidationError, field_validator, model_validator
 
 from autoexpose_daemon.config.section import (
     AreaConfig,
     EvStops,
     ExposureTimeUs,
+    Extent,
     GainDb,
     LimitsConfig,
     Name,
@@ -21,6 +22,7 @@ from autoexpose_daemon.config.section import (
 from documents.text import readable
 from imaging.errors import ConfigurationError
 from imaging.frames import CameraName
+from imaging.python310 import Self
 
 LARGEST_REQUEST_BYTES: Final = 1 << 15
 """Enough for a region of 256 rectangles, with room to spare."""
@@ -42,6 +44,21 @@ class ShotRequest(Section):
         return f"shot {self.exposure_time_us:g} us, {self.gain_db:g} dB"
 
 
+_Number = Annotated[float, Field(allow_inf_nan=False)]
+
+
+class GeometryRequest(Section):
+    """Lens and rectification of a camera, with the meaning of ROS's CameraInfo."""
+
+    width: Extent
+    height: Extent
+    distortion_model: str
+    d: Annotated[tuple[_Number, ...], Field(max_length=14)]
+    k: Annotated[tuple[_Number, ...], Field(min_length=9, max_length=9)]
+    r: Annotated[tuple[_Number, ...], Field(min_length=9, max_length=9)]
+    p: Annotated[tuple[_Number, ...], Field(min_length=12, max_length=12)]
+
+
 class Request(Section):
     """Changes to control, made all together or not at all; None and false leave things as they are."""
 
@@ -55,6 +72,8 @@ class Request(Section):
     limits: LimitsConfig | None = None
     region: dict[CameraName, AreaConfig | None] | None = None
     shot: ShotRequest | None = None  # the setting of one pair
+    # of cameras, by name: kept for good, in place of the files of the configuration; goes with nothing else
+    geometry: dict[CameraName, GeometryRequest | None] | None = None
 
     @field_validator("region")
     @classmethod
@@ -62,6 +81,15 @@ class Request(Section):
         if region is not None and not any(region.values()):
             raise ValueError("no camera is named: give a region by the name of each camera concerned")
         return region
+
+    @model_validator(mode="after")
+    def _geometry_is_alone(self) -> Self:
+        if self.geometry is not None:
+            if not any(self.geometry.values()):
+                raise ValueError("geometry names no camera: give that of each camera concerned, by its name")
+            if self.model_copy(update={"geometry": None}).words or self.group is not None:
+                raise ValueError("geometry goes with nothing else: make two requests")
+        return self
 
     def of(self, group: str | None, cameras: Collection[CameraName]) -> Request:
         """The same for a group with these cameras, without regions of others; None: there is no other group."""
@@ -104,6 +132,8 @@ class Request(Section):
             yield "region " + " and ".join(f"{camera} (rectangles: {count})" for camera, count in areas.items())
         if self.shot is not None:
             yield self.shot.words
+        if self.geometry is not None:
+            yield f"geometry {' and '.join(self.geometry)}"
 
     def to_json(self) -> str:
         """The text that is sent."""

@@ -13,6 +13,7 @@ import numpy as np
 
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.parameters import FASTEST_TURN_RAD_S
+from autoexpose_daemon.messages.errors import DamagedMessageError
 from autoexpose_daemon.messages.types import (
     CAMERA_INFO,
     ENCODINGS,
@@ -198,10 +199,6 @@ _OF_DECISION = (
 
 
 _KNOWN = {(row.bit_depth, row.layout, row.dtype) for row in PixelFormat}
-
-
-class DamagedMessageError(ValueError):
-    """Bytes that are not the message they should be."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from autoexpose_daemon.control.inputs import COLUMNS, MOST_LEVELS, MOST_STOPS, ROWS, LightSeries, TrackedCells
 from autoexpose_daemon.control.parameters import FASTEST_M_S, FASTEST_TURN_RAD_S
-from autoexpose_daemon.messages.frames import DamagedMessageError, deserialise, stamp_ns
+from autoexpose_daemon.messages.errors import DamagedMessageError
+from autoexpose_daemon.messages.frames import deserialise, stamp_ns
 from autoexpose_daemon.messages.keys import CONSUMER_NAME
 from autoexpose_daemon.messages.types import (
     LIGHT_AHEAD,

@@ -7,7 +7,7 @@ import json
 import logging
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -16,7 +16,7 @@ from typing import Any, Literal, TypeVar
 import zenoh
 from zenoh.handlers import FifoChannel, Handler, RingChannel
 
-from autoexpose_daemon.messages.frames import DamagedMessageError
+from autoexpose_daemon.messages.errors import DamagedMessageError
 from autoexpose_daemon.messages.keys import check_endpoints
 from autoexpose_daemon.messages.sockets import (
     SOCKET_MODE,
@@ -38,6 +38,9 @@ LARGEST_MESSAGE_BYTES = 64 << 20
 """For an image with its header. Larger ones are dropped; zenoh's own limit, 1 GB, fills a small computer's memory."""
 
 _RETRY_S = 0.5
+_TIMEOUT = b"Timeout"
+"""zenoh's own refusal: nobody answered."""
+_LONGEST_REASON = 1000
 _JOIN_S = 5.0
 
 IMAGE_PRIORITIES = {
@@ -177,23 +180,32 @@ class SessionHolder:
 
     def ask(self, key: str, timeout_s: float) -> bytes | None:
         """The first answer to a query; None if nobody answers in time, or the session is not open."""
+        return next((answer for answer in self._answers(key, None, timeout_s) if isinstance(answer, bytes)), None)
+
+    def request(self, key: str, payload: bytes, timeout_s: float) -> bytes | str | None:
+        """The first answer to a query with a payload, or the sentence of a refusal; None as of `ask`."""
+        return next(self._answers(key, payload, timeout_s), None)
+
+    def _answers(self, key: str, payload: bytes | None, timeout_s: float) -> Iterator[bytes | str]:
         with contextlib.suppress(zenoh.ZError):  # the session was closed meanwhile
             with self._sending:
-                replies = () if self._open is None else self._open.get(key, timeout=timeout_s)
+                replies = () if self._open is None else self._open.get(key, payload=payload, timeout=timeout_s)
             for reply in replies:
                 if reply.ok is not None:
-                    return reply.ok.payload.to_bytes()
-        return None
+                    yield reply.ok.payload.to_bytes()
+                elif reply.err is not None and (why := reply.err.payload.to_bytes()) != _TIMEOUT:
+                    yield why[:_LONGEST_REASON].decode(errors="replace")
 
     def subscribe(
         self, session: zenoh.Session, key: str, take: Take, waiting: int, largest_bytes: int = LARGEST_MESSAGE_BYTES
-    ) -> None:
+    ) -> Callable[[], None]:
         """Hand messages to `take` on a separate thread until the session closes; larger ones are dropped.
 
-        zenoh drops the oldest when more than `waiting` have not been taken yet.
+        zenoh drops the oldest when more than `waiting` have not been taken yet. What is returned ends it earlier.
         """
         messages = session.declare_subscriber(key, RingChannel(waiting))
         self._start("receive", partial(_receive, messages, take, largest_bytes))
+        return messages.undeclare
 
     def answer(self, session: zenoh.Session, key: str, serve: ServeQueries, waiting: int) -> None:
         """Have `serve` answer queries on a separate thread until the session closes, when `recv` raises `ZError`.
@@ -230,9 +242,10 @@ class SessionHolder:
 
 
 def _receive(messages: zenoh.Subscriber[Handler[zenoh.Sample]], take: Take, largest_bytes: int) -> None:
+    waiting = messages.handler  # waiting for the subscriber itself would keep others from ending it
     while True:
         try:
-            sample = messages.recv()
+            sample = waiting.recv()
         except zenoh.ZError:  # the session was closed
             return
         if len(sample.payload) <= largest_bytes:

@@ -18,8 +18,8 @@ from autoexpose_daemon.control.policies.ids import REMOVED
 from autoexpose_daemon.control.setup import ControlSetup
 from autoexpose_daemon.control.snapshot import parse
 from autoexpose_daemon.control.step import Override, StepInputs
+from autoexpose_daemon.messages.errors import DamagedMessageError
 from autoexpose_daemon.messages.frames import (
-    DamagedMessageError,
     decision_of,
     frame_of,
     read_camera_info,

@@ -33,6 +33,7 @@ from drivers.triggers.outcomes import Tally
 from imaging.errors import ConfigurationError
 from imaging.exposure import ExposureSetting
 from imaging.frames import CameraName, Frame, FrameSet
+from imaging.geometry import CameraGeometry
 from imaging.response import ResponseFunction
 
 log = logging.getLogger(__name__)
@@ -153,6 +154,19 @@ class Daemon:
         answer: Future[Answer] = Future()
         self._orders.put(partial(self._control.ask, request, answer))
         return answer
+
+    def calibrate(self, geometries: Mapping[CameraName, CameraGeometry | None]) -> Future[None]:
+        """Have the next frames go out with the geometry of these cameras, which is not checked; None: uncalibrated."""
+        taken: Future[None] = Future()
+
+        def calibrate() -> None:
+            if taken.set_running_or_notify_cancel():
+                for group in self.groups.values():
+                    group.requests.calibrate(geometries)
+                taken.set_result(None)
+
+        self._orders.put(calibrate)
+        return taken
 
     def explain(self, group: str) -> Future[Grounds | None]:
         """Have control tell, between two pairs, what a group's latest decision rests on; None if that is no belief."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, field, replace
 
@@ -17,6 +17,7 @@ from drivers.log_throttle import LogThrottle
 from imaging.errors import AutoexposeError, ConfigurationError
 from imaging.exposure import ExposureLimits, ExposureSetting
 from imaging.frames import CameraName, Frame, FrameSet
+from imaging.geometry import CameraGeometry
 
 log = logging.getLogger(__name__)
 
@@ -143,6 +144,12 @@ class Requests:
     def check(self, request: Request) -> None:
         """Raise ConfigurationError for a request that would be refused; change nothing."""
         self._prepared(request)
+
+    def calibrate(self, geometries: Mapping[CameraName, CameraGeometry | None]) -> None:
+        """Have frames go out with the geometry of these cameras, which changes nothing else, and outlives requests."""
+        is_as_configured = self._active.tuning is self._configured
+        self._active.tuning = self._active.tuning.calibrated(geometries)
+        self._configured = self._active.tuning if is_as_configured else self._configured.calibrated(geometries)
 
     def drop(self) -> None:
         """Return to the configuration, which is now the tuning of the active loop."""

@@ -28,6 +28,7 @@ from drivers.rig.events import (
     FrameArrived,
     PacketsRefused,
     RigEvent,
+    TemperatureRead,
     WriteFailed,
     Written,
 )
@@ -257,8 +258,8 @@ class RigControl:
                     shot.gone(camera)
             case CameraSilent(camera):
                 self._health.silent(camera, now_ns)
-            case ClockRead(camera, reading):
-                self._health.clock_read(camera, reading, now_ns)
+            case ClockRead() | TemperatureRead():
+                self._health.told(event, now_ns)
             case PacketsRefused(camera, packets):
                 self._health.packets_refused(camera, packets)
         return pairs

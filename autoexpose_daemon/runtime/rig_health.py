@@ -13,9 +13,9 @@ from autoexpose_daemon.runtime.setup import Tuning
 from autoexpose_daemon.runtime.stamp_watch import StampWatch
 from autoexpose_daemon.status.states import ADJUSTED, START_PATIENCE_NS
 from autoexpose_daemon.status.telemetry import GONE, Telemetry
-from drivers.camera import ClockReading, IncompleteFrame, RefusedPackets
+from drivers.camera import IncompleteFrame, RefusedPackets
 from drivers.log_throttle import LogThrottle
-from drivers.rig.events import CameraGone, CameraReady, WriteFailed, Written
+from drivers.rig.events import CameraGone, CameraReady, ClockRead, TemperatureRead, WriteFailed, Written
 from drivers.triggers import RigRecord
 from drivers.triggers.host import HostTriggers
 from drivers.triggers.rate import HOST_RATE_TOLERANCE, RATE_TOLERANCE, RateWatch
@@ -226,6 +226,8 @@ class RigHealth:
         for limitation in camera.limitations:
             log.warning("%s camera %s: %s", name, camera.serial, limitation)
         self._cameras.names[name] = f"{camera.model} {camera.serial}"
+        if camera.link_mbps is not None:
+            self._cameras.links_mbps[name] = camera.link_mbps
 
     def gone(self, event: CameraGone, now_ns: int) -> None:
         """A camera is lost; raises its error if it cannot be driven: at the start, or if none is left."""
@@ -234,6 +236,8 @@ class RigHealth:
             self._troubles.end_all(camera)
         self._cameras.names[camera] = GONE
         self._cameras.ptp.pop(camera, None)
+        self._cameras.temperatures_c.pop(camera, None)
+        self._cameras.links_mbps.pop(camera, None)
         self._rates.gone(camera)  # everything is judged afresh when it returns
         self._effects[camera].gone()
         self._incomplete[camera] = 0
@@ -269,9 +273,12 @@ class RigHealth:
         if camera in self._silent:
             self._troubles.begin(camera, "strangers", f"{packets}: {_WHOSE_PACKETS}")
 
-    def clock_read(self, camera: CameraName, reading: ClockReading, now_ns: int) -> None:
-        """A camera says how its clock is synchronised."""
-        self._cameras.ptp[camera] = reading.ptp
+    def told(self, event: ClockRead | TemperatureRead, now_ns: int) -> None:
+        """A camera says how its clock is synchronised, or how warm it is."""
+        if isinstance(event, TemperatureRead):
+            self._cameras.temperatures_c[event.camera] = event.temperature_c
+            return
+        self._cameras.ptp[event.camera] = event.reading.ptp
         ptp_ns = self._triggers.ptp_time_ns(now_ns)
         if ptp_ns is not None:
             self._stamps.look(ptp_ns, now_ns + self._realtime_offset_ns())

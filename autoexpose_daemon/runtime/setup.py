@@ -26,6 +26,7 @@ from drivers.setup import CameraSetup
 from imaging.errors import AutoexposeError, ConfigurationError
 from imaging.exposure import ExposureLimits
 from imaging.frames import CameraName, FrameSet
+from imaging.geometry import CameraGeometry
 from imaging.pixels import plane_shape
 from imaging.python310 import Self
 
@@ -74,6 +75,13 @@ class Tuning:
         tuning = copy(self)
         # The copy keeps the responses, which are read once.
         tuning.config, tuning.regions = config.model_copy(update=sections), regions
+        return tuning
+
+    def calibrated(self, geometries: Mapping[CameraName, CameraGeometry | None]) -> Self:
+        """This tuning with the geometry of some cameras; None: not calibrated."""
+        tuning = copy(self)
+        known = {**self.calibrations, **geometries}
+        tuning.calibrations = {name: it for name in self.config.cameras if (it := known.get(name)) is not None}
         return tuning
 
     def differs_from(self, other: Tuning) -> tuple[str, ...]:

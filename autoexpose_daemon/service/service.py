@@ -7,13 +7,15 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager
+from dataclasses import replace
 from functools import partial
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
-from autoexpose_daemon.config.document import Config, ImuConfig, PublishConfig
+from autoexpose_daemon.config.document import CameraConfig, Config, ImuConfig, PublishConfig
+from autoexpose_daemon.control.picture.image import Region
 from autoexpose_daemon.control.step import ControlStep
 from autoexpose_daemon.messages.client import response_to_json
 from autoexpose_daemon.messages.keys import response_key, rig_key
@@ -23,6 +25,7 @@ from autoexpose_daemon.runtime.setup import Tuning
 from autoexpose_daemon.service.last_exposure import LastExposure
 from autoexpose_daemon.service.logs import set_up_logging
 from autoexpose_daemon.service.notify import Notifier
+from autoexpose_daemon.service.stored_geometry import StoredGeometry
 from autoexpose_daemon.status.describe import describe, health_of
 from autoexpose_daemon.status.document import Status
 from autoexpose_daemon.status.panel import Show, display, line_of
@@ -31,6 +34,7 @@ from autoexpose_daemon.status.telemetry import PublishTally
 from imaging.errors import AutoexposeError, ConfigurationError
 from imaging.exposure import ExposureSetting
 from imaging.frames import CameraName
+from imaging.geometry import pose_in
 from imaging.python310 import FutureTimeoutError
 
 if TYPE_CHECKING:
@@ -105,9 +109,15 @@ class Announcer:
         self._notifier.status(str(health))
 
 
-def add_outlets(daemon: Daemon, config: Config, recorder: Recorder | GroupRecorders | None = None) -> Daemon:
+def add_outlets(
+    daemon: Daemon,
+    config: Config,
+    recorder: Recorder | GroupRecorders | None = None,
+    geometry: StoredGeometry | None = None,
+) -> Daemon:
     """Have a daemon record, if there is a recorder, and publish and use an IMU, if configured.
 
+    `geometry` keeps what requests say of the cameras' geometry; without it, that is kept until the process ends.
     Without the Python packages for zenoh, the daemon keeps running and says so.
     """
     if config.motion.imu is not None:
@@ -140,7 +150,7 @@ def add_outlets(daemon: Daemon, config: Config, recorder: Recorder | GroupRecord
         config.cameras,
         partial(_texts, daemon),
         light,
-        daemon.ask,
+        partial((geometry or StoredGeometry(None)).ask, daemon),
         explain={group: partial(daemon.explain, group) for group in daemon.groups},
         tracking=tracking,
         calibrations=lambda: _of_all_groups(daemon, attrgetter("calibrations")),
@@ -179,9 +189,25 @@ def _of_all_groups(daemon: Daemon, part: Callable[[Tuning], dict[CameraName, Any
     return {camera: it for group in daemon.groups.values() for camera, it in part(group.active.tuning).items()}
 
 
+def _with_views(status: Status, daemon: Daemon) -> Status:
+    """A status that also says where the cameras stand and what counts in their pictures."""
+    geometries = _of_all_groups(daemon, attrgetter("calibrations"))
+    regions: dict[CameraName, Region] = _of_all_groups(daemon, attrgetter("regions"))
+    poses = {
+        right: pose_in(left, geometries[left], geometries[right])
+        for left, right in daemon.config.stereo_pairs.values()
+        if {left, right} <= geometries.keys()
+    }
+    cameras = {
+        name: replace(camera, pose=poses.get(name), region=regions[name].boxes if name in regions else ())
+        for name, camera in status.cameras.items()
+    }
+    return replace(status, cameras=cameras)
+
+
 def _texts(daemon: Daemon, last: bool) -> dict[str, str]:
     """The status and the response of each camera, by key; `last`: before the session closes."""
-    status = describe(daemon.telemetry, daemon.config, ending=last)
+    status = _with_views(describe(daemon.telemetry, daemon.config, ending=last), daemon)
     vignettings = _of_all_groups(daemon, attrgetter("vignettings"))
     responses = {
         response_key(status.rig, camera): response_to_json(it, vignettings.get(camera))
@@ -335,5 +361,10 @@ class Service:
 def _same_cameras(one: Config, other: Config) -> bool:
     """Whether the cameras, the IMU and publishing would be opened the same way."""
 
-    opening = attrgetter("cameras", "gain_scales", "trigger", "image", "transport", "motion", "publish")
-    return bool(opening(one) == opening(other))
+    opening = attrgetter("gain_scales", "trigger", "image", "transport", "motion", "publish")
+    return bool(opening(one) == opening(other)) and _uncalibrated(one) == _uncalibrated(other)
+
+
+def _uncalibrated(config: Config) -> list[tuple[CameraName, CameraConfig]]:
+    """The cameras in their order, without the files that say nothing of how to open them."""
+    return [(name, camera.model_copy(update={"calibration": None})) for name, camera in config.cameras.items()]

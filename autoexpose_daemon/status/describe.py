@@ -132,6 +132,8 @@ def _camera(telemetry: Telemetry, name: CameraName) -> CameraStatus:
         ptp=telemetry.cameras.ptp.get(name),
         frames=telemetry.cameras.frames.get(name, 0),
         lost=telemetry.cameras.frames_lost.get(name, 0),
+        temperature_c=telemetry.cameras.temperatures_c.get(name),
+        link_mbps=telemetry.cameras.links_mbps.get(name),
     )
 
 

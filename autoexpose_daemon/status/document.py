@@ -16,6 +16,7 @@ from autoexpose_daemon.status.states import Health, State
 from drivers.camera import PtpState
 from imaging.exposure import ExposureSetting
 from imaging.frames import CameraName
+from imaging.geometry import CameraPose
 
 LARGEST_GROUNDS_BYTES = 1 << 18
 """Four times what those of eight cameras take."""
@@ -89,6 +90,12 @@ class CameraStatus:
     # triggers whose frame arrived whole, and those whose frame did not
     frames: Count = 0
     lost: Count = 0
+    # how warm it is inside (degrees Celsius), and how fast its link is; None: it does not say
+    temperature_c: Annotated[float, Field(ge=-300, le=1e4)] | None = None
+    link_mbps: Annotated[float, Field(ge=0, le=1e9)] | None = None
+    pose: CameraPose | None = None  # by its geometry, in the left camera's axes; None: it is not known, or a left one
+    # rectangles that count, x, y, width and height; none: all of it. None: weights or a mask say what does
+    region: Annotated[tuple[tuple[int, int, int, int], ...], Field(max_length=256)] | None = ()
 
 
 @dataclass(frozen=True, slots=True)

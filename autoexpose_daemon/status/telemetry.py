@@ -166,6 +166,9 @@ class CameraTally:
     last_frame_ns: dict[CameraName, int] = field(default_factory=dict)
     # what each open camera says about its PTP clock, in `trigger.mode` ptp
     ptp: dict[CameraName, PtpState] = field(default_factory=dict)
+    # how warm each open camera is inside (degrees Celsius), and how fast its link is, if it says so
+    temperatures_c: dict[CameraName, float] = field(default_factory=dict)
+    links_mbps: dict[CameraName, float] = field(default_factory=dict)
     # what is wrong with the cameras now, in words, by camera and kind
     troubles: dict[tuple[CameraName, str], str] = field(default_factory=dict)
     # why a camera's calibration does not fit, in words, for each such camera

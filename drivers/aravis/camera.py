@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import math
 import threading
 import time
 from collections.abc import Callable
@@ -16,7 +17,7 @@ from drivers.camera import CameraDescription, ClockReading, IncompleteFrame, Ref
 from drivers.genicam.dialect import ExposureDialect
 from drivers.genicam.image_format import decode_pixels
 from drivers.genicam.metadata import ChunkNodes, SettingLedger
-from drivers.genicam.nodes import Quantity
+from drivers.genicam.nodes import Quantity, is_number
 from drivers.genicam.timeline import FrameTimeline, LatchedClock
 from drivers.genicam.trigger import SOFTWARE_TRIGGER, PtpNodes
 from drivers.host.network import ActionSender
@@ -136,6 +137,10 @@ class FrameReader:
         return self.ledger.setting_at(host_time_ns), "ledger"
 
 
+_TEMPERATURE = "DeviceTemperature"
+"""SFNC: in degrees Celsius, of what DeviceTemperatureSelector names, as the camera or `features` has it."""
+
+
 class AravisCamera:
     """An opened camera (see `drivers.camera.Camera`) that is set up: `open_camera` does both.
 
@@ -235,6 +240,17 @@ class AravisCamera:
         offset_ns = self._clock.read()
         self._frames.timeline.read(offset_ns)
         return None if state is None else ClockReading(offset_ns, state)
+
+    def temperature_c(self) -> float | None:
+        """How warm it is inside, degrees Celsius; None if it does not say, now or ever."""
+        self._check_present()
+        if not is_number(self._nodes, _TEMPERATURE):
+            return None
+        try:
+            temperature_c = float(self._nodes.read(_TEMPERATURE))
+        except (NodeError, CameraBusyError):
+            return None
+        return temperature_c if math.isfinite(temperature_c) else None
 
     def refused_packets(self) -> RefusedPackets | None:
         """What was sent to its stream since the last call and looked foreign; None: nothing."""

@@ -13,7 +13,7 @@ from typing import Any, Literal
 
 from drivers.aravis.camera import AravisCamera, ChunkReader, FrameReader
 from drivers.aravis.nodes import Aravis, AravisNodes, GLib, is_silence
-from drivers.aravis.stream import create_stream
+from drivers.aravis.stream import create_stream, own_bytes_per_s
 from drivers.camera import CameraDescription
 from drivers.genicam.dialect import find_dialect, switch_auto_off, switch_gamma_off
 from drivers.genicam.features import apply_features
@@ -257,9 +257,20 @@ def set_up(nodes: AravisNodes, found: FoundCamera, setup: CameraSetup) -> Aravis
     size = frame_size(nodes)
     for fixed in fixed_selectors(nodes):
         log.info("camera %s: %s", serial, fixed)
+    speed = own_bytes_per_s(nodes)
     return AravisCamera(
         nodes,
-        CameraDescription(found.vendor, found.model, serial, tuple(limitations), pixel_format, gain_node, size, queue),
+        CameraDescription(
+            found.vendor,
+            found.model,
+            serial,
+            tuple(limitations),
+            pixel_format,
+            gain_node,
+            size,
+            queue,
+            None if speed is None else 8e-6 * speed,
+        ),
         limits=limits,
         dialect=dialect,
         setting=setting,

@@ -160,7 +160,7 @@ def keep_to_share(nodes: AravisNodes, share: LinkShare, payload_bytes: int, rate
         hold(nodes, _LIMIT, min(least + (int(allowed) - least) // step * step, most))
         how = f"{_LIMIT} {nodes.read(_LIMIT)} B/s"
     else:
-        delay_ns = packet_delay_ns(packet_bytes, allowed, _own_bytes_per_s(nodes))
+        delay_ns = packet_delay_ns(packet_bytes, allowed, own_bytes_per_s(nodes))
         nodes.call("set the packet delay", nodes.camera.gv_set_packet_delay, delay_ns)
         how = f"a packet delay of {delay_ns} ns"
     log.info(
@@ -180,7 +180,7 @@ def _interface_mbps(nodes: AravisNodes) -> float:
     )
 
 
-def _own_bytes_per_s(nodes: AravisNodes) -> float | None:
+def own_bytes_per_s(nodes: AravisNodes) -> float | None:
     """How fast the camera's own cable is, according to the standard's nodes; None: they do not say."""
     for name, unit in (("DeviceLinkSpeed", 1.0), ("GevLinkSpeed", 1e6 / 8)):
         if is_number(nodes, name) and (speed := float(nodes.read(name))) > 0:

@@ -111,6 +111,14 @@ class ClockRead:
 
 
 @dataclass(frozen=True, slots=True)
+class TemperatureRead:
+    """How warm a camera is inside, degrees Celsius."""
+
+    camera: CameraName
+    temperature_c: float
+
+
+@dataclass(frozen=True, slots=True)
 class PacketsRefused:
     """Packets were sent to a camera's stream that do not look like its own."""
 
@@ -127,6 +135,7 @@ RigEvent = (
     | WriteFailed
     | NotTriggered
     | ClockRead
+    | TemperatureRead
     | PacketsRefused
 )
 

@@ -23,6 +23,7 @@ from drivers.rig.events import (
     FrameArrived,
     NotTriggered,
     PacketsRefused,
+    TemperatureRead,
     WriteFailed,
     Written,
 )
@@ -112,6 +113,7 @@ class Pacer:
 _CLOCK_PERIOD_NS = 1_000_000_000  # a crystal off by 50 ppm drifts 50 us in this time, far below a trigger period
 _SHORTEST_BACK_OFF_NS = 100_000_000
 _LONGEST_BACK_OFF_NS = 2_000_000_000
+_TEMPERATURE_PERIOD_NS = 10_000_000_000  # a camera takes minutes to warm up
 _LOG_PAUSE_S = 600.0
 _FRAME_POLL_S = 0.05
 _BACKLOG = 24  # frames that may wait for the control thread before pixels are dropped
@@ -151,6 +153,7 @@ class Supervisor:
         self._back_off_ns = _SHORTEST_BACK_OFF_NS
         self._open_due_ns: float = 0
         self._latch_due_ns = 0
+        self._temperature_due_ns = 0
         self._check_wanted = False  # by the thread that takes frames
         self._stuck = ""  # why it is to be reopened
         self._taking = threading.Lock()
@@ -340,12 +343,21 @@ class Supervisor:
             reading = camera.latch_clock()
             if reading is not None:
                 self._events.put(ClockRead(self._side, reading))
+            self._read_temperature(camera)
         except CameraLostError:
             raise
         except CameraError as error:
             if self._throttle.due("clock", self._now_ns()):
                 log.warning("%s camera: its clock could not be read: %s", self._side, error)
         self._latch_due_ns = self._now_ns() + _CLOCK_PERIOD_NS
+
+    def _read_temperature(self, camera: Camera) -> None:
+        now_ns = self._now_ns()
+        if now_ns >= self._temperature_due_ns:
+            self._temperature_due_ns = now_ns + _TEMPERATURE_PERIOD_NS
+            temperature_c = camera.temperature_c()
+            if temperature_c is not None:
+                self._events.put(TemperatureRead(self._side, temperature_c))
 
     def _want_check(self) -> None:
         with self.news:

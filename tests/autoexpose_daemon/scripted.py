@@ -88,6 +88,9 @@ class Session:
     def latch_clock(self) -> None:
         self._open().latch_clock()
 
+    def temperature_c(self) -> None:
+        pass
+
     def refused_packets(self) -> None:
         pass
 

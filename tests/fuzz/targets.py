@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from autoexpose_daemon.messages.frames import DamagedMessageError, read_angular_rate
+from autoexpose_daemon.messages.errors import DamagedMessageError
+from autoexpose_daemon.messages.frames import read_angular_rate
 from autoexpose_daemon.messages.inputs import (
     read_light_ahead,
     read_odometry,

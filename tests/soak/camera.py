@@ -267,6 +267,9 @@ class VirtualCamera:
         self._timeline.read(offset_ns)
         return None if state is None else ClockReading(offset_ns, state)
 
+    def temperature_c(self) -> None:
+        pass
+
     def refused_packets(self) -> None:
         pass
 

@@ -127,6 +127,14 @@ class Region:
     # grey 0 (does not count) to 255, uint8, of the size of the frames; multiplied with the rectangles
     mask: NDArray[np.uint8] | None = None
 
+    @property
+    def boxes(self) -> tuple[tuple[int, int, int, int], ...] | None:
+        """x, y, width and height of the rectangles if these alone count, and equally; none: all of it does."""
+        weighted = self.rectangles and (self.background_weight or any(one.weight != 1.0 for one in self.rectangles))
+        if weighted or self.mask is not None:
+            return None
+        return tuple((one.x, one.y, one.width, one.height) for one in self.rectangles)
+
     def weights(self, shape: tuple[int, ...], seen: tuple[int, ...] | None = None) -> NDArray[np.uint8]:
         """Weights for the prepared image of frames of `shape` (height, width): uint8, of the prepared size.
 

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from autoexpose_daemon.control.inputs import COLUMNS, ROWS, LightSeries, TrackedCells
 from autoexpose_daemon.control.parameters import FASTEST_TURN_RAD_S
-from autoexpose_daemon.messages.frames import DamagedMessageError
+from autoexpose_daemon.messages.errors import DamagedMessageError
 from autoexpose_daemon.messages.inputs import (
     FASTEST_M_S,
     FURTHEST_M,

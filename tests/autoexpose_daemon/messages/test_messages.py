@@ -17,11 +17,11 @@ from hypothesis import strategies as st
 
 from autoexpose_daemon import messages
 from autoexpose_daemon.control.decision import Decision
+from autoexpose_daemon.messages.errors import DamagedMessageError
 from autoexpose_daemon.messages.frames import (
     LAST_STAMP_NS,
     MIDDLE,
     TOPICS,
-    DamagedMessageError,
     Message,
     MessageWriter,
     Moment,

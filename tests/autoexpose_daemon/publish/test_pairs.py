@@ -15,7 +15,8 @@ from hypothesis import strategies as st
 from autoexpose_daemon.client import StereoClient, received
 from autoexpose_daemon.client.received import ReceivedPair, SetAssembler, SetQueue
 from autoexpose_daemon.messages.client import ConsumerTally
-from autoexpose_daemon.messages.frames import MIDDLE, DamagedMessageError, Message, MessageWriter
+from autoexpose_daemon.messages.errors import DamagedMessageError
+from autoexpose_daemon.messages.frames import MIDDLE, Message, MessageWriter
 from imaging.exposure import ExposureSetting
 from imaging.frames import CameraName, Frame, FrameSet
 from imaging.geometry import SIDES

@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from autoexpose_daemon.client import RigClient, StereoClient
 from autoexpose_daemon.client.received import ReceivedPair, ReceivedSet, SetAssembler
 from autoexpose_daemon.messages.client import ConsumerTally
-from autoexpose_daemon.messages.frames import DamagedMessageError, Message
+from autoexpose_daemon.messages.errors import DamagedMessageError
+from autoexpose_daemon.messages.frames import Message
 from imaging.errors import ConfigurationError
 from imaging.frames import CameraName
 from tests.autoexpose_daemon.publish.test_pairs import messages

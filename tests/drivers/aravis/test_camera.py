@@ -13,6 +13,7 @@ import pytest
 
 from drivers.aravis import AravisCamera, FoundCamera, opening
 from drivers.aravis.camera import ChunkReader, FrameReader
+from drivers.aravis.stream import own_bytes_per_s
 from drivers.camera import CameraDescription
 from drivers.genicam.dialect import find_dialect
 from drivers.genicam.metadata import ChunkNodes, SettingLedger
@@ -20,7 +21,7 @@ from drivers.genicam.timeline import FrameTimeline
 from imaging.errors import CameraBusyError, NodeError
 from imaging.exposure import ExposureSetting
 from imaging.pixels import PixelFormat
-from tests.drivers.genicam.node_map import FloatNode, MemoryNodes
+from tests.drivers.genicam.node_map import FloatNode, IntegerNode, MemoryNodes, Node, StringNode
 
 AT_FIRST = ExposureSetting(1000.0, 0.0)
 
@@ -47,13 +48,12 @@ class DirectNodes(MemoryNodes):
     unchecked = contextlib.nullcontext
 
 
-def setting_after_refusal(time_node: FloatNode, gain_node: FloatNode, message: str) -> ExposureSetting:
-    """The setting of a frame that is taken after the camera refused 8 ms and 30 dB."""
-    nodes: Any = DirectNodes({"ExposureTime": time_node, "Gain": gain_node})
+def camera_with(ledger: SettingLedger, **others: Node) -> AravisCamera:
+    nodes: Any = DirectNodes(others)
     stream: Any = None
-    dialect, ledger = find_dialect(nodes), SettingLedger(AT_FIRST)
+    dialect = find_dialect(nodes)
     frames = FrameReader("M1", PixelFormat.MONO8, ledger, FrameTimeline(None, None), None)
-    camera = AravisCamera(
+    return AravisCamera(
         nodes,
         CameraDescription("Maker", "Model", "M1"),
         limits=dialect.limits(nodes),
@@ -62,6 +62,12 @@ def setting_after_refusal(time_node: FloatNode, gain_node: FloatNode, message: s
         stream=stream,
         frames=frames,
     )
+
+
+def setting_after_refusal(time_node: FloatNode, gain_node: FloatNode, message: str) -> ExposureSetting:
+    """The setting of a frame that is taken after the camera refused 8 ms and 30 dB."""
+    ledger = SettingLedger(AT_FIRST)
+    camera = camera_with(ledger, ExposureTime=time_node, Gain=gain_node)
     with pytest.raises(NodeError, match=message):
         camera.write(ExposureSetting(8000.0, 30.0))
     return ledger.setting_at(time.monotonic_ns())
@@ -89,3 +95,26 @@ def test_a_camera_that_no_action_command_can_reach_is_refused_by_serial() -> Non
     found = FoundCamera("A1", "Maker", "Model", "gige", "255.255.255.255", "id")
     with pytest.raises(CameraBusyError, match=r"camera A1: .*action command"):
         opening._action_sender(found)
+
+
+def test_the_temperature_is_what_the_node_says() -> None:
+    time_node = FloatNode(1000.0, 10.0, 10000.0, "us")
+
+    def warm_c(**nodes: Node) -> float | None:
+        return camera_with(SettingLedger(AT_FIRST), ExposureTime=time_node, **nodes).temperature_c()
+
+    assert warm_c() is None
+    assert warm_c(DeviceTemperature=FloatNode(46.5, -40.0, 100.0, "C")) == 46.5
+    assert warm_c(DeviceTemperature=FloatNode(math.nan, -40.0, 100.0, "C")) is None
+    assert warm_c(DeviceTemperature=StringNode("warm")) is None
+
+
+def test_the_speed_of_the_link_is_that_of_the_standard_nodes() -> None:
+    def speed(**nodes: Node) -> float | None:
+        node_map: Any = DirectNodes(dict(nodes))
+        return own_bytes_per_s(node_map)
+
+    assert speed() is None
+    assert speed(DeviceLinkSpeed=IntegerNode(125_000_000, 0, 1 << 40)) == 125e6
+    assert speed(GevLinkSpeed=IntegerNode(1000, 0, 1 << 20)) == 125e6
+    assert speed(DeviceLinkSpeed=IntegerNode(0, 0, 1 << 40)) is None

@@ -191,6 +191,10 @@ def test_frames_stay_on_the_trigger_grid_without_a_gap_and_across_latches(camera
     assert all(frame.host_time_ns + frame.setting.exposure_time_us * 1e3 < frame.arrival_time_ns for frame in frames)
 
 
+def test_it_says_how_warm_it_is(camera: AravisCamera) -> None:
+    assert camera.temperature_c() == 46.0
+
+
 def test_rounding_is_read_back(camera: AravisCamera) -> None:
     assert camera.description.limitations == ()
     assert camera.description_xml.rstrip().endswith("</RegisterDescription>")

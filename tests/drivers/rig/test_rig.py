@@ -62,6 +62,9 @@ class ScriptedCamera:
     def latch_clock(self) -> None:
         self._check()
 
+    def temperature_c(self) -> float | None:
+        return None
+
     def refused_packets(self) -> RefusedPackets | None:
         return None
 

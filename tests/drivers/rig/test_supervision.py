@@ -20,6 +20,7 @@ from drivers.rig.events import (
     NotTriggered,
     PacketsRefused,
     RigEvent,
+    TemperatureRead,
     Written,
 )
 from drivers.rig.supervision import LATE_PERIODS, Pacer, Slots, Supervisor
@@ -93,9 +94,11 @@ SILENCE_S = 0.2
 
 
 class InstantCamera(ScriptedCamera):
-    """Answers at once; `latches` counts how often its clock was read."""
+    """Answers at once; `latches` counts how often its clock was read, `looks` how often its temperature was."""
 
     latches = 0
+    looks = 0
+    warm_c: float | None = None
     refuses_latches = False
     refused: RefusedPackets | None = None
 
@@ -107,6 +110,10 @@ class InstantCamera(ScriptedCamera):
 
     def trigger(self) -> None:
         self._check()
+
+    def temperature_c(self) -> float | None:
+        self.looks += 1
+        return self.warm_c
 
     def latch_clock(self) -> None:
         super().latch_clock()
@@ -260,6 +267,18 @@ def test_the_clock_and_refused_packets_are_read_once_a_second_and_at_a_silence()
     bench.supervisor.pace(Slots.at_once(0.1, bench.now_ns + SECOND_NS))  # rarely triggered: read in between
     bench.run(10.0)
     assert camera.latches >= 13
+
+
+def test_the_temperature_is_read_rarely() -> None:
+    camera = InstantCamera()
+    camera.warm_c = 46.0
+    bench = Bench(camera)
+    camera.expose()
+    told = [event for event in bench.run(30.5) if isinstance(event, TemperatureRead)]
+    assert told == [TemperatureRead("left", 46.0)] * camera.looks
+    assert camera.looks in (3, 4)
+    camera.warm_c = None
+    assert not [event for event in bench.run(30.0) if isinstance(event, TemperatureRead)]
 
 
 def test_a_camera_that_is_closed_while_its_pace_is_set_is_reopened_without_one() -> None:

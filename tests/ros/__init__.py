@@ -1,0 +1,1 @@
+"""What of `ros/autoexpose_ros` runs without ROS 2."""
