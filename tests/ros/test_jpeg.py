@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from autoexpose_ros.jpeg import Compression, JpegThread, UnreadableError, compressed
 
-from autoexpose_daemon.messages.frames import MessageWriter
+from autoexpose_daemon.messages.frames import MessageWriter, Stamping
 from autoexpose_daemon.messages.types import TYPESTORE
 from imaging.exposure import ExposureSetting
 from imaging.frames import Frame, FrameSet
@@ -22,7 +22,7 @@ STAMP_NS = 1_700_000_000_123_456_789
 
 def image(pixels: Pixels, layout: Layout = "grey", bit_depth: int = 8) -> bytes:
     frame = Frame(pixels, bit_depth, 1, 0, 0, 0, ExposureSetting(1000.0, 0.0), layout=layout)
-    writer = MessageWriter("rig", 1, "start")
+    writer = MessageWriter("rig", 1, Stamping("start"))
     (message,) = writer.messages(FrameSet(1, {"left": frame}), {}, 0, STAMP_NS, {("left", "image")})
     return bytes(message.data)
 
