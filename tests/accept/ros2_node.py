@@ -113,6 +113,8 @@ def in_ros(*command: Any, **streams: Any) -> Iterator[subprocess.Popen[str]]:
         with contextlib.suppress(subprocess.TimeoutExpired):
             process.wait(10)
         process.kill()
+        if process.stdout is not None:
+            process.stdout.close()
 
 
 def cpu_s(process: subprocess.Popen[Any]) -> float:

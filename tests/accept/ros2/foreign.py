@@ -302,15 +302,10 @@ def main() -> int:
     walk_up(visitor)
     print("please: measure", flush=True)
     end_s = time.monotonic() + seconds
-    for look in (
-        look_at_diagnostics,
-        look_at_compressed,
-        calibrate,
-        look_at_transforms,
-        set_parameters,
-        call_services,
-        send,
-    ):
+    looks = (
+        look_at_diagnostics, look_at_compressed, calibrate, look_at_transforms, set_parameters, call_services, send,
+    )  # fmt: skip
+    for look in looks:
         try:
             look(visitor)
         except Exception as error:

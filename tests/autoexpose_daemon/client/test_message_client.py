@@ -12,14 +12,17 @@ from functools import partial
 import pytest
 
 from autoexpose_daemon.client import MessageClient
-from autoexpose_daemon.config.document import PublishConfig
+from autoexpose_daemon.config.document import ImuConfig, PublishConfig
 from autoexpose_daemon.config.request import Request
 from autoexpose_daemon.messages.frames import read_image
+from autoexpose_daemon.publish.inbound import ImuSubscriber
 from autoexpose_daemon.publish.publisher import Publisher
-from autoexpose_daemon.status.counters import Answer, RequestTally
+from autoexpose_daemon.runtime.inputs import AngularRate
+from autoexpose_daemon.status.counters import Answer, Counts, RequestTally
 from imaging.errors import AutoexposeError, ConfigurationError
 from tests import REPOSITORY
 from tests.autoexpose_daemon.publish.steps import PATIENCE_S, endpoint, nothing, publishing, wait_until
+from tests.fuzz.of_host import imu_seeds
 
 pytestmark = pytest.mark.wire
 
@@ -97,6 +100,23 @@ def test_bytes_reach_whoever_listens() -> None:
 
             wait_until(arrives, "bytes")
     assert heard.get() == b"turning"
+
+
+def test_an_imu_reaches_a_daemon_that_listens_at_its_own_endpoint() -> None:
+    at = endpoint()
+    config = ImuConfig(key="autoexpose/rig/imu", connect=(at,))
+    rate, sample = AngularRate(config, Counts()), next(imu_seeds())
+    with (
+        Publisher(PublishConfig(listen=(at,)), ("left",), nothing),
+        ImuSubscriber(config, rate),
+        MessageClient("rig", [at]) as node,
+    ):
+
+        def arrives() -> bool:
+            node.send("imu", sample)
+            return rate.tally.samples > 0
+
+        wait_until(arrives, "a sample")
 
 
 def test_it_asks_in_vain_where_no_daemon_is() -> None:
