@@ -95,9 +95,13 @@ build/ros2/stamp: tests/accept/ros2/install tests/accept/ros2/packages.txt
 	@./tools/timed "installing ROS 2 Jazzy in build/ros2" ./tests/accept/ros2/install build/ros2
 	@touch $@
 
-test-ros2: $(VENV)/dev.stamp build/ros2/stamp ## the ROS 2 node beside a demo, visited by a program of ROS 2 for a minute
+build/ros2-kilted/stamp: tests/accept/ros2/install tests/accept/ros2/packages-kilted.txt
+	@./tools/timed "installing ROS 2 Kilted in $(@D)" ./tests/accept/ros2/install $(@D) tests/accept/ros2/packages-kilted.txt
+	@touch $@
+
+test-ros2: $(VENV)/dev.stamp build/ros2$(if $(filter kilted,$(ROS2)),-kilted)/stamp ## the ROS 2 node beside a demo, visited by a program of ROS 2 for a minute; ROS2=kilted
 	@./tools/install-debian cmake g++
-	$(PY) -m tests.accept.ros2_node --seconds 60
+	ROS2=$(or $(ROS2),jazzy) $(PY) -m tests.accept.ros2_node --seconds 60
 
 accept: $(VENV)/dev.stamp build/ros2/stamp ## the longer checks in real time, about 40 minutes
 	@./tools/install-debian $(ACCEPT_PACKAGES)

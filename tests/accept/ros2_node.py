@@ -3,7 +3,7 @@
     python -m tests.accept.ros2_node [--seconds 60]
 
 Everything is in `build`: ROS 2 of wheels in `ros2`, the workspace in `ros2_ws`, and our client as its wheel has it in
-`ros2_client`.
+`ros2_client`. With ROS2=kilted in the environment, the first two are `ros2-kilted` and `ros2_ws-kilted`.
 """
 
 from __future__ import annotations
@@ -39,8 +39,9 @@ from tests.autoexpose_daemon.publish.steps import endpoint, publishing
 from tests.autoexpose_daemon.service.service_process import AUTOEXPOSE
 from tools.stage_package import stage
 
-ROS = REPOSITORY / "build/ros2"
-WORKSPACE = REPOSITORY / "build/ros2_ws"
+_SUFFIX = f"-{release}" if (release := os.environ.get("ROS2", "jazzy")) != "jazzy" else ""
+ROS = REPOSITORY / f"build/ros2{_SUFFIX}"
+WORKSPACE = REPOSITORY / f"build/ros2_ws{_SUFFIX}"
 CLIENT = REPOSITORY / "build/ros2_client"
 DOMAIN = SystemRandom().randint(100, LAST_ROS2_DOMAIN - 1)
 ENVIRONMENT = {

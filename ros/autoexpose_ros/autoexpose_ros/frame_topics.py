@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Any
 
 from autoexpose_client import MessageClient
 from autoexpose_msgs.msg import ExposureInfo
 from rclpy.node import Node
-from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 
@@ -22,26 +22,48 @@ TOPICS = {
 """For each camera: the last part of the daemon's key, and the topic's name and type."""
 
 
+class _Outlet:
+    """A topic to publish on, on any thread. At a signal rclpy takes topics away while messages still arrive."""
+
+    def __init__(self, node: Node, kind: Any, name: str, qos: QoSProfile) -> None:
+        self.publisher = node.create_publisher(kind, name, qos)
+        self._context = node.context
+
+    def is_heard(self) -> bool:
+        try:
+            return bool(self.publisher.get_subscription_count())
+        except Exception:
+            if self._context.ok():
+                raise
+            return False
+
+    def publish(self, cdr: bytes) -> None:
+        try:
+            self.publisher.publish(cdr)
+        except Exception:
+            if self._context.ok():
+                raise
+
+
 @dataclass
 class _Topic:
     """A topic of a camera, and what else is made of its messages."""
 
-    publisher: Publisher
-    compressed: Publisher | None = None
+    outlet: _Outlet
+    compressed: _Outlet | None = None
     jpeg: JpegThread | None = None
-    sent: int = 0
 
     def take(self, cdr: bytes) -> None:
         """Publish a message; called on the thread of its key."""
-        if self.publisher.get_subscription_count():
-            self.publisher.publish(cdr)
-            self.sent += 1
-        if self.jpeg is not None:
-            self.jpeg.offer(cdr)
+        if self.compressed is None or self.jpeg is None:
+            self.outlet.publish(cdr)
+            return
+        if self.outlet.is_heard():
+            self.outlet.publish(cdr)
+        self.jpeg.offer(cdr)
 
     def is_heard(self) -> bool:
-        compressed = 0 if self.compressed is None else self.compressed.get_subscription_count()
-        return self.publisher.get_subscription_count() + compressed > 0
+        return self.outlet.is_heard() or (self.compressed is not None and self.compressed.is_heard())
 
 
 class FrameTopics:
@@ -56,18 +78,13 @@ class FrameTopics:
         self._topics: dict[str, _Topic] = {}
         self._fetched: set[str] = set()
 
-    @property
-    def sent(self) -> dict[str, int]:
-        """Messages so far, by key."""
-        return {key: topic.sent for key, topic in self._topics.items()}
-
     def offer(self, cameras: Iterable[str]) -> None:
         """Have topics for these cameras; those of earlier ones stay."""
         for camera in cameras:
             for part, (name, kind) in TOPICS.items():
                 if f"{camera}/{part}" not in self._topics:
-                    publisher = self._node.create_publisher(kind, f"~/{camera}/{name}", self._qos)
-                    self._topics[f"{camera}/{part}"] = topic = _Topic(publisher)
+                    outlet = _Outlet(self._node, kind, f"~/{camera}/{name}", self._qos)
+                    self._topics[f"{camera}/{part}"] = topic = _Topic(outlet)
                     if part == "image" and self._compression is not None:
                         self._compress(topic, camera, self._compression)
 
@@ -87,8 +104,8 @@ class FrameTopics:
         for topic in self._topics.values():
             if topic.jpeg is not None:
                 topic.jpeg.close()
-            for publisher in filter(None, (topic.publisher, topic.compressed)):
-                self._node.destroy_publisher(publisher)
+            for outlet in filter(None, (topic.outlet, topic.compressed)):
+                self._node.destroy_publisher(outlet.publisher)
         self._topics.clear()
 
     def _compress(self, topic: _Topic, camera: str, compression: Compression) -> None:
@@ -97,6 +114,5 @@ class FrameTopics:
         def complain(why: str) -> None:
             log.warning(f"{camera}: {why}", throttle_duration_sec=60.0)
 
-        publisher = self._node.create_publisher(CompressedImage, f"~/{camera}/image_raw/compressed", self._qos)
-        topic.compressed = publisher
-        topic.jpeg = JpegThread(compression, publisher.publish, publisher.get_subscription_count, complain)
+        topic.compressed = _Outlet(self._node, CompressedImage, f"~/{camera}/image_raw/compressed", self._qos)
+        topic.jpeg = JpegThread(compression, topic.compressed.publish, topic.compressed.is_heard, complain)

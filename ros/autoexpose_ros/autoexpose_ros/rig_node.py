@@ -113,11 +113,6 @@ class RigNode(LifecycleNode):
         self._unconfigure()
         self.destroy_node()
 
-    @property
-    def sent(self) -> dict[str, int]:
-        """Messages of the cameras since it was configured, by key."""
-        return {} if self._frames is None else self._frames.sent
-
     def _configure(self) -> None:
         given = self._given
         reliability = _RELIABILITY.get(given("reliability"))

@@ -279,7 +279,9 @@ def send(visitor: Visitor) -> None:
         visitor.check(
             f"the node listens to {name}", visitor.until(lambda publisher=publisher: publisher.get_subscription_count())
         )
-        publisher.publish(message)
+        for _ in range(10):  # the first may be lost before the other end knows the publisher
+            publisher.publish(message)
+            visitor.until(lambda: False, 0.1)
     print("please: have the imu, light_ahead and tracking arrived?", flush=True)
 
 
