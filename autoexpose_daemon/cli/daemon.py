@@ -110,7 +110,7 @@ def replay(
 ) -> None:
     """Replay a recording: the recorded policy, bit for bit, or what another one would have decided."""
     check_recording_extra()
-    from autoexpose_daemon.recording.replay import Replay, Replayed, report_replay  # noqa: PLC0415
+    from autoexpose_daemon.recording.replay import report_replay  # noqa: PLC0415
     from autoexpose_daemon.recording.replay_page import ReplayLog  # noqa: PLC0415
 
     if policy is not None:
@@ -118,16 +118,14 @@ def replay(
     if at and show_belief is None:
         raise ConfigurationError("--at chooses what --show-belief draws: give that, too")
     strip = None if show_belief is None else _belief_strip(show_belief, at or [])
-    log = ReplayLog(json_file, page)
-
-    def watch(player: Replay, replayed: Replayed) -> None:
-        if strip is not None:
-            strip.see(player, replayed)
-        log.see(player, replayed)
-
-    same = report_replay(file, policy, typer.echo, watch)
-    for line in [*([] if strip is None else [strip.draw()]), *log.write()]:
-        typer.echo(line)
+    log = None if json_file is None and page is None else ReplayLog(json_file, page)
+    watching = [each.see for each in (strip, log) if each is not None]
+    same = report_replay(file, policy, typer.echo, watching)
+    if strip is not None:
+        typer.echo(strip.draw())
+    if log is not None:
+        for line in log.write():
+            typer.echo(line)
     if not same:
         raise typer.Exit(1)
 

@@ -67,7 +67,8 @@ class MessageClient:
 
     def send(self, key: str, data: bytes) -> None:
         """Send a message under a key; lost if there is no connection."""
-        self._send(f"autoexpose/{self.rig}/{key}", data)
+        with contextlib.suppress(zenoh.ZError):  # the session was closed meanwhile
+            self._holder.send(self._below(key), data)
 
     def ask(self, request: Mapping[str, Any]) -> Any:
         """Ask control, with the keys of docs/control-api.md, `by` among them; returns its answer, what was in JSON.
@@ -97,10 +98,6 @@ class MessageClient:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _send(self, key: str, data: bytes) -> None:
-        with contextlib.suppress(zenoh.ZError):  # the session was closed meanwhile
-            self._holder.send(key, data)
-
     def _serve(self, session: zenoh.Session) -> None:
         with self._lock:
             self._session = session
@@ -111,5 +108,7 @@ class MessageClient:
             self._session = None
 
     def _declare(self, session: zenoh.Session, key: str) -> None:
-        at = f"autoexpose/{self.rig}/{key}"
-        self._ends[key] = self._holder.subscribe(session, at, self._takes[key], _WAITING_MESSAGES)
+        self._ends[key] = self._holder.subscribe(session, self._below(key), self._takes[key], _WAITING_MESSAGES)
+
+    def _below(self, key: str) -> str:
+        return f"autoexpose/{self.rig}/{key}"

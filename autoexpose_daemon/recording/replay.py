@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -114,7 +114,7 @@ Watch = Callable[[Replay, Replayed], None]
 """Is shown each step as soon as it has been replayed."""
 
 
-def report_replay(path: Path, policy_id: str | None, say: Say, watch: Watch | None = None) -> bool:
+def report_replay(path: Path, policy_id: str | None, say: Say, watching: Sequence[Watch] = ()) -> bool:
     """Replay a recording and print the outcome; False when the recorded policy decided differently this time.
 
     Raises RecordingError or ConfigurationError when the recording cannot be read, or the policy cannot run on it.
@@ -124,7 +124,7 @@ def report_replay(path: Path, policy_id: str | None, say: Say, watch: Watch | No
     start_ns: int | None = None
     end_ns = 0
     for replayed in player.steps(recording):
-        if watch is not None:
+        for watch in watching:
             watch(player, replayed)
         time_ns = replayed.step.pair.reference.host_time_ns
         if start_ns is None:

@@ -61,7 +61,7 @@ def run_jobs(jobs: Sequence[Job], kept: ResultCache, workers: Workers, advance: 
             advance(job, 0.0)
         else:
             missing.setdefault(key, ([], job))[0].append(place)
-    with closing(workers(_measure, list(_batches(missing.values())))) as finished:
+    with closing(workers(_measure, _batches(missing.values()))) as finished:
         for batch, (found, took_s) in finished:
             for (places, job), result in zip(batch, found, strict=True):
                 kept.put(job, result)
@@ -71,7 +71,7 @@ def run_jobs(jobs: Sequence[Job], kept: ResultCache, workers: Workers, advance: 
     return [results[place] for place in range(len(jobs))]
 
 
-def _batches(missing: Iterable[_Placed]) -> Iterable[list[_Placed]]:
+def _batches(missing: Iterable[_Placed]) -> list[list[_Placed]]:
     """What runs as one, the longest first."""
     batches: dict[Any, list[_Placed]] = {}
     for number, (places, job) in enumerate(missing):

@@ -31,6 +31,10 @@ class Margins:
     lost: float = 0.01  # of all pairs
     features: float = 0.05  # of the matches
 
+    def of(self, name: str) -> float:
+        """That of a kind of `Difference`."""
+        return {"odometry": self.odometry, "lost": self.lost, "features": self.features}[name]
+
 
 @dataclass(frozen=True, slots=True)
 class SeenSegment:
@@ -155,16 +159,12 @@ def decide(seen: Mapping[str, Sequence[SeenSegment]], present: str, margins: Mar
     )
 
 
-def _margin(name: str, margins: Margins) -> float:
-    return {"odometry": margins.odometry, "lost": margins.lost, "features": margins.features}[name]
-
-
 def _better_by(one: Difference, margins: Margins) -> str | None:
     """In what it is better, while it is not worse in what comes before, and loses no more pairs."""
     if one.lost is not None and one.lost.value < -margins.lost:
         return None
     for name, interval in one.known:
-        margin = _margin(name, margins)
+        margin = margins.of(name)
         if interval.low > 0.0 and interval.value >= margin:
             return name
         if interval.low < -margin:
@@ -174,7 +174,7 @@ def _better_by(one: Difference, margins: Margins) -> str | None:
 
 def _settled(one: Difference, margins: Margins) -> bool:
     """Whether more driving would hardly make it better: surely not by more than the margin in what decides first."""
-    return all(interval.high < 2.0 * _margin(name, margins) for name, interval in one.known[:1])
+    return all(interval.high < 2.0 * margins.of(name) for name, interval in one.known[:1])
 
 
 _RANK = ("odometry", "lost", "features")
@@ -210,7 +210,7 @@ def _more_minutes(one: Difference, margins: Margins, segments: int) -> int:
     needed = fewest
     if one.known:
         name, interval = one.known[0]
-        margin = _margin(name, margins)
+        margin = margins.of(name)
         value, low, high = (
             -math.log(1.0 - each) if name == "odometry" else each
             for each in (interval.value, interval.low, interval.high)

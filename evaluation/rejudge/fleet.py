@@ -7,6 +7,7 @@ import io
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from datetime import datetime
+from functools import cache
 from pathlib import Path
 from typing import Any, Literal
 
@@ -92,10 +93,12 @@ class JudgedFleet:
         some = [drive for drive in self.drives if group in (None, drive.group)]
         return {policy: [one for drive in some for one in drive.seen(policy)] for policy in self.policies}
 
+    @cache  # noqa: B019  one fleet is judged in a process
     def decision(self, group: str | None = None) -> Recommendation:
         """What to run."""
         return decide(self.seen(group), self.present, self.margins)
 
+    @cache  # noqa: B019
     def differences(self, group: str | None = None) -> list[Difference]:
         """Each policy compared with the present one; intervals of 95 %."""
         return differences(self.seen(group), self.present, 95.0)

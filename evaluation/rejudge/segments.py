@@ -45,15 +45,11 @@ def survey(drive: str) -> Plain:
     """A `Survey`, or `refused` in a sentence."""
     try:
         found = asdict(Survey.of(Path(drive)))
-        _check_length(drive, len(found["times_s"]))
+        if not found["times_s"]:
+            raise AutoexposeError(f"{drive}: has no complete pairs: record the drive with both cameras open")
     except AutoexposeError as error:
         return {"refused": str(error)}
     return found
-
-
-def _check_length(drive: str, pairs: int) -> None:
-    if pairs == 0:
-        raise AutoexposeError(f"{drive}: has no complete pairs: record the drive with both cameras open")
 
 
 def parts_of(times_s: Sequence[float]) -> list[Part]:

@@ -35,6 +35,7 @@ from autoexpose_daemon.demo.reference_step import reference_step_ms
 from autoexpose_daemon.messages.frames import read_angular_rate
 from autoexpose_daemon.messages.keys import LAST_ROS2_DOMAIN
 from tests import REPOSITORY
+from tests.accept.ros2_environment import ros_environment
 from tests.autoexpose_daemon.publish.steps import endpoint, publishing
 from tests.autoexpose_daemon.service.service_process import AUTOEXPOSE
 from tools.stage_package import stage
@@ -44,15 +45,7 @@ ROS = REPOSITORY / f"build/ros2{_SUFFIX}"
 WORKSPACE = REPOSITORY / f"build/ros2_ws{_SUFFIX}"
 CLIENT = REPOSITORY / "build/ros2_client"
 DOMAIN = SystemRandom().randint(100, LAST_ROS2_DOMAIN - 1)
-ENVIRONMENT = {
-    "HOME": os.environ.get("HOME", "/"),
-    "PATH": f"{ROS}/bin:{os.environ['PATH']}",
-    "AMENT_PREFIX_PATH": str(ROS),
-    "CMAKE_PREFIX_PATH": str(ROS),
-    "LD_LIBRARY_PATH": f"{ROS}/lib",
-    "ROS_DOMAIN_ID": str(DOMAIN),
-    "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
-}
+ENVIRONMENT = ros_environment(ROS, DOMAIN)
 NODE = f"{WORKSPACE}/install/autoexpose_ros/lib/autoexpose_ros/rig"
 FOREIGN = str(Path(__file__).with_name("ros2") / "foreign.py")
 RATE_HZ = 20

@@ -32,6 +32,7 @@ from autoexpose_daemon.messages.types import (
 )
 from imaging.frames import CameraName
 from tests import REPOSITORY
+from tests.accept.ros2_environment import ros_environment
 from tests.autoexpose_daemon.publish.steps import DECISION, endpoint, pair, publishing
 from tests.autoexpose_daemon.service.service_process import AUTOEXPOSE
 from tests.fuzz.of_robot import light_ahead_seeds, registration_seeds, tracked_cells_seeds
@@ -39,15 +40,7 @@ from tests.fuzz.of_robot import light_ahead_seeds, registration_seeds, tracked_c
 PACKAGE = REPOSITORY / "ros/autoexpose_msgs"
 ROS = REPOSITORY / "build/ros2"
 DOMAIN = SystemRandom().randint(100, LAST_ROS2_DOMAIN)
-ENVIRONMENT = {
-    "HOME": os.environ.get("HOME", "/"),
-    "PATH": f"{ROS}/bin:{os.environ['PATH']}",
-    "AMENT_PREFIX_PATH": str(ROS),
-    "CMAKE_PREFIX_PATH": str(ROS),
-    "LD_LIBRARY_PATH": f"{ROS}/lib",
-    "ROS_DOMAIN_ID": str(DOMAIN),
-    "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
-}
+ENVIRONMENT = ros_environment(ROS, DOMAIN)
 
 pytestmark = [pytest.mark.needs("cmake", "g++", "rosidl"), pytest.mark.timeout(300)]
 
