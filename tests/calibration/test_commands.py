@@ -9,6 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from rich.console import Console
 
 from calibration.commands.rig import CameraMode
@@ -162,6 +163,15 @@ def bright_camera(tmp_path: Path, response: str, scene: str = "room", lux: int =
         yield camera
 
 
+def prediction_errors(found: ResponseFunction, low: int, high: int) -> NDArray[np.float64]:
+    """By how many grey levels predictions from greys between two are wrong, where the camera's curve is a gamma."""
+    tables = prediction_tables(found, DELTAS).astype(float)
+    true = prediction_tables(true_response("gamma"), DELTAS).astype(float)
+    open_ends = (true > 0) & (true < 255) & (tables > 0) & (tables < 255)
+    open_ends[:, :low] = open_ends[:, high + 1 :] = False
+    return (tables - true)[open_ends]
+
+
 @pytest.mark.wire
 @pytest.mark.usefixtures("quick")
 def test_a_camera_is_swept_checked_and_predicted_as_it_really_is(tmp_path: Path) -> None:
@@ -176,13 +186,9 @@ def test_a_camera_is_swept_checked_and_predicted_as_it_really_is(tmp_path: Path)
     low, high = loaded.covered
     assert low <= 8
     assert high >= 247
-    tables = prediction_tables(loaded.response, DELTAS).astype(float)
-    true = prediction_tables(true_response("gamma"), DELTAS).astype(float)
-    open_ends = (true > 0) & (true < 255) & (tables > 0) & (tables < 255)
-    open_ends[:, :low] = open_ends[:, high + 1 :] = False
-    difference = (tables - true)[open_ends]
-    assert np.sqrt(np.mean(difference**2)) < 1.0
-    assert np.percentile(np.abs(difference), 99) <= 2.0
+    error = prediction_errors(loaded.response, low, high)
+    assert np.sqrt(np.mean(error**2)) < 1.0
+    assert np.percentile(np.abs(error), 99) <= 2.0
 
 
 @pytest.mark.wire
@@ -195,8 +201,10 @@ def test_a_wall_is_swept_at_two_gains(tmp_path: Path, monkeypatch: pytest.Monkey
     assert "the scene has one brightness only: again at 1" in output
     assert ", and as many at 1" in output
     loaded = ResponseFile.load(file)
-    assert (loaded.model, loaded.origin.gain_db) == ("gamma", 0.0)
-    assert loaded.parameters["gamma"] == pytest.approx(1 / 2.2, rel=0.01)
+    assert loaded.origin.gain_db == 0.0
+    assert loaded.covered is not None
+    error = prediction_errors(loaded.response, *loaded.covered)
+    assert np.sqrt(np.mean(error**2)) < 2.0  # 0.1, or more where chance asks for a curve of free shape
 
 
 @pytest.mark.wire
