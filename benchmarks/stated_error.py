@@ -21,7 +21,7 @@ from evaluation.pool import over_processes
 from tests.calibration.simulated_sweeps import PROCESSINGS, Scene, Stated, scored, simulated
 
 FIRST_SEED = {"tuning": 0, "report": 700_005}
-"""The method was chosen on the tuning seeds; the report seeds are for the figures in docs/calibration-method.md."""
+"""The method was chosen on the tuning seeds; the report seeds are for docs/understand/calibration-method.md."""
 FIRST_PROCESSED_SEED = {"tuning": 10_000, "report": 800_310}
 """Likewise, for images as JPEG, denoised, and in a consumer's colours."""
 COUNT, QUICK = 300, 45

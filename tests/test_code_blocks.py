@@ -35,7 +35,7 @@ class Block(NamedTuple):
 
 def blocks() -> Iterator[Block]:
     pages = ["README.md", "CONTRIBUTING.md", "benchmarks/README.md"]
-    pages += [str(path.relative_to(REPOSITORY)) for path in sorted((REPOSITORY / "docs").glob("*.md"))]
+    pages += [str(path.relative_to(REPOSITORY)) for path in sorted((REPOSITORY / "docs").glob("*/*.md"))]
     for page in pages:
         text = (REPOSITORY / page).read_text()
         for found in re.finditer(r"^```(\w*)\n(.*?)^```$", text, re.MULTILINE | re.DOTALL):

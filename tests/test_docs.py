@@ -16,10 +16,10 @@ from imaging.pixels import PixelFormat
 from tests import REPOSITORY
 
 NAMED: dict[str, Iterable[str]] = {
-    "control.md": POLICY_IDS,
-    "configuration.md": PixelFormat,
-    "fake-camera.md": GIGE,
-    "usb3.md": USB3 - GIGE,
+    "understand/control.md": POLICY_IDS,
+    "look-up/configuration.md": PixelFormat,
+    "do/fake-camera.md": GIGE,
+    "do/usb3.md": USB3 - GIGE,
 }
 
 
@@ -53,4 +53,4 @@ def test_some_page_shows_how_to_call_it(command: str) -> None:
 def test_a_loss_has_its_row_in_the_words_of_the_terminal(reason: LossReason) -> None:
     ((words, _, _),) = losses({reason: 1})
     assert words != reason, "give it words in status/panel.py"
-    assert f"| `{reason}` | {words} |" in page("account.md")
+    assert f"| `{reason}` | {words} |" in page("understand/account.md")

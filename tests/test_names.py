@@ -36,7 +36,7 @@ def test_no_two_classes_have_one_name() -> None:
 
 
 def test_the_words_of_the_glossary_are_defined_where_it_says() -> None:
-    rows = GLOSSARY_ROW.findall((REPOSITORY / "docs" / "glossary.md").read_text())
+    rows = GLOSSARY_ROW.findall((REPOSITORY / "docs/look-up/glossary.md").read_text())
     assert len(rows) >= 30
     assert len({word for word, _, _ in rows}) == len(rows)
     for word, path, name in rows:
@@ -50,4 +50,4 @@ def test_what_has_a_word_has_no_other() -> None:
             if isinstance(node, ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
                 words = re.findall("[a-z]+", re.sub(r"([A-Z])", r"_\1", node.name).lower())
                 used = OTHER_WORDS & {form for word in words for form in (word, word.removesuffix("s"))}
-                assert not used, f"{path.relative_to(REPOSITORY)}: {node.name}: see docs/glossary.md"
+                assert not used, f"{path.relative_to(REPOSITORY)}: {node.name}: see docs/look-up/glossary.md"

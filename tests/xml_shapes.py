@@ -1,7 +1,7 @@
 """Descriptions of made-up cameras whose exposure, gain, rate or trigger is built in a way that a survey has found.
 
 `tests.xml_cameras` has one description for each combination of features; here is how their nodes depend on each other,
-and what is missing. The survey's 92 descriptions by these shapes: docs/dialects.md.
+and what is missing. The survey's 92 descriptions by these shapes: docs/look-up/dialects.md.
 """
 
 from __future__ import annotations

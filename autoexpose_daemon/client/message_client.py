@@ -27,7 +27,7 @@ class MessageClient:
     `zenoh_file` are those of `StereoClient`, and so are the errors. `on_trouble` is told why there is no connection,
     whenever that changes, in words; empty: there is one.
 
-    Keys are those below `autoexpose/<rig>/`: `left/image`, `status` (docs/frames-out.md).
+    Keys are those below `autoexpose/<rig>/`: `left/image`, `status` (docs/do/frames-out.md).
     """
 
     def __init__(
@@ -71,7 +71,7 @@ class MessageClient:
             self._holder.send(self._below(key), data)
 
     def ask(self, request: Mapping[str, Any]) -> Any:
-        """Ask control, with the keys of docs/control-api.md, `by` among them; returns its answer, what was in JSON.
+        """Ask control, with the keys of docs/do/control-api.md, `by` among them; returns its answer, what was in JSON.
 
         Raises AutoexposeError when nothing has changed, with a sentence that says why: the daemon's own, or that it
         does not answer.

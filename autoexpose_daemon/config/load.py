@@ -110,7 +110,7 @@ def load_config(path: Path) -> Config:
 
     Raises ConfigurationError with one sentence for each thing that is wrong, with file and key.
     """
-    content = load_mapping(path, "begin with `cameras:`; see docs/configuration.md")
+    content = load_mapping(path, "begin with `cameras:`; see docs/look-up/configuration.md")
     _refuse_empty(path, content)
     try:
         config = Config.model_validate(content)

@@ -137,7 +137,7 @@ class Target:
 
 
 Objective = Literal["metric", "information"]
-"""What makes a frame good: gradient information M_g, or the Fisher information of its gradients (docs/policy.md)."""
+"""What makes a frame good: gradient information M_g, or Fisher information of gradients (docs/understand/policy.md)."""
 
 
 class ExposurePolicy(Stateful, ABC):

@@ -62,7 +62,7 @@ class DemoOptions:
         self._check_pair()
         if self.pixel_format not in PIXEL_FORMATS:
             raise ConfigurationError(
-                f"--pixel-format {self.pixel_format} is not supported: docs/configuration.md lists what is"
+                f"--pixel-format {self.pixel_format} is not supported: see docs/look-up/configuration.md"
             )
         if self.size not in SIZES:
             raise ConfigurationError(f"--size {self.size} cannot be simulated: give one of {', '.join(SIZES)}")
@@ -73,7 +73,7 @@ class DemoOptions:
         if self.scene != "room":
             _check_readable("--scene", Path(self.scene), "name a Radiance .hdr file, or `room`")
         if self.light is not None:
-            _check_readable("--light", self.light, "name a light script (docs/fake-camera.md)")
+            _check_readable("--light", self.light, "name a light script (docs/do/fake-camera.md)")
             if self.light.stat().st_size > _LARGEST_SCRIPT_BYTES:
                 raise ConfigurationError(f"--light {self.light} is longer than {_LARGEST_SCRIPT_BYTES >> 10} KiB")
         for file in (self.summary, self.plot):

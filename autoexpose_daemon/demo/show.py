@@ -65,7 +65,7 @@ RATES_HZ = (60.0, 30.0, 20.0, 10.0, 4.0, 2.0)
 """The demo runs at the highest that this machine can sustain.
 
 Not at 5 Hz: over USB3 Vision Aravis 0.8.26 waits 0.2 s at a time for a frame, and may lose one that arrives between
-two waits (docs/usb3.md).
+two waits (docs/do/usb3.md).
 """
 
 _USABLE_SHARE = 0.85  # of the cores; the rest is for the terminal and the system

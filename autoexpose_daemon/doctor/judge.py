@@ -263,7 +263,7 @@ def _judge_ptp(status: str | None, name: str) -> Diagnosis:
             fix = "autoexpose config check --camera rig.yaml   # says whether it can be driven"
             return Diagnosis("ptp", "warning", sentence, fix)
     sentence = f"{name} follows no PTP master (PtpStatus {status})"
-    fix = "sudo ptp4l -i eth0 -m -S   # makes this computer one, on the cameras' interface: docs/triggering.md"
+    fix = "sudo ptp4l -i eth0 -m -S   # makes this computer one, on the cameras' interface: docs/do/triggering.md"
     return Diagnosis("ptp", "warning", sentence, fix)
 
 
@@ -349,7 +349,7 @@ def _unfiltered(interface: NetworkInterface, cameras: Sequence[GigeCamera], reas
         f"a socket filter is refused: {reason}",
         "sudo nft 'add table inet autoexpose; "
         "add chain inet autoexpose input { type filter hook input priority 0 ; }; "
-        f"add rule inet autoexpose input {stranger} drop'   # docs/hostile-packets.md",
+        f"add rule inet autoexpose input {stranger} drop'   # docs/understand/hostile-packets.md",
     )
 
 

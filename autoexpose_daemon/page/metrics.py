@@ -1,4 +1,4 @@
-"""A daemon's status for Prometheus; all names, and alerts: docs/metrics.md."""
+"""A daemon's status for Prometheus; all names, and alerts: docs/look-up/metrics.md."""
 
 from __future__ import annotations
 

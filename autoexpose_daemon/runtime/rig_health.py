@@ -132,7 +132,8 @@ class StuckStreams:
 _SILENCE_LOG_PAUSE_S = 60.0  # a trigger much slower than configured makes each frame end a silence
 
 _WHOSE_PACKETS = (
-    "if this is the camera, give it one address; if not, keep that sender off its network (docs/hostile-packets.md)"
+    "if this is the camera, give it one address; if not, keep that sender off its network "
+    "(docs/understand/hostile-packets.md)"
 )
 
 

@@ -165,7 +165,7 @@ class Status:
     cameras: dict[CameraName, CameraStatus]  # every camera of the configuration
     rate_hz: _Hertz  # complete pairs per second, at present
     counts: Counts
-    lost: _Counts  # triggers that made no pair, by reason (docs/account.md)
+    lost: _Counts  # triggers that made no pair, by reason (docs/understand/account.md)
     # the newest decision; its `setting` is the last one requested. None before the first
     decision: _Decision | None
     # see `DURATIONS`

@@ -111,7 +111,7 @@ def rig_of_config(path: Path) -> list[CameraMode]:
 
     Raises ConfigurationError naming the file, the key and what to do.
     """
-    document = _Section(path, "", load_mapping(path, "begin with `cameras:`; see docs/configuration.md"))
+    document = _Section(path, "", load_mapping(path, "begin with `cameras:`; see docs/look-up/configuration.md"))
     cameras, image, transport = (document.section(key) for key in ("cameras", "image", "transport"))
     pixel_format, binning = image.keys.get("pixel_format"), image.keys.get("binning")
     if pixel_format is not None and pixel_format not in list(PIXEL_FORMATS):

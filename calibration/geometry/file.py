@@ -95,7 +95,7 @@ Size = tuple[int, int]
 
 FORMATS: Final = (
     "give a camera-info file of ROS, a camchain of Kalibr, a FileStorage of OpenCV with K1, D1, K2, D2, R and T or "
-    "with camera_matrix, or another of docs/geometry.md"
+    "with camera_matrix, or another of docs/do/geometry.md"
 )
 
 

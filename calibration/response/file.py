@@ -194,7 +194,7 @@ class _Document(CalibrationDocument):
     )
     black_level: Annotated[int, Strict()] = Field(description="give a grey level, 0 to 255")
     saturation: Annotated[int, Strict()] = Field(description="give a grey level, 0 to 255")
-    pixel_format: PixelFormat | None = optional("give a format of docs/configuration.md, such as Mono8")
+    pixel_format: PixelFormat | None = optional("give a format of docs/look-up/configuration.md, such as Mono8")
     binning: Annotated[int, Strict(), within(BINNING)] | None = optional(f"give a whole number, {BINNING}")
     gain_db: Annotated[Number, within(GAIN_DB)] | None = optional(f"give a number of dB, {GAIN_DB}")
     model: ResponseModel | None = optional(f"give one of {', '.join(get_args(ResponseModel))}")
@@ -226,7 +226,7 @@ def _rounded(value: float) -> float:
 Fact = tuple[str, str]
 
 SIGMAS = 2.0
-"""Standard errors that are stated as the error; docs/calibration-method.md says how often it holds."""
+"""Standard errors that are stated as the error; docs/understand/calibration-method.md says how often it holds."""
 
 
 def origin_facts(origin: Origin) -> Iterator[Fact]:

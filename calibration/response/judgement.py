@@ -137,7 +137,7 @@ def judge_sweep(sweep: Sweep) -> list[Finding]:
     """Reasons not to solve this sweep: the cause, not what follows from it; empty if it is sound.
 
     Reasons: all_black, all_white, auto_exposure, auto_gain, bounds, few_levels, flicker, light_drift, light_step,
-    moving_scene, too_few_exposures, wrong_exposures. See docs/calibration-method.md.
+    moving_scene, too_few_exposures, wrong_exposures. See docs/understand/calibration-method.md.
     """
     gains = [shot.setting.gain_db for shot in sweep.shots]
     if max(gains) - min(gains) > 0.05:

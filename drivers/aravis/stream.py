@@ -210,7 +210,7 @@ def _guard(nodes: AravisNodes, port: int, largest_id: int) -> StreamFilter | Non
     except OSError as error:
         log.warning(
             "camera %s: its stream takes packets from anyone, as no filter could be attached: %s; "
-            "keep strangers off its network: docs/hostile-packets.md",
+            "keep strangers off its network: docs/understand/hostile-packets.md",
             nodes.serial,
             error.strerror or error,
         )

@@ -207,7 +207,7 @@ def _why_no_time(nodes: NodeMap, there: list[str], drivable: list[str]) -> str:
             if unit is None
             else f"is in {unit!r}, which is not a known unit of time"
         )
-        advice = "give the microseconds in one as exposure_count_us of this camera (docs/configuration.md)"
+        advice = "give the microseconds in one as exposure_count_us of this camera (docs/look-up/configuration.md)"
         return f"its {drivable[0]} {count}: {advice}"
     if there:
         return f"its {' and '.join(there)} cannot be written"

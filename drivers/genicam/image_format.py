@@ -52,7 +52,8 @@ def choose_pixel_format(nodes: NodeMap, wanted: PixelFormat | None) -> PixelForm
             usable = [name for name in formats if name in _BY_NAME]
             advice = f"set pixel_format to {' or '.join(usable)}" if usable else "it has no other that is"
             raise UnsupportedCameraError(
-                f"camera {nodes.serial}: pixel format {present} is not supported; {advice} (docs/configuration.md)"
+                f"camera {nodes.serial}: pixel format {present} is not supported; {advice} "
+                "(docs/look-up/configuration.md)"
             )
         return _BY_NAME[present]
     entry = next((name for name in (wanted.value, _FORMER_NAMES.get(wanted)) if name in formats), None)

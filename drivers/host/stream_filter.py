@@ -1,8 +1,8 @@
 """A filter on the UDP socket of a GigE Vision stream: the kernel passes what its camera sends and refuses the rest.
 
-Stock Aravis takes stream packets from anyone, and a few of them end the process (docs/hostile-packets.md). The kernel
-steers what is refused to a second socket at the same port, where it is counted and its senders are seen. Neither needs
-a privilege.
+Stock Aravis takes stream packets from anyone, and a few of them end the process
+(docs/understand/hostile-packets.md). The kernel steers what is refused to a second socket at the same port, where it is
+counted and its senders are seen. Neither needs a privilege.
 """
 
 from __future__ import annotations

@@ -195,7 +195,7 @@ def _preface(names: Sequence[str], quick: bool) -> str:
     command = " ".join(["autoexpose experiments run", *names, "--quick" if quick else "--full"])
     return f"""\
 Made by `{command}`, in virtual time, from fixed seeds: the same code gives the same numbers, except ORB-SLAM3's.
-Cameras, room and light are those of the fake cameras (docs/fake-camera.md); control is the daemon's own.
+Cameras, room and light are those of the fake cameras (docs/do/fake-camera.md); control is the daemon's own.
 
 B&H is Bégin and Hunter, "Auto-Exposure Algorithm for Enhanced Mobile Robot Localization in Challenging Light
 Conditions" (2022); MH is Majer et al., "Adaptive image processing methods for outdoor autonomous vehicles" (2018).

@@ -36,7 +36,7 @@ class RunningCamera:
     line0
         Name of the trigger wire. Cameras with the same name see the same pulses.
     control
-        The socket that takes orders (docs/fake-camera.md).
+        The socket that takes orders (docs/do/fake-camera.md).
     truth_file
         JSON lines of what it truly saw.
     ready

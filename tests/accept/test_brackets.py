@@ -1,4 +1,4 @@
-"""A drive of the demo recorded in brackets, and rejudged, as docs/which-policy.md says."""
+"""A drive of the demo recorded in brackets, and rejudged, as docs/do/which-policy.md says."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The rows of docs/faults.md that show on the wire, each on a rig of its own, in real time through stock Aravis.
+"""The rows of docs/look-up/faults.md that show on the wire, each on its own rig, in real time through stock Aravis.
 
 Each row says what the user reads and what is counted; nothing else may have been counted, but frames that a busy
 machine loses, and all is well again at its end. The account is held against the trigger wire. What the daemon makes of

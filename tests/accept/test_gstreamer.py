@@ -27,7 +27,7 @@ def run_pipeline(address: str, caps: str, file: Path) -> None:
     listed = output("arv-tool-0.8", timeout_s=30)
     name = next(line.split(" (")[0] for line in listed.splitlines() if address in line)
     source = ["aravissrc", f"camera-name={name}", f"num-buffers={FRAMES}", "packet-resend=true"]
-    # As root, Aravis would take a packet socket, which receives nothing on loopback (docs/fake-camera.md).
+    # As root, Aravis would take a packet socket, which receives nothing on loopback (docs/do/fake-camera.md).
     without = ["setpriv", "--bounding-set=-net_raw", "--inh-caps=-net_raw"] if os.geteuid() == 0 else []
     output(*without, "gst-launch-1.0", *source, "!", caps, "!", "filesink", f"location={file}", timeout_s=60)
 

@@ -88,7 +88,7 @@ for name, kind in kinds.items():
 
 @pytest.fixture(scope="module")
 def workspace(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Made by the commands of docs/ros2.md."""
+    """Made by the commands of docs/do/ros2.md."""
     assert (ROS / "bin/colcon").exists(), "no ROS 2 in build/ros2: `make accept` installs it"
     folder = tmp_path_factory.mktemp("ros2_ws")
     shutil.copytree(PACKAGE, folder / "src/autoexpose_msgs")

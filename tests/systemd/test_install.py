@@ -40,7 +40,7 @@ FILES = {
     "etc/sysusers.d/autoexpose.conf",
     "etc/tmpfiles.d/autoexpose-usbfs-memory.conf",
     "etc/udev/rules.d/60-usb3-vision.rules",
-    "usr/local/share/doc/autoexpose-daemon/docs/service.md",
+    "usr/local/share/doc/autoexpose-daemon/docs/do/service.md",
 }
 """Of `make install`."""
 OF_THE_PROGRAM = {

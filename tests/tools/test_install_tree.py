@@ -43,8 +43,8 @@ def checkout(tmp_path: Path) -> Path:
         shutil.copytree(REPOSITORY / folder, checkout / folder, ignore=shutil.ignore_patterns("__pycache__"))
     for room in ROOMS:
         (checkout / room).mkdir()
-    for file in ("LICENSE", "README.md", "docs/page.md", "pyproject.toml", "setup.py"):
-        (checkout / file).parent.mkdir(exist_ok=True)
+    for file in ("LICENSE", "README.md", "docs/do/page.md", "pyproject.toml", "setup.py"):
+        (checkout / file).parent.mkdir(parents=True, exist_ok=True)
         shutil.copy(REPOSITORY / file, checkout / file)
     python, script = checkout / "python3", checkout / "tools/install-tree"
     python.write_text(PYTHON)
@@ -75,12 +75,12 @@ def test_a_tree_that_will_be_moved_starts_its_own_python(checkout: Path, tmp_pat
 def test_units_and_configuration_say_where_the_documentation_is(checkout: Path, tmp_path: Path, prefix: str) -> None:
     robot = tmp_path / "robot"
     assert install(checkout, str(robot), prefix)
-    page = f"/{prefix}/share/doc/autoexpose-daemon/docs/page.md"
+    page = f"/{prefix}/share/doc/autoexpose-daemon/docs/do/page.md"
     assert (robot / page[1:]).is_file()
     (unit,) = robot.rglob("autoexpose-page.service")
     assert f"Documentation=file://{page}\n" in unit.read_text()
     config = (robot / "etc/autoexpose/config.yaml").read_text()
-    assert f" /{prefix}/share/doc/autoexpose-daemon/docs/configuration.md\n" in config
+    assert f" /{prefix}/share/doc/autoexpose-daemon/docs/look-up/configuration.md\n" in config
 
 
 def test_an_installation_that_fails_leaves_the_former_one(checkout: Path, tmp_path: Path) -> None:

@@ -264,7 +264,7 @@ def test_a_curve_spans_its_range() -> None:
     assert sparkline([3.0, 3.0]) == "\u2581\u2581"
 
 
-FLEETS = REPOSITORY / "docs" / "fleets.md"
+FLEETS = REPOSITORY / "docs/do/fleets.md"
 
 
 def printed(*parts: object, width: int = 160) -> str:
@@ -372,7 +372,7 @@ def test_messages_that_are_no_statuses_are_passed_over() -> None:
 
 @pytest.mark.wire
 def test_a_router_may_allow_statuses_alone(tmp_path: Path) -> None:
-    """As docs/fleets.md shows."""
+    """As docs/do/fleets.md shows."""
     (rules,) = re.findall(r"```\w*\n(// from the router's file.*?)```", FLEETS.read_text(), re.DOTALL)
     far, near = endpoint(), endpoint()
     quiet = json.dumps({"mode": "router", "listen": {"endpoints": [far]}, "scouting": QUIET})

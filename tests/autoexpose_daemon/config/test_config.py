@@ -299,7 +299,7 @@ RANGES = {**_CAMERAS, **parameters.RANGES, **parameters.BRACKET_RANGES}
 
 @pytest.mark.parametrize("name", RANGES)
 def test_the_page_of_the_configuration_says_what_numbers_may_be(name: str) -> None:
-    page = (REPOSITORY / "docs" / "configuration.md").read_text()
+    page = (REPOSITORY / "docs/look-up/configuration.md").read_text()
     assert str(RANGES[name]) in page
 
 
@@ -329,7 +329,7 @@ WORDS = sorted({key.rpartition(".")[2] for key in KEYS})
 
 @pytest.mark.parametrize("word", WORDS)
 def test_the_page_of_the_configuration_names_every_key(word: str) -> None:
-    page = (REPOSITORY / "docs" / "configuration.md").read_text()
+    page = (REPOSITORY / "docs/look-up/configuration.md").read_text()
     assert re.search(rf"\b{word}\b", page)
 
 

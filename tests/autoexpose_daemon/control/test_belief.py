@@ -1,4 +1,4 @@
-"""The policy `belief`: what it remembers, what it plans, and what a reader of docs/policy.md may rely on."""
+"""The policy `belief`: what it remembers, what it plans, and what a reader of docs/understand/policy.md may rely on."""
 
 from __future__ import annotations
 

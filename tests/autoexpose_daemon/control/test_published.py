@@ -322,7 +322,8 @@ def test_the_laws_as_coded_leave_white_and_black(
     levels = np.array(levels_of(policy_id, half_scale_level, start, delay, seed=3))
     assert abs(levels[0] - half_scale_level) > 8
     assert (abs(levels[decisions * delay :] - levels[-1]) < 1.0).all()
-    rest = 0.0 if policy_id == "begin2022-code" else -4.0  # gamma curves on lifted frames darken, see docs/control.md
+    # Gamma curves on lifted frames darken: docs/understand/control.md.
+    rest = 0.0 if policy_id == "begin2022-code" else -4.0
     assert levels[-1] == pytest.approx(rest + half_scale_level, abs=0.6)
 
 

@@ -1,4 +1,4 @@
-"""What Prometheus reads, and what docs/metrics.md, the alerts and the dashboard that we ship make of it."""
+"""What Prometheus reads, and what docs/look-up/metrics.md, the alerts and the dashboard that we ship make of it."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from autoexpose_daemon.status.telemetry import Telemetry
 from tests import REPOSITORY
 from tests.autoexpose_daemon.samples import EXPOSING, GROUPED
 
-DOCS = REPOSITORY / "docs" / "metrics.md"
+DOCS = REPOSITORY / "docs/look-up/metrics.md"
 ROW = re.compile(r"^\| `(autoexpose_\w+)` \| (\w+) \|([^|]*)\|", re.MULTILINE)
 
 
@@ -196,7 +196,7 @@ def test_a_case_shows_the_alert_fire_and_cases_show_it_silent(alert: str) -> Non
 
 @pytest.mark.parametrize("alert", RULES)
 def test_the_page_names_it(alert: str) -> None:
-    assert f"| `{alert}` |" in (REPOSITORY / "docs" / "metrics.md").read_text()
+    assert f"| `{alert}` |" in (REPOSITORY / "docs/look-up/metrics.md").read_text()
 
 
 def test_the_terminal_and_the_alert_agree_on_how_many_losses_are_too_many() -> None:

@@ -135,7 +135,7 @@ def test_what_is_no_request_is_refused_in_a_sentence_and_changes_nothing() -> No
 
 @pytest.mark.parametrize("where", ["the daemon's own file", "a router"])
 def test_nobody_asks_anything_where_access_control_forbids_it(tmp_path: Path, where: str) -> None:
-    """As in docs/control-api.md: frames are for all, requests for none."""
+    """As in docs/do/control-api.md: frames are for all, requests for none."""
     at = endpoint()
     rule = {
         "id": "no control",

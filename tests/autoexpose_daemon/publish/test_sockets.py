@@ -292,7 +292,8 @@ def test_a_folder_may_give_the_socket_its_group(socket_folder: Path) -> None:
 def test_the_pages_example_lets_other_machines_watch_and_the_group_do_all(socket_folder: Path) -> None:
     address, folder = loopback_address(), str(socket_folder)
     certify(socket_folder, address)
-    daemons, desks = re.findall(r"```json5\n(.*?)```", (REPOSITORY / "docs/frames-out.md").read_text(), re.DOTALL)[:2]
+    page = (REPOSITORY / "docs/do/frames-out.md").read_text()
+    daemons, desks = re.findall(r"```json5\n(.*?)```", page, re.DOTALL)[:2]
     for old, new in (
         ("10.0.0.2", address),
         ("/run/autoexpose", folder),

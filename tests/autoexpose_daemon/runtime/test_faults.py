@@ -1,4 +1,4 @@
-"""The rows of docs/faults.md, and those that show at the cameras, in virtual time: what is reported and counted."""
+"""The rows of docs/look-up/faults.md, and those that show at the cameras, in virtual time: reports and counts."""
 
 from __future__ import annotations
 
@@ -380,7 +380,7 @@ def test_in_free_run_each_frame_that_arrives_is_one_trigger(name: str) -> None:
     assert account.tally.surplus_frames == 0
 
 
-PAGE = REPOSITORY / "docs" / "faults.md"
+PAGE = REPOSITORY / "docs/look-up/faults.md"
 COLUMNS = ["fault", "what happens", "what the user sees", "counted", "test"]
 FAULTS = [
     *("camera lost", "camera back", "replaced by another serial", "camera cannot be driven"),

@@ -126,7 +126,7 @@ def test_packets_of_others_are_counted_and_named_only_while_the_camera_is_silent
     assert not control.telemetry.cameras.troubles
     control.take([CameraSilent("left"), refused])
     trouble = control.telemetry.cameras.troubles["left", "strangers"]
-    for part in ("10.0.0.9:40000", "10.0.0.2", "give it one address", "docs/hostile-packets.md"):
+    for part in ("10.0.0.9:40000", "10.0.0.2", "give it one address", "docs/understand/hostile-packets.md"):
         assert part in trouble
     control.take([arrived("left", 2)])
     assert not control.telemetry.cameras.troubles

@@ -63,7 +63,7 @@ def test_a_new_line_of_the_table_shows_wherever_counters_do(unusual: bool) -> No
 
 
 def test_every_counter_has_a_row_in_the_docs_in_its_own_words() -> None:
-    docs = (REPOSITORY / "docs" / "metrics.md").read_text()
+    docs = (REPOSITORY / "docs/look-up/metrics.md").read_text()
     for counter, _ in counters(Counts()):
         meaning = counter.meaning[0].lower() + counter.meaning[1:].rstrip(".")
         assert f"| `autoexpose_{counter.name}_total` | counter | | {meaning} |\n" in docs

@@ -32,7 +32,7 @@ SPARE_GAIN_DB = 6.0
 
 @dataclass(frozen=True, slots=True)
 class BlurPhotonBalance:
-    """Takes the time at which a pixel of middle brightness has the most information (docs/policy.md).
+    """Takes the time at which a pixel of middle brightness has the most information (docs/understand/policy.md).
 
     Longer exposures blur; shorter ones need gain, which raises the noise of fewer photons. As noise below what front
     ends lose anyway costs little, gain stays at its minimum in good light.

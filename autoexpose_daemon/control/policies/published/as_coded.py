@@ -129,7 +129,7 @@ class Begin2022Code(ExposurePolicy):
     equals; a gain is judged against the frame before last, if it was promised at all. Steps and their change are not
     limited: both limits are commented out in the code.
 
-    Not theirs: flow, bounds and increments are the loop's. See docs/control.md.
+    Not theirs: flow, bounds and increments are the loop's. See docs/understand/control.md.
     """
 
     FLOW = "farneback"
