@@ -66,7 +66,7 @@ class ReportSection:
     setting: str  # how it was measured, and how that differs from the paper: short paragraphs
     claims: Sequence[Claim]  # the paper's claims, each with its verdict
     # Tables and figures, in their order. No prose: a conclusion must follow from the numbers by a rule, as verdicts do,
-    # or it stands in docs/understand/discussion.md.
+    # or it stands in docs/understand/evidence.md.
     parts: Sequence[Table | Figure]
 
 

@@ -276,7 +276,7 @@ def check_odometry(odometry: str) -> None:
         return
     if odometry == ORB_SLAM3:
         if not installed():
-            raise ConfigurationError(f"--odometry {ORB_SLAM3} needs the package {PACKAGE}: docs/understand/odometry.md")
+            raise ConfigurationError(f"--odometry {ORB_SLAM3} needs the package {PACKAGE}: docs/do/experiments.md")
         return
     try:
         words = shlex.split(odometry)

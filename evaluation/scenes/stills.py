@@ -117,7 +117,7 @@ def painting(painter: str, seed: int, width: int, height: int) -> Still:
     return still
 
 
-# Where the photographs are (docs/understand/experiments.md).
+# Where the photographs are (docs/do/experiments.md).
 DATA = Path(os.environ.get("AUTOEXPOSE_DATA", Path(__file__).parents[3] / "shared" / "data"))
 PAINTED_SIZE = (1000, 640)  # Width and height of painted stills
 _STILLS = {"tuning": ("Carrots", "CrissyField"), "report": ("Desk", "GoldenGate", "MtTamWest")}

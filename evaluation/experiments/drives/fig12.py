@@ -375,7 +375,7 @@ EXPERIMENT = Experiment(
 
 SLAM_POLICIES = (DEFAULT_POLICY, *LAWS)
 FEW_ROOMS = ROOMS[:3]
-_ABSENT = f"`{PACKAGE}` is not installed, so nothing was measured: see docs/understand/odometry.md."
+_ABSENT = f"`{PACKAGE}` is not installed, so nothing was measured: see docs/do/experiments.md."
 
 
 def slam_jobs(quick: bool) -> list[Job]:
