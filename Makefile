@@ -15,7 +15,7 @@ TEST_PACKAGES := $(DEMO_PACKAGES) aravis-tools-cli aravis-tools tshark usbutils 
 CONTAINER := runc umoci debootstrap
 ROSIDL := cmake rosidl-tools rosidl-generator-c-cpp python3-ament-index
 GSTREAMER := gstreamer1.0-tools gstreamer1.0-plugins-base
-ACCEPT_PACKAGES := $(GSTREAMER) fastddsgen default-jre-headless libfastrtps-dev g++ prometheus $(CONTAINER) socat iproute2 $(ROSIDL)
+ACCEPT_PACKAGES := $(GSTREAMER) g++ prometheus $(CONTAINER) socat iproute2 $(ROSIDL)
 KERNEL_PACKAGES := qemu-system-x86 kmod udev usbip
 ROBOT_PACKAGES := $(DEMO_PACKAGES) udev
 
@@ -40,7 +40,7 @@ $(VENV)/demo.stamp: pyproject.toml $(NATIVE_SOURCES) $(UNBUILT)
 $(VENV)/dev.stamp: $(VENV)/demo.stamp pyproject.toml
 	@echo "setting up what the tests need, once"
 	@./tools/install-debian $(TEST_PACKAGES)
-	@./tools/install-python $(PY) $(EXTRAS),ros2,lab,cluster,examiners,dev
+	@./tools/install-python $(PY) $(EXTRAS),lab,cluster,examiners,dev
 	@touch $@
 
 setup: $(VENV)/dev.stamp ## create .venv with everything

@@ -42,7 +42,6 @@ LONGEST = (
     "calibration/test_solve.py",
     "calibration/test_commands.py",
     "autoexpose_daemon/control/test_snapshot.py",
-    "autoexpose_daemon/ros2/test_bridge.py",
     "calibration/test_report.py",
     "drivers/host/test_gvcp.py",
     "evaluation/test_race.py",

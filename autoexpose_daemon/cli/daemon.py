@@ -251,31 +251,3 @@ def top(
         show_once(rig, places, Console(), zenoh)
     else:
         follow(rig, places, Console(), stop, zenoh)
-
-
-def ros2(
-    rig: Rig = "rig",
-    connect: Connect = None,
-    reliable: Annotated[
-        bool, typer.Option("--reliable", help="Offer frames also to subscribers that ask for reliable delivery.")
-    ] = False,
-    control: Annotated[
-        bool, typer.Option("--control", help="Accept control requests from everyone in the ROS domain.")
-    ] = False,
-) -> None:
-    """Offer a running daemon's frames to ROS 2 with its default middleware (DDS), until SIGTERM or Ctrl-C."""
-    with _needing("publish,ros2"):
-        from autoexpose_daemon.ros2.bridge import serve  # noqa: PLC0415
-        from autoexpose_daemon.ros2.domain import Domain  # noqa: PLC0415
-    from autoexpose_daemon.service.logs import complain, set_up_logging  # noqa: PLC0415
-
-    check_endpoints(connect or [])
-    set_up_logging(Console())
-    try:
-        domain = Domain.from_environment(os.environ)
-    except ConfigurationError as error:
-        complain(str(error))
-        raise SystemExit(os.EX_CONFIG) from None  # not worth another start
-    stop = threading.Event()
-    stop_on_signals(stop)
-    serve(rig, connect or None, domain, stop, reliable=reliable, control=control)

@@ -51,7 +51,6 @@ PANELS = {
             "autoexpose_daemon.client.control_client:ctl_app",
             extra="[publish]",
         ),
-        "ros2": Listing("Offer a running daemon's frames to ROS 2.", f"{_HERE}.daemon:ros2"),
     },
     "Look at what it does": {
         "top": Listing("Watch a running daemon, or all of them, in the terminal.", f"{_HERE}.daemon:top"),

@@ -13,8 +13,7 @@ from imaging.pixels import Layout, PixelFormat
 IMAGE = "sensor_msgs/msg/Image"
 CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
 IMU = "sensor_msgs/msg/Imu"
-DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
-BOOL, FLOAT64, STRING, EMPTY = (f"std_msgs/msg/{name}" for name in ("Bool", "Float64", "String", "Empty"))
+STRING = "std_msgs/msg/String"
 ODOMETRY = "nav_msgs/msg/Odometry"
 TWIST = "geometry_msgs/msg/Twist"
 TWIST_STAMPED = "geometry_msgs/msg/TwistStamped"

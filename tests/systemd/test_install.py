@@ -36,7 +36,6 @@ CONFIG = "etc/autoexpose/config.yaml"
 FILES = {
     "etc/systemd/system/autoexpose.service",
     "etc/systemd/system/autoexpose-page.service",
-    "etc/systemd/system/autoexpose-ros2.service",
     "etc/sysusers.d/autoexpose.conf",
     "etc/tmpfiles.d/autoexpose-usbfs-memory.conf",
     "etc/udev/rules.d/60-usb3-vision.rules",

@@ -17,8 +17,7 @@ from tests import REPOSITORY
 FOLDER = REPOSITORY / "systemd"
 UNIT = FOLDER / "autoexpose.service"
 PAGE = FOLDER / "autoexpose-page.service"
-ROS2 = FOLDER / "autoexpose-ros2.service"
-UNITS = pytest.mark.parametrize("unit", [UNIT, PAGE, ROS2], ids=lambda unit: unit.stem)
+UNITS = pytest.mark.parametrize("unit", [UNIT, PAGE], ids=lambda unit: unit.stem)
 WORST_EXPOSURE = 2.0
 
 
@@ -79,14 +78,13 @@ def service_of(path: Path) -> configparser.SectionProxy:
     return unit["Service"]
 
 
-def test_the_daemons_socket_is_where_clients_look_and_for_the_group_that_the_other_units_have() -> None:
+def test_the_daemons_socket_is_where_clients_look_and_for_the_group_that_the_pages_unit_has() -> None:
     daemon = service_of(UNIT)
     assert Path("/run", daemon["RuntimeDirectory"]) == SYSTEM_FOLDER
     assert (daemon["RuntimeDirectoryMode"], daemon["RuntimeDirectoryPreserve"]) == ("0750", "yes")
-    for path in (PAGE, ROS2):
-        other = service_of(path)
-        assert other["SupplementaryGroups"] == daemon["Group"]
-        assert "AF_UNIX" in other["RestrictAddressFamilies"]
+    page = service_of(PAGE)
+    assert page["SupplementaryGroups"] == daemon["Group"]
+    assert "AF_UNIX" in page["RestrictAddressFamilies"]
 
 
 def test_the_daemon_comes_before_the_page_and_may_keep_its_priority() -> None:
