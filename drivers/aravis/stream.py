@@ -89,7 +89,7 @@ class FrameStream:
             self._said = True
             log.warning(
                 "camera %s: its frames arrive, but Aravis drops them, since their numbers (block ids) do not go on "
-                "from the last frame's: the camera is at fault",
+                "from the last frame's: unless this machine was held up for a while, the camera is at fault",
                 self._serial,
             )
 
