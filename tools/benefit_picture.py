@@ -9,7 +9,7 @@ Documented are targets of 50 % (the default at Allied Vision, LUCID and IDS), 70
 target goes through all drives, and the one whose frames keep most features is shown.
 
 The first six drives are tuning rooms of the experiment `worth`, one of each kind at medium speed, chosen before any of
-this was run. In them light changes by the robot's motion alone, and the best target keeps as many features as the daemon.
+this was run. In them light changes by motion alone, and the best target keeps as many features as the daemon.
 So a seventh was added, where the lights go off and on as in the demo; its course was fixed before it was run.
 """
 
