@@ -26,8 +26,11 @@ def test_most_sets_are_usable_while_the_light_jumps(camera_rig, tmp_path: Path) 
     config.write_text(f"cameras: {{{cameras}}}\npublish: {{rig: ci}}\n")
     with subprocess.Popen(["autoexpose", "run", "-c", str(config)]) as daemon, RigClient("ci") as client:
         try:
-            sets = [client.next_set(timeout_s=30) for _ in range(240)]
+            usable = 0
+            for _ in range(240):
+                received = client.next_set(timeout_s=30)
+                assert received is not None, "the daemon sends nothing"
+                usable += is_usable(received)
         finally:
             daemon.terminate()
-    assert None not in sets
-    assert sum(map(is_usable, sets)) > 0.8 * len(sets)
+    assert usable > 0.8 * 240

@@ -120,10 +120,9 @@ def test_read_recording(tmp_path: Path) -> None:
 
 @pytest.mark.realtime
 def test_with_fake_cameras() -> None:
-    path = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
+    # PyGObject warns when it is imported
+    environment = ENVIRONMENT | {"PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}", "PYTHONWARNINGS": ""}
     plugin = ("-c", os.devnull, "-p", "fake_camera.bench.pytest_plugin", "-p", "no:cacheprovider")
     command = [sys.executable, "-m", "pytest", "-q", *plugin, str(EXAMPLES / "test_with_fake_cameras.py")]
-    ended = subprocess.run(
-        command, capture_output=True, text=True, env=ENVIRONMENT | {"PATH": path}, check=False, timeout=110
-    )
+    ended = subprocess.run(command, capture_output=True, text=True, env=environment, check=False, timeout=110)
     assert ended.returncode == 0, ended.stdout + ended.stderr
