@@ -152,13 +152,13 @@ class ExposurePolicy(Stateful, ABC):
     the light. A set may lack cameras, and images may be all black or all white.
 
     **Returns** a `Target`: the absolute level to take next, not a change, since one to four frames are always under way
-    with earlier settings; `observation.setting.level` is that of the frame at hand. Limits, increments, EV compensation,
-    locks and flicker are seen to by others. What else it raises than ConfigurationError ends the daemon.
+    with earlier settings; `observation.setting.level` is that of the frame at hand. Others see to limits, increments,
+    EV compensation, locks and flicker. What it raises, other than ConfigurationError, ends the daemon.
 
-    **Remembers** plain data in the attributes that its class annotates, and nothing else: numbers, strings, None, tuples,
-    lists, dictionaries with text as keys, dataclasses of these, and arrays of uint8, int16, float32 or float64. They are
-    recorded, and a replay continues from them, so the same state and frames must give the same target: no clock, no
-    random numbers without a seed, no files. An attribute that follows from `setup` alone has no annotation, or `Built`.
+    **Remembers** plain data in the attributes that its class annotates, and nothing else: numbers, strings, None,
+    tuples, lists, dictionaries with text as keys, dataclasses of these, and arrays of uint8, int16, float32 or float64.
+    They are recorded, and a replay continues from them, so the same state and frames must give the same target: no
+    clock, no random numbers without a seed, no files. What follows from `setup` alone has no annotation, or `Built`.
     """
 
     # how motion is measured unless another way is configured: Farneback's flow for papers that measure it so
