@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     from imaging.errors import AutoexposeError
 
 __all__ = [
-    "AutoexposeError", "LightSeries", "MessageClient", "NormalisedPair", "NormalisedSet", "ReceivedPair", "ReceivedSet", "RigClient",
-    "StereoClient", "alike", "count_by_cell",
+    "AutoexposeError", "LightSeries", "MessageClient", "NormalisedPair", "NormalisedSet", "ReceivedPair", "ReceivedSet",
+    "RigClient", "StereoClient", "alike", "count_by_cell",
 ]  # fmt: skip
 
 _HOMES = {
