@@ -12,6 +12,8 @@ from typing import TypeVar
 
 import cv2
 
+from autoexpose_daemon.own_policy.installed import register_policies
+
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
@@ -52,6 +54,7 @@ def _start_worker() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, name="end with parent", daemon=True).start()
     cv2.setNumThreads(1)
+    register_policies()
 
 
 def _end_with_parent() -> None:

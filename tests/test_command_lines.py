@@ -39,7 +39,7 @@ def test_it_is_there(test: str) -> None:
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("checkout")
-    (folder / "docs").symlink_to(REPOSITORY / "docs")
+    (folder / "examples").symlink_to(REPOSITORY / "examples")
     (folder / "rig.yaml").write_text(readmes_rig())
     return folder
 

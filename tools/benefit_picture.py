@@ -29,7 +29,7 @@ from evaluation.drawing import COLOURS, panels, save
 from evaluation.experiments.worth.odometry_judge import LUX, SEEN, drives
 from evaluation.odometry.orb import in_house
 from evaluation.odometry.tracking import EVERY
-from evaluation.scenes.scenarios import RATE_HZ, Course, no_turn
+from evaluation.scenes.scenarios import RATE_HZ, WARM_UP_FRAMES, Course, no_turn
 from evaluation.stage.camera import Entrant, Image, time_first
 from evaluation.stage.oracle import Oracle, best_start
 from evaluation.stage.rendering import BOTH, Stage
@@ -77,16 +77,16 @@ class Followed:
     kept: list[int] = field(default_factory=list)  # features that tie a pair to earlier ones; 0 for a lost one
 
     def drive(self, stage: Stage, frames: int, take: Callable[[], Pair]) -> None:
-        """Follow a drive from its second pair on."""
+        """Follow a drive; what control does in its first half second is not scored, as in the arena."""
         odometry = in_house()
         for frame in range(frames):
             stage.go_to(frame)
             pair = take()
-            if frame % EVERY:
+            if frame < WARM_UP_FRAMES or frame % EVERY:
                 continue
             (left, _), (right, _) = (pair[camera] for camera in BOTH)
             tracked = odometry.track(left, right)
-            if frame:
+            if frame > WARM_UP_FRAMES:  # the first pair shares nothing with any
                 self.kept.append(0 if tracked.lost else len(odometry.inliers_px))
                 for camera in BOTH:
                     self.levels[camera].append(pair[camera][1].level)
@@ -173,7 +173,7 @@ def draw(file: Path, ours: Followed, theirs: Followed, target: float) -> None:
     """Exposure of both cameras and features kept, ours and theirs, as the lights go off and on."""
     figure, (above, below) = panels(2, 1, 5.0, sharex=True)
     names = (f"cameras' own control, mean at {100 * target:.0f} %", "autoexpose-daemon")
-    time_s = np.arange(1, len(ours.kept) + 1) * EVERY / RATE_HZ
+    time_s = (WARM_UP_FRAMES + EVERY * np.arange(1, len(ours.kept) + 1)) / RATE_HZ
     for followed, name, colour in ((theirs, names[0], COLOURS[1]), (ours, names[1], COLOURS[0])):
         above.plot(time_s, followed.levels["left"], color=colour, label=f"{name}: left")
         above.plot(time_s, followed.levels["right"], color=colour, linestyle=":", label="right")

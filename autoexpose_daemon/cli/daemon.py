@@ -110,9 +110,11 @@ def replay(
 ) -> None:
     """Replay a recording: the recorded policy, bit for bit, or what another one would have decided."""
     check_recording_extra()
+    from autoexpose_daemon.own_policy.installed import register_policies  # noqa: PLC0415
     from autoexpose_daemon.recording.replay import report_replay  # noqa: PLC0415
     from autoexpose_daemon.recording.replay_page import ReplayLog  # noqa: PLC0415
 
+    register_policies()
     if policy is not None:
         check_policy_id(policy)
     if at and show_belief is None:
@@ -157,6 +159,7 @@ def run_daemon(
 ) -> None:
     """Run the daemon with the live view, until SIGTERM or SIGINT; `load` reads its configuration, also again."""
     from autoexpose_daemon.config.load import load_config  # noqa: PLC0415
+    from autoexpose_daemon.own_policy.installed import register_policies  # noqa: PLC0415
     from autoexpose_daemon.runtime.daemon import Daemon  # noqa: PLC0415
     from autoexpose_daemon.runtime.setup import openers  # noqa: PLC0415
     from autoexpose_daemon.service.last_exposure import LastExposure  # noqa: PLC0415
@@ -188,7 +191,10 @@ def run_daemon(
     def build(config: Config, start: ExposureSetting | None) -> Daemon:
         return add_outlets(Daemon(config, openers(config), start=start), config, recorder, geometry)
 
-    service = Service(read_config(), build, notifier, LastExposure.in_state_directory())
+    first = read_config()
+    for unfit in register_policies():
+        log.warning("%s", unfit)
+    service = Service(first, build, notifier, LastExposure.in_state_directory())
     run_until_stopped(service, stop, Console(), "autoexpose", new_config)
 
 

@@ -10,16 +10,17 @@ if TYPE_CHECKING:
     from autoexpose_daemon.client.message_client import MessageClient
     from autoexpose_daemon.client.received import NormalisedPair, NormalisedSet, ReceivedPair, ReceivedSet, alike
     from autoexpose_daemon.client.rig_client import RigClient, StereoClient
-    from autoexpose_daemon.control.inputs import count_by_cell
+    from autoexpose_daemon.control.inputs import LightSeries, count_by_cell
     from imaging.errors import AutoexposeError
 
 __all__ = [
-    "AutoexposeError", "MessageClient", "NormalisedPair", "NormalisedSet", "ReceivedPair", "ReceivedSet", "RigClient",
-    "StereoClient", "alike", "count_by_cell",
+    "AutoexposeError", "LightSeries", "MessageClient", "NormalisedPair", "NormalisedSet", "ReceivedPair", "ReceivedSet",
+    "RigClient", "StereoClient", "alike", "count_by_cell",
 ]  # fmt: skip
 
 _HOMES = {
     "AutoexposeError": "imaging.errors",
+    "LightSeries": "autoexpose_daemon.control.inputs",
     "MessageClient": "autoexpose_daemon.client.message_client",
     "RigClient": "autoexpose_daemon.client.rig_client",
     "StereoClient": "autoexpose_daemon.client.rig_client",

@@ -148,7 +148,7 @@ MOST_RIGS = 200
 """How many are listed: those heard first. Anyone can invent keys, but memory is limited."""
 
 TOO_MANY_LOST = 0.01
-"""A rig that loses a larger share of its triggers is `LOSING`; docs/examples/alerts.yaml has the same limit."""
+"""A rig that loses a larger share of its triggers is `LOSING`; examples/alerts.yaml has the same limit."""
 
 _RECENT_S = 60.0
 _SAMPLE_S = 1.0

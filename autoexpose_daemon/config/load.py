@@ -12,6 +12,7 @@ from pydantic import ValidationError
 from autoexpose_daemon.config.control import BracketConfig
 from autoexpose_daemon.config.document import CameraConfig, Config
 from autoexpose_daemon.config.section import error_sentences
+from autoexpose_daemon.own_policy.installed import register_policies
 from documents.strict_yaml import load_mapping
 from documents.text import readable
 from drivers.genicam.features import refuse_driven
@@ -110,6 +111,7 @@ def load_config(path: Path) -> Config:
 
     Raises ConfigurationError with one sentence for each thing that is wrong, with file and key.
     """
+    register_policies()
     content = load_mapping(path, "begin with `cameras:`; see docs/look-up/configuration.md")
     _refuse_empty(path, content)
     try:

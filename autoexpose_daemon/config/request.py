@@ -8,6 +8,7 @@ from typing import Annotated, Any, Final
 from pydantic import Field, ValidationError, field_validator, model_validator
 
 from autoexpose_daemon.config.section import (
+    ANY_POLICY,
     AreaConfig,
     EvStops,
     ExposureTimeUs,
@@ -141,9 +142,12 @@ class Request(Section):
 
 
 def new_request(content: Mapping[str, Any]) -> Request:
-    """A request; raises ConfigurationError, one sentence, if it is not valid."""
+    """A request; raises ConfigurationError, one sentence, if it is not valid.
+
+    Which policies there are is for the daemon to know, perhaps on another machine.
+    """
     try:
-        return Request.model_validate(content)
+        return Request.model_validate(content, context=ANY_POLICY)
     except ValidationError as error:
         raise ConfigurationError(_sentence(error)) from error
 

@@ -8,7 +8,7 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any, get_args, get_origin
+from typing import Annotated, Any, Final, get_args, get_origin
 
 from pydantic import (
     AfterValidator,
@@ -17,6 +17,7 @@ from pydantic import (
     ConfigDict,
     Field,
     ValidationError,
+    ValidationInfo,
     field_validator,
     model_validator,
 )
@@ -194,8 +195,13 @@ class ConnectionConfig(Section):
         return self.model_copy(update={"zenoh": file})
 
 
-def _existing(policy: str) -> str:
-    check_policy_id(policy)
+ANY_POLICY: Final = {"any_policy": True}
+"""The context of a validation in which a policy need not be known here."""
+
+
+def _existing(policy: str, about: ValidationInfo) -> str:
+    if about.context is not ANY_POLICY:
+        check_policy_id(policy)
     return policy
 
 

@@ -141,9 +141,24 @@ Objective = Literal["metric", "information"]
 
 
 class ExposurePolicy(Stateful, ABC):
-    """Decides on one exposure level per set of frames. One that is in the table is built from a `ControlSetup` alone.
+    """Decides on one exposure level per set of frames: derive from it, write `__init__` and `decide`.
 
-    What a policy carries from frame to frame is plain data in the attributes that it annotates: see `snapshot`.
+    **Built** from a `ControlSetup` alone, again whenever limits or tuning change: `__init__(self, setup)`. It sets
+    `balance`, how a level is split into exposure time and gain: `setup.balance()` is the configured one.
+
+    **Called** once per set of frames, on one thread, with what is an `Observation`. Its images are small, 8 bits, grey
+    (`Look.image`), valid during the call only; `Look.response` says what light a grey level stands for. Exposure times
+    are in us, gains in dB, exposure levels in stops: log2 of time in us times linear gain, so one stop more is twice
+    the light. A set may lack cameras, and images may be all black or all white.
+
+    **Returns** a `Target`: the absolute level to take next, not a change, since one to four frames are always under way
+    with earlier settings; `observation.setting.level` is that of the frame at hand. Others see to limits, increments,
+    EV compensation, locks and flicker. What it raises, other than ConfigurationError, ends the daemon.
+
+    **Remembers** plain data in the attributes that its class annotates, and nothing else: numbers, strings, None,
+    tuples, lists, dictionaries with text as keys, dataclasses of these, and arrays of uint8, int16, float32 or float64.
+    They are recorded, and a replay continues from them, so the same state and frames must give the same target: no
+    clock, no random numbers without a seed, no files. What follows from `setup` alone has no annotation, or `Built`.
     """
 
     # how motion is measured unless another way is configured: Farneback's flow for papers that measure it so

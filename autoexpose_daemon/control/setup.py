@@ -22,7 +22,7 @@ class ControlSetup:
     One loop is built from it, and recordings hold it, so that a replay builds the same one.
     """
 
-    policy_id: str  # one of `POLICY_IDS`
+    policy_id: str  # one of `policy_ids()`
     # response function of each camera; a single one, given here, applies to `left` and `right`
     responses: dict[CameraName, ResponseFunction]
     limits: ExposureLimits  # bounds and increments that all cameras can take

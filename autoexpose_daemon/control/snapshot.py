@@ -23,6 +23,9 @@ Plain = None | bool | int | float | str | NDArray[Any] | list["Plain"] | dict[st
 """Numbers, strings, arrays, and lists and dictionaries of them."""
 
 
+ARRAY_TYPES = ("uint8", "int16", "float32", "float64")
+"""Of what arrays may be: recordings hold no others."""
+
 T = TypeVar("T")
 _BUILT = "built"
 Built = Annotated[T, _BUILT]
@@ -82,6 +85,8 @@ def plain(value: object) -> Plain:
         case float():
             return float(value)  # numpy's float64 is also a float
         case np.ndarray():
+            if value.dtype.name not in ARRAY_TYPES:
+                raise TypeError(f"an array of {value.dtype} is no state: use one of {', '.join(ARRAY_TYPES)}")
             return value.copy()
         case list() | tuple() | deque():
             return [plain(item) for item in value]

@@ -22,6 +22,7 @@ from autoexpose_daemon.demo.fakes import (
     take_signals,
 )
 from autoexpose_daemon.demo.options import DemoOptions
+from autoexpose_daemon.own_policy.installed import register_policies
 from autoexpose_daemon.recording import check_recording_extra
 from imaging.errors import ConfigurationError
 
@@ -37,6 +38,7 @@ def run_demo(options: DemoOptions, stop: threading.Event, console: Console) -> N
     """
     navigation = _navigation() if options.navigate else None  # brings what the others ask for
     check_simulator()
+    register_policies()
     check_policy_id(options.policy)
     if options.record is not None:
         check_recording_extra()

@@ -22,7 +22,8 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from autoexpose_daemon.client.control_client import ControlClient
 from autoexpose_daemon.client.status_client import SILENT_S, StatusClient
-from autoexpose_daemon.control.policies.ids import POLICY_IDS
+from autoexpose_daemon.control.policies.ids import policy_ids
+from autoexpose_daemon.own_policy.installed import register_policies
 from autoexpose_daemon.page.access import Access, Key, read_body
 from autoexpose_daemon.page.metrics import CONTENT_TYPE, exposition
 from autoexpose_daemon.page.pair_views import LENGTH_S, ExposureHistory, PairViews
@@ -188,7 +189,8 @@ def page_app(rig: str, connect: Sequence[str] | None, key: Key | None) -> ASGIAp
             yield
             recording.cancel()
 
-    policies = None if key is None else POLICY_IDS
+    register_policies()
+    policies = None if key is None else policy_ids()
 
     async def live(socket: WebSocket) -> None:
         await serve_browser(socket, client, socket.app.state.views, history, policies)

@@ -21,7 +21,7 @@ from mcap.writer import CompressionType, Writer
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.loop import STATE_FORMAT
 from autoexpose_daemon.control.setup import ControlSetup
-from autoexpose_daemon.control.snapshot import Plain, plain
+from autoexpose_daemon.control.snapshot import ARRAY_TYPES, Plain, plain
 from autoexpose_daemon.control.step import NO_OVERRIDE, StepInputs
 from autoexpose_daemon.messages.frames import MIDDLE, TOPICS, MessageWriter, Stamping, realtime_offset_ns
 from autoexpose_daemon.messages.keys import DEFAULT, LATCHED, SENSOR_DATA, OfferedQos, ros_topic
@@ -66,7 +66,6 @@ def profiles(qos: OfferedQos) -> str:
     return "- " + "\n  ".join(f"{policy}: {value}" for policy, value in policies.items())
 
 
-_DTYPES = ("uint8", "int16", "float32", "float64")
 _KEYS = {"dtype", "shape", "base64"}
 
 
@@ -84,8 +83,8 @@ def from_json(text: str) -> Any:
 
 
 def _array_to_json(array: object) -> dict[str, Any]:
-    if not isinstance(array, np.ndarray) or array.dtype.name not in _DTYPES:
-        raise TypeError(f"{type(array).__name__} is not an array of {', '.join(_DTYPES)}")
+    if not isinstance(array, np.ndarray) or array.dtype.name not in ARRAY_TYPES:
+        raise TypeError(f"{type(array).__name__} is not an array of {', '.join(ARRAY_TYPES)}")
     little_endian = array.astype(array.dtype.newbyteorder("<"), copy=False)
     encoded = base64.b64encode(little_endian.tobytes()).decode()
     return {"dtype": array.dtype.name, "shape": list(array.shape), "base64": encoded}
@@ -95,7 +94,7 @@ def _array_from_json(members: dict[str, Any]) -> Any:
     if set(members) != _KEYS:
         return members
     try:
-        if members["dtype"] not in _DTYPES:
+        if members["dtype"] not in ARRAY_TYPES:
             raise ValueError(f"an array of {members['dtype']}")
         content = base64.b64decode(members["base64"], validate=True)
         dtype = np.dtype(members["dtype"])

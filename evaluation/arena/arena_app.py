@@ -13,7 +13,8 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY, POLICY_IDS, check_policy_id
+from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY, OWN, POLICY_IDS, check_policy_id
+from autoexpose_daemon.own_policy.installed import register_policies
 from evaluation.arena.ablation import ablate as ablate_policy
 from evaluation.arena.ablation import (
     ablation_courses,
@@ -58,6 +59,7 @@ def arena(
     policy: Annotated[str, typer.Option(help="Of --count and --ablate.")] = DEFAULT_POLICY,
 ) -> None:
     """Run every policy through every scenario and compare them with the best exposure of each frame."""
+    register_policies()
     chosen = _chosen(policies, scenarios)
     if json_file is not None and not json_file.parent.is_dir():
         raise ConfigurationError(f"{json_file}: there is no folder {json_file.parent}: create it or name another file")
@@ -68,6 +70,8 @@ def arena(
                 "others out"
             )
         check_policy_id(policy)
+        if policy in OWN:
+            raise ConfigurationError(f"--count and --ablate read the sources of autoexpose, not those of {policy}")
         _check_places(json_file, report)
         if count:
             _count(policy, json_file)

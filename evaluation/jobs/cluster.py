@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 
 import cv2
 
+from autoexpose_daemon.own_policy.installed import register_policies
 from evaluation.jobs.kept import code_version, libraries
 from imaging.errors import AutoexposeError, ConfigurationError
 
@@ -113,6 +114,7 @@ def over_cluster(address: str, work: Callable[[Item], Result], items: Sequence[I
 def _at_worker(work: Callable[[Item], Result], item: Item, version: tuple[str, str]) -> tuple[Result] | Refusal:
     """At a worker: the result in a tuple."""
     code, wanted = version
+    register_policies()
     if (found := libraries()) != wanted:
         return Refusal(get_worker().address, f"{found}, not {wanted}")
     if code_version() != code:

@@ -12,7 +12,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from autoexpose_daemon.control import _native
-from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY, PLACES
+from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY, OWN, PLACES
 from evaluation.jobs.job import Job
 from evaluation.jobs.native import c_files, tree
 from evaluation.long_runs import KeptResults
@@ -78,13 +78,13 @@ def _digest(module: str, policies: tuple[str, ...] = tuple(PLACES)) -> str:
     ahead = [module]
     while ahead:
         name = ahead.pop()
-        if name in reached or name.split(".")[0] not in _OURS or (path := _source(name)) is None:
+        if name in reached or name.split(".")[0] not in _packages() or (path := _source(name)) is None:
             continue
         reached[name] = path
         ahead += [".".join(name.split(".")[:depth]) for depth in range(1, name.count(".") + 1)]
         ahead += _imports(path)
         if name == _TABLE:
-            ahead += [f"{_TABLE.rpartition('.')[0]}.{PLACES[policy].rpartition('.')[0]}" for policy in policies]
+            ahead += [_place(policy).rpartition(".")[0] for policy in policies]
     state = hashlib.sha256()
     for name in sorted(reached):
         if name != _IDS:
@@ -93,10 +93,23 @@ def _digest(module: str, policies: tuple[str, ...] = tuple(PLACES)) -> str:
             state.update(weights.read_bytes())
     for path in _c_files(list(reached.values())):
         state.update(path.read_bytes())
-    state.update(repr([DEFAULT_POLICY, *((policy, PLACES[policy]) for policy in policies)]).encode())
+    places = [(policy, PLACES.get(policy) or _place(policy)) for policy in policies]
+    state.update(repr([DEFAULT_POLICY, *places]).encode())
     for library in _LIBRARIES:
         state.update(f"{library} {_version(library)}".encode())
     return state.hexdigest()
+
+
+def _place(policy: str) -> str:
+    """Where the class of a policy is."""
+    if policy in OWN:
+        return f"{OWN[policy].__module__}.{OWN[policy].__name__}"
+    return f"{_TABLE.rpartition('.')[0]}.{PLACES[policy]}"
+
+
+def _packages() -> tuple[str, ...]:
+    """Those whose code counts: ours, and those of policies that are not ours."""
+    return (*_OURS, *sorted({kind.__module__.partition(".")[0] for kind in OWN.values()}))
 
 
 def _c_files(python: list[Path]) -> list[Path]:
@@ -109,11 +122,11 @@ def _c_files(python: list[Path]) -> list[Path]:
 def code_version() -> str:
     """Of all our code and of what numbers depend on: processes with the same one get the same results."""
     state = hashlib.sha256(repr(sys.version_info[:2]).encode())
-    for name in _OURS:
+    for name in _packages():
         root = _source(name)
         if root is None:
             continue
-        for path in sorted(root.parent.rglob("*")):
+        for path in sorted(root.parent.rglob("*")) if root.name == "__init__.py" else [root]:
             if path.suffix in (".py", ".c", ".h", ".npz"):
                 state.update(str(path.relative_to(root.parent)).encode() + b"\0" + path.read_bytes() + b"\0")
     state.update(libraries().encode())

@@ -12,7 +12,8 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from autoexpose_daemon.control.policies.ids import POLICY_IDS, check_policy_id
+from autoexpose_daemon.control.policies.ids import check_policy_id, policy_ids
+from autoexpose_daemon.own_policy.installed import register_policies
 from documents.files import check_writable
 from evaluation.intervals import Interval
 from evaluation.jobs.kept import ResultCache
@@ -66,6 +67,7 @@ def rejudge(
     kept: KEPT = FINISHED,
 ) -> None:
     """Take policies through drives that were recorded in brackets, and say which one robots should run."""
+    register_policies()
     chosen = _chosen(policies)
     if present is not None:
         check_policy_id(present)
@@ -98,7 +100,7 @@ def rejudge(
 def _chosen(policies: str) -> list[str]:
     """The requested ids, each once."""
     if policies == "all":
-        return list(POLICY_IDS)
+        return list(policy_ids())
     chosen = list(dict.fromkeys(policies.split(",")))
     for policy in chosen:
         check_policy_id(policy)

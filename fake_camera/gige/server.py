@@ -190,6 +190,8 @@ def _bind(address: str, *, reuse: bool) -> socket.socket:
     except OSError as error:
         udp.close()
         if error.errno == errno.EADDRINUSE:
-            raise AddressTakenError(f"another camera already answers at {address}: end that one (a demo?), or choose another address") from error
+            raise AddressTakenError(
+                f"another camera already answers at {address}: end that one (a demo?), or choose another address"
+            ) from error
         raise
     return udp

@@ -29,7 +29,7 @@ class Terminal:
     def __init__(self, folder: Path) -> None:
         self._folder = folder
         (folder / "bin").mkdir()
-        (folder / "docs").symlink_to(REPOSITORY / "docs")
+        (folder / "examples").symlink_to(REPOSITORY / "examples")
         (folder / "rig.yaml").write_text(readmes_rig())
         path = f"{folder / 'bin'}:{Path(sys.executable).parent}:{os.environ['PATH']}"
         self._environment = {**os.environ, "PATH": path, "PYTHONPATH": str(REPOSITORY), "PYTHONUNBUFFERED": "1"}

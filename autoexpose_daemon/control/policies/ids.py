@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Mapping
-from typing import Final
+from typing import Any, Final
 
 from documents.text import quoted
 from imaging.errors import ConfigurationError
@@ -45,14 +45,27 @@ POLICY_IDS = tuple(PLACES)
 LEARNED = tuple(policy_id for policy_id, place in PLACES.items() if place.startswith("learned."))
 """Those with weights that `autoexpose train` makes."""
 
+OWN: dict[str, type[Any]] = {}
+"""The classes of policies that other packages bring, by id: `own_policy.installed` enters them."""
+
+UNFIT: dict[str, str] = {}
+"""By id what is wrong with those that cannot be used, a sentence."""
+
+
+def policy_ids() -> tuple[str, ...]:
+    """All that can be chosen here: those of the table, and then those of other packages."""
+    return (*POLICY_IDS, *OWN)
+
 
 def check_policy_id(policy_id: str) -> None:
-    """Raise a ConfigurationError for an id that does not exist."""
-    if policy_id in POLICY_IDS:
+    """Raise a ConfigurationError for an id that does not exist, or whose policy cannot be used."""
+    if policy_id in policy_ids():
         return
+    if policy_id in UNFIT:
+        raise ConfigurationError(UNFIT[policy_id])
     if policy_id in REMOVED["policy"]:
         hint = f"{REMOVED['policy'][policy_id]} took the place of {policy_id}; "
     else:
-        near = difflib.get_close_matches(policy_id, POLICY_IDS, n=1)
-        hint = f"did you mean {near[0]}? " if near else ""
-    raise ConfigurationError(f"there is no policy {quoted(policy_id)}; {hint}choose one of {', '.join(POLICY_IDS)}")
+        near = difflib.get_close_matches(policy_id, policy_ids(), n=1)
+        hint = f"did you mean {near[0]}? " if near else "install the package that brings it, or "
+    raise ConfigurationError(f"there is no policy {quoted(policy_id)}; {hint}choose one of {', '.join(policy_ids())}")

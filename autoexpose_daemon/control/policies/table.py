@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pkgutil import resolve_name
 
 from autoexpose_daemon.control.policies.bracket import Bracket
-from autoexpose_daemon.control.policies.ids import PLACES, check_policy_id
+from autoexpose_daemon.control.policies.ids import OWN, PLACES, check_policy_id
 from autoexpose_daemon.control.policy import ExposurePolicy
 from autoexpose_daemon.control.setup import ControlSetup
 
@@ -21,7 +21,11 @@ def build_policy(setup: ControlSetup) -> ExposurePolicy:
     Raises ConfigurationError for an id that does not exist.
     """
     check_policy_id(setup.policy_id)
-    kind, bracketing = _CLASSES[setup.policy_id], setup.parameters.bracket
+    kind, bracketing = _class_of(setup.policy_id), setup.parameters.bracket
     if bracketing is None:
         return kind(setup)
     return Bracket(bracketing, setup.start.level, kind(setup) if bracketing.keep else None)
+
+
+def _class_of(policy_id: str) -> Callable[[ControlSetup], ExposurePolicy]:
+    return _CLASSES[policy_id] if policy_id in _CLASSES else OWN[policy_id]

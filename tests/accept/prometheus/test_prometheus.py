@@ -23,8 +23,8 @@ from tests.autoexpose_daemon.publish.steps import endpoint
 from tests.autoexpose_daemon.scripted import ScriptedRig, scripted_daemon
 from tests.fakes import loopback_address
 
-ALERTS = REPOSITORY / "docs" / "examples" / "alerts.yaml"
-BOARD = REPOSITORY / "docs" / "examples" / "grafana.json"
+ALERTS = REPOSITORY / "examples" / "alerts.yaml"
+BOARD = REPOSITORY / "examples" / "grafana.json"
 CASES = Path(__file__).with_name("alerts.test.yaml")
 
 TOKEN = "page.token"

@@ -134,7 +134,7 @@ def test_a_daemon_without_a_frame_yet_can_be_read() -> None:
     assert "autoexpose_published_pairs_total" not in {name for name, _ in seen}
 
 
-EXAMPLES = REPOSITORY / "docs" / "examples"
+EXAMPLES = REPOSITORY / "examples"
 BOARD = json.loads((EXAMPLES / "grafana.json").read_text())
 PANELS: list[dict[str, Any]] = BOARD["panels"]
 TARGETS = [target for panel in PANELS for target in panel.get("targets", ())]

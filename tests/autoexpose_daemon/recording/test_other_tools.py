@@ -35,7 +35,7 @@ from autoexpose_daemon.recording.read import Recording
 from tests.autoexpose_daemon.recording.runs import VirtualRun, record, replayed
 
 STEPS = 6
-LAYOUT = Path(__file__).parents[3] / "docs" / "examples" / "foxglove.json"
+LAYOUT = Path(__file__).parents[3] / "examples" / "foxglove.json"
 MESSAGE_PATH = re.compile(r"(?P<topic>(?:/\w+)+)\.(?P<field>\w+)(?:\.@delta)?")
 FOREVER = QosTime(9223372036, 854775807)
 

@@ -1,8 +1,6 @@
-"""Matches ORB features between left and right, pair by pair: an example of a consumer of frames.
+"""Matches ORB features between left and right, pair by pair: python examples/orb_consumer.py
 
-Run it beside the daemon, or beside `autoexpose demo --seconds 60 --publish`:
-
-    python docs/examples/orb_consumer.py
+Run it beside the daemon, or beside `autoexpose demo --seconds 60 --publish`.
 """
 
 from __future__ import annotations
