@@ -161,6 +161,17 @@ def _open(tuning: Tuning, name: CameraName, setup: CameraSetup) -> Camera:
     return camera
 
 
+def _try_out(loop: ControlLoop, newest: FrameSet) -> None:
+    """Have a loop decide before it is needed: nobody's request for a policy ends the daemon."""
+    try:
+        loop.step(newest)
+    except ConfigurationError:
+        raise
+    except Exception as error:  # of a policy that may be another package's
+        what = f"{type(error).__name__}: {error}"
+        raise ConfigurationError(f"policy {loop.setup.policy_id} fails on the present frames: {what}") from error
+
+
 log = logging.getLogger(__name__)
 
 _ROUNDING_STOPS = 0.05
@@ -197,7 +208,7 @@ class ActiveLoop:
         for name, camera in self.cameras.items():
             tuning.check_region(name, camera)
         if self._newest is not None:
-            loop.step(self._newest)
+            _try_out(loop, self._newest)
         return loop
 
     def use(self, tuning: Tuning, loop: ControlLoop) -> None:

@@ -14,6 +14,9 @@ import pytest
 from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.loop import ControlLoop
+from autoexpose_daemon.control.policies.ids import OWN
+from autoexpose_daemon.control.policies.published.mean import Fixed
+from autoexpose_daemon.control.policy import Observation, Target
 from autoexpose_daemon.control.step import StepInputs
 from autoexpose_daemon.runtime.rig_control import RigControl
 from autoexpose_daemon.runtime.rig_health import (
@@ -292,6 +295,27 @@ def test_the_log_says_once_that_the_light_flickers_or_no_longer_does(caplog: pyt
         "the light flickers at 100 Hz: exposure times of whole periods, where they fit",
         "the light no longer flickers: any exposure time",
     ]
+
+
+class Faulty(Fixed):
+    """A policy of another package, on frames that its author did not think of."""
+
+    def decide(self, observation: Observation) -> Target:
+        raise ZeroDivisionError("no window in view")
+
+
+def test_a_policy_that_fails_on_the_newest_frames_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(OWN, "faulty", Faulty)
+    cameras = {"cameras": {"left": {"serial": "A"}}}
+    active = ActiveLoop(Tuning(Config.model_validate(cameras)))
+    active.ready(
+        CameraReady("left", CameraDescription("Maker", "Model 7", "A"), ExposureLimits(20.0, 7500.0, 0.0, 30.0))
+    )
+    frame = Frame(np.full((90, 120), 100, np.uint8), 8, 1, 0, 0, 0, ExposureSetting(2000.0, 0.0))
+    active.step(StepInputs(FrameSet(1, {"left": frame})))
+    with pytest.raises(ConfigurationError, match=r"policy faulty .*ZeroDivisionError: no window in view"):
+        active.tune(Tuning(Config.model_validate(cameras | {"control": {"policy": "faulty"}})))
+    assert active.tuning.config.control.policy == "belief"
 
 
 @pytest.mark.parametrize(("range_stops", "told"), [(6.0, True), (3.0, False)])
