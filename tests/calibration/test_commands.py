@@ -169,7 +169,7 @@ def prediction_errors(found: ResponseFunction, low: int, high: int) -> NDArray[n
     true = prediction_tables(true_response("gamma"), DELTAS).astype(float)
     open_ends = (true > 0) & (true < 255) & (tables > 0) & (tables < 255)
     open_ends[:, :low] = open_ends[:, high + 1 :] = False
-    return (tables - true)[open_ends]
+    return np.asarray((tables - true)[open_ends])
 
 
 @pytest.mark.wire
