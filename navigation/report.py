@@ -207,8 +207,8 @@ _PICTURES: tuple[tuple[str, str, Callable[[Axes, Findings], None], Callable[[Fin
     ("What stays", "Features after each drive: all of them, and those that were taught and are still there. Those "
      "that were pruned are missing.", _draw_stays, lambda found: found.runs),
     ("Foretold and seen", "For the last passing of each local map, by models that know the ones before: how often "
-     "features of a foretold probability were seen. A model on the diagonal is right; the smaller its error, the more it "
-     "foretells.", _draw_foretold, lambda found: found.foretold),
+     "features of a foretold probability were seen. A model on the diagonal is right; the smaller its error, the more "
+     "it foretells.", _draw_foretold, lambda found: found.foretold),
 )  # fmt: skip
 """Title, caption, what draws it, and whether there is data for it."""
 
