@@ -131,7 +131,7 @@ def _rows(status: Status) -> Iterator[tuple[str, str]]:
 
 def _of_one(group: GroupStatus, applied: ExposureSetting | None) -> Iterator[tuple[str, str]]:
     if applied is not None:
-        yield "level E", f"{applied.level:.2f} stops  {_bar(applied.level)}"
+        yield "exposure level", f"{applied.level:.2f} stops  {_bar(applied.level)}"
     if group.decision is not None:
         if group.decision.metric is not None:
             yield "metric", f"{group.decision.metric:.4f}"
@@ -218,7 +218,7 @@ def _counts(counts: Mapping[str, int]) -> str:
 
 def _percentiles(durations: DurationStatus) -> Iterator[str]:
     if durations.p50_ms is not None:
-        yield f"{durations.p50_ms:.2f} ms   99 of 100 within {durations.p99_ms:.2f} ms"
+        yield f"{durations.p50_ms:6.2f} ms   99 of 100 within {durations.p99_ms:6.2f} ms"
 
 
 def _bar(level: float) -> str:
