@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from datetime import date
 from pathlib import Path
 
 import matplotlib as mpl
@@ -25,7 +24,6 @@ def draw(file: Path, laps: Sequence[Lap], logs: Mapping[str, StepLog]) -> None:
     figure = Figure(figsize=(4.6 * len(lights), 9), layout="constrained")
     grid = figure.subplots(4, len(lights), height_ratios=[1.7, 1, 1, 1], sharey="row", squeeze=False)
     figure.suptitle(headline(laps), fontsize=14)
-    figure.text(1.0, 1.0, f"{date.today()} ", ha="right", va="top", fontsize=9, color="grey")
     for column, light in enumerate(lights):
         path, aside, exposure, matches = grid[:, column]
         in_light = [lap for lap in laps if lap.light == light]
@@ -33,14 +31,14 @@ def draw(file: Path, laps: Sequence[Lap], logs: Mapping[str, StepLog]) -> None:
         path.set_title("\n".join([light, *map(_registered, in_light)]), fontsize=11)
         for lap in in_light:
             _lap(lap, logs[lap.policy], (path, aside, exposure, matches), colours[lap.policy])
-        aside.set_ylim(0, None)
         for axes in (aside, exposure, matches):
             axes.set_xlim(0, LENGTH_M * 1.02)
             axes.grid(alpha=0.3)
-        matches.set_ylim(0, None)
         matches.set_xlabel("distance driven, m")
     for axes, label in zip(grid[:, 0], ("m", "aside, m", "exposure level, stops", "matches that agree"), strict=True):
         axes.set_ylabel(label)
+    for shared in (grid[1, 0], grid[3, 0]):  # once all laps are drawn, by which the axes are scaled
+        shared.set_ylim(0, None)
     grid[0, 0].legend(loc="center", frameon=False, fontsize=9)
     figure.savefig(file, format="png", dpi=100)  # whatever the name ends in
 
