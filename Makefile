@@ -25,7 +25,7 @@ EXTRAS := sim,calibration,publish,record,page
 NATIVE_SOURCES := setup.py $(wildcard autoexpose_daemon/control/native/*/* fake_camera/usb3/shim/*)
 UNBUILT := $(if $(and $(wildcard autoexpose_daemon/control/_native.*.so),$(wildcard fake_camera/usb3/_shim.*.so)),,unbuilt)
 
-.PHONY: unbuilt setup demo test suite parallel realtime test-again test-data test-platforms test-arm64 test-ros2 lint count bench accept soak fuzz mutate test-kernel install uninstall deb wheels image docs clean
+.PHONY: unbuilt setup demo test suite parallel realtime test-again test-data test-platforms test-arm64 test-ros2 lint count bench accept soak fuzz mutate test-kernel install uninstall deb wheels image docs pictures clean
 .DEFAULT_GOAL := demo
 
 # Stamps let later runs start at once; they are renewed when what is installed changes.
@@ -169,6 +169,9 @@ deb: ## a Debian package with all its Python packages, in build/deb
 $(VENV)/docs.stamp: $(VENV)/demo.stamp pyproject.toml
 	@./tools/install-python $(PY) docs
 	@touch $@
+
+pictures: $(VENV)/dev.stamp ## the pictures in docs/images again, or PICTURES="demo page"; 7 minutes, on an idle machine
+	@./tools/make-pictures $(PY) docs/images
 
 docs: $(VENV)/docs.stamp ## the documentation as a site with search, in build/site
 	@$(PY) -m tools.stage_docs build/docs

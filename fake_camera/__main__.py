@@ -57,6 +57,8 @@ def _run(
         if options.line0_rate_hz is None:
             _be_found(options, meanwhile)
         paint = partial(kept_room, folder=options.keep_room) if options.keep_room else furnished_room
+        if steered is not None:
+            paint = partial(paint, cleared=True)
         source = build_image_source(
             options.scene,
             options.side,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import signal
 import threading
+from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
 from typing import Annotated, Literal
@@ -68,7 +69,7 @@ def _facts(map_file: MapFile) -> dict[str, str]:
     return {
         "path": f"{length_m:.1f} m, {len(places)} local maps, {features} features",
         "taught": _when(runs[0].start_s) if runs else "never",
-        "repeated": f"{len(repeats)} times, last {_when(repeats[-1].start_s)}" if repeats else "never",
+        "repeated": _repeated([run.start_s for run in repeats]),
         "pictures": f"{about.width}x{about.height} pixels, focal length {about.focal_length_px:g} pixels",
         "detector": about.detector,
         "exposure": f"{about.policy or 'policy not known'}, {_exposures(places)}",
@@ -151,11 +152,23 @@ def _when(time_s: float) -> str:
     return datetime.fromtimestamp(time_s, UTC).strftime("%Y-%m-%d %H:%M UTC")
 
 
+def _repeated(starts_s: list[float]) -> str:
+    if len(starts_s) > 1:
+        return f"{len(starts_s)} times, last {_when(starts_s[-1])}"
+    return f"once, {_when(starts_s[0])}" if starts_s else "never"
+
+
 def _exposures(places: list[Place]) -> str:
     if not places:
         return "no local maps"
     times, gains = zip(*((place.setting.exposure_time_us, place.setting.gain_db) for place in places), strict=True)
-    return f"{min(times):.0f} to {max(times):.0f} us, {min(gains):.1f} to {max(gains):.1f} dB"
+    return f"{_range(times, 0)} us, {_range(gains, 1)} dB"
+
+
+def _range(values: Sequence[float], decimals: int) -> str:
+    """The least and the greatest of some values, or the one that all of them are as they are printed."""
+    low, high = (f"{value:.{decimals}f}" for value in (min(values), max(values)))
+    return low if low == high else f"{low} to {high}"
 
 
 __all__ = ["map_app", "repeat_command", "teach_command"]

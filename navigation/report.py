@@ -11,6 +11,7 @@ from pathlib import Path
 import jinja2
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
@@ -141,55 +142,73 @@ def _picture(title: str, caption: str, found: Findings, draw: Callable[[Axes, Fi
 
 
 def _draw_path(axes: Axes, found: Findings) -> None:
-    axes.plot(*found.plan_m.T, color="#999999", lw=1.0)
-    axes.plot(*found.marks_m.T, color="#999999", marker="o", ms=4, lw=0)
+    axes.plot(*found.plan_m.T, color="#999999", lw=2.0)
+    axes.plot(0.0, 0.0, marker="^", color="black", ms=13)
+    axes.plot(*found.marks_m.T, color="#999999", marker="o", ms=5, lw=0)
     known = ~np.isnan(found.seen_share).all(axis=0) if found.runs else np.zeros(len(found.marks_m), bool)
     if known.any():
         x_m, y_m = found.marks_m[known].T
-        dots = axes.scatter(x_m, y_m, c=np.nanmean(found.seen_share[:, known], axis=0), s=18, zorder=3, vmin=0.0)
+        dots = axes.scatter(x_m, y_m, c=np.nanmean(found.seen_share[:, known], axis=0), s=26, zorder=3, vmin=0, vmax=1)
         axes.figure.colorbar(dots, label="mean share of features seen again")
-    axes.plot(0.0, 0.0, marker="^", color="black", ms=9)
     axes.set(aspect="equal", xlabel="m", ylabel="m")
+    _widen(axes)
     axes.grid(alpha=0.3)
+
+
+def _widen(axes: Axes) -> None:
+    """As wide as high: a straight path has no width of its own."""
+    (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
+    half_m = max(right - left, high - low) / 2
+    axes.set_xlim((left + right) / 2 - half_m, (left + right) / 2 + half_m)
+    axes.set_ylim((low + high) / 2 - half_m, (low + high) / 2 + half_m)
+
+
+def _count(axis: Axis) -> None:
+    """Whole numbers only, also where few of them fit."""
+    axis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
 
 
 def _draw_seen(axes: Axes, found: Findings) -> None:
     extent = (-0.5, len(found.marks_m) - 0.5, len(found.runs) + 0.5, 0.5)
-    image = axes.imshow(found.seen_share, aspect="auto", vmin=0.0, extent=extent, interpolation="nearest")
+    image = axes.imshow(found.seen_share, aspect="auto", vmin=0, vmax=1, extent=extent, interpolation="nearest")
     axes.figure.colorbar(image, label="share seen again")
-    axes.set(xlabel="local map", ylabel="drive")
-    axes.yaxis.set_major_locator(MaxNLocator(integer=True))
+    axes.set(xlabel="local map, as `autoexpose map list` numbers them", ylabel="drive")
+    _count(axes.xaxis)
+    _count(axes.yaxis)
 
 
 def _draw_stays(axes: Axes, found: Findings) -> None:
     drives = np.arange(len(found.runs) + 1)
-    axes.plot(drives, [found.taught, *found.total], color="#0072B2", marker="o", ms=3, label="all")
-    axes.plot(drives, [found.taught, *found.kept], color="#D55E00", marker="s", ms=3, label="taught")
-    axes.set(xlabel="drives", ylabel="features", ylim=(0, None))
-    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    axes.plot(drives, [found.taught, *found.total], color="#56B4E9", marker="o", ms=9, lw=5, label="all")
+    axes.plot(drives, [found.taught, *found.kept], color="#D55E00", marker="s", ms=4, lw=1.5, label="taught")
+    axes.set(xlabel="drives", ylabel="features", ylim=(0, 1.08 * max([found.taught, *found.total, 1])))
+    _count(axes.xaxis)
     axes.legend()
     axes.grid(alpha=0.3)
 
 
 def _draw_foretold(axes: Axes, found: Findings) -> None:
     axes.plot([0, 1], [0, 1], color="black", lw=0.8, ls=":")
-    for one in found.foretold:
-        if len(one.foretold):
-            axes.plot(one.foretold, one.seen, marker="o", ms=3, lw=1.2, label=f"{one.model} ({one.brier:.3f})")
+    drawn = [one for one in found.foretold if len(one.foretold)]
+    for thinner, one in enumerate(drawn):  # models that agree remain visible below each other
+        width = 2.0 * (len(drawn) - thinner) - 1.0
+        label = f"{one.model} ({one.brier:.3f})"
+        axes.plot(one.foretold, one.seen, marker="o", ms=width + 3, lw=width, label=label, clip_on=False)
     axes.set(xlabel="foretold probability", ylabel="share seen", xlim=(0, 1), ylim=(0, 1))
-    axes.legend(title="Brier score", fontsize=8)
+    axes.legend(title="mean squared error", fontsize=8)
     axes.grid(alpha=0.3)
 
 
 _PICTURES: tuple[tuple[str, str, Callable[[Axes, Findings], None], Callable[[Findings], object]], ...] = (
-    ("Path", "From above, by the speeds it was taught with; a dot for each local map.", _draw_path, lambda _: True),
+    ("Path", "From above, by the speeds it was taught with, ahead is up; a dot for each local map, a triangle at "
+     "the start.", _draw_path, lambda _: True),
     ("Seen again", "Share of the features of each local map that were matched correctly, by drive. White: not "
      "registered, or pruned.", _draw_seen, lambda found: found.runs),
     ("What stays", "Features after each drive: all of them, and those that were taught and are still there. Those "
      "that were pruned are missing.", _draw_stays, lambda found: found.runs),
     ("Foretold and seen", "For the last passing of each local map, by models that know the ones before: how often "
-     "features of a foretold probability were seen. A model on the diagonal is right.", _draw_foretold,
-     lambda found: found.foretold),
+     "features of a foretold probability were seen. A model on the diagonal is right; the smaller its error, the more "
+     "it foretells.", _draw_foretold, lambda found: found.foretold),
 )  # fmt: skip
 """Title, caption, what draws it, and whether there is data for it."""
 

@@ -1,13 +1,11 @@
 """The picture in docs/ of what the policy `belief` knows and decides by, as a window comes into view.
 
-python -m tools.belief_picture docs/images/belief.png"""
+python -m tools.belief_picture FILE; `make pictures` puts it there."""
 
 from __future__ import annotations
 
 import sys
 from pathlib import Path
-
-from PIL import Image
 
 from autoexpose_daemon.recording.belief_plot import Moment, draw
 from evaluation.arena.race import course_of
@@ -40,7 +38,5 @@ def moments() -> list[Moment]:
 
 
 if __name__ == "__main__":
-    file = Path(sys.argv[1])
-    draw(file, moments(), "A window comes into view: its light is guessed, looked at, and exposed for")
-    with Image.open(file) as picture:  # of few colours, in half the bytes
-        picture.convert("RGB").quantize(128, dither=Image.Dither.NONE).save(file, optimize=True)
+    title = "A window comes into view: its light is guessed, looked at, and exposed for"
+    draw(Path(sys.argv[1]), moments(), title)

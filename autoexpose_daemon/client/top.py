@@ -25,8 +25,11 @@ _SILENT_S = 3.0
 _TURN_S = 0.25
 _SHOWN_FAULTS = 8
 _HISTORY = 60
+_BESIDE_CURVES = 58  # columns: the frame, the longest name, a range
+_LEAST_CURVE = 10
 _TALL = 1000
 _LARGEST = 1e15
+_METRIC = "metric"
 _BLOCKS = "\u2581\u2582\u2583\u2584\u2585\u2586\u2587\u2588"
 
 
@@ -36,7 +39,7 @@ def show_once(rig: str, connect: Sequence[str] | None, console: Console, zenoh_f
         status = client.wait(_PATIENCE_S)
         if status is None:
             raise AutoexposeError(no_status(client))
-        console.print(panel_of(status, Sparklines(), client.silent_s, _TALL))
+        console.print(panel_of(status, Sparklines(), client.silent_s, _TALL, console.width))
 
 
 def follow(
@@ -53,7 +56,8 @@ def follow(
                 live.update(plain(no_status(client)), refresh=True)
             else:
                 sparklines.add(status)
-                live.update(panel_of(status, sparklines, client.silent_s, console.height), refresh=True)
+                panel = panel_of(status, sparklines, client.silent_s, console.height, console.width)
+                live.update(panel, refresh=True)
 
 
 class Sparklines:
@@ -77,15 +81,21 @@ class Sparklines:
             applied = status.setting_of(group)
             values = {} if applied is None else {"exposure, us": applied.exposure_time_us, "gain, dB": applied.gain_db}
             metric = None if group.decision is None else group.decision.metric
-            values |= {} if metric is None else {"metric": metric}
+            values |= {} if metric is None else {_METRIC: metric}
             for what, value in values.items():
                 if abs(value) < _LARGEST:  # and not NaN
                     self._rows.setdefault(of_group + what, deque(maxlen=_HISTORY)).append(value)
 
-    def add_rows(self, table: Table) -> None:
-        """Add a row for each curve: name, curve and range."""
+    def add_rows(self, table: Table, width: int) -> None:
+        """Add a row for each curve in a terminal so wide: name, range and as much of the curve as there is room for."""
+        newest = min(max(width - _BESIDE_CURVES, _LEAST_CURVE), _HISTORY)
         for name, values in self._rows.items():
-            table.add_row(plain(name), f"[cyan]{sparkline(values)}[/cyan]   {min(values):.4g} to {max(values):.4g}")
+            decimals = 4 if name.endswith(_METRIC) else 1
+            shown = list(values)[-newest:]
+            low, high = (f"{value:.{decimals}f}" for value in (min(shown), max(shown)))
+            table.add_row(
+                plain(name), f"{low if low == high else f'{low} to {high}':17}  [cyan]{sparkline(shown)}[/cyan]"
+            )
 
 
 def sparkline(values: Sequence[float]) -> str:
@@ -95,8 +105,8 @@ def sparkline(values: Sequence[float]) -> str:
     return "".join(_BLOCKS[round((value - low) * scale)] for value in values)
 
 
-def panel_of(status: Status, sparklines: Sparklines, silent_s: float, height: int) -> Panel:
-    """A panel of at most `height` lines for a status received `silent_s` ago."""
+def panel_of(status: Status, sparklines: Sparklines, silent_s: float, height: int, width: int) -> Panel:
+    """A panel of at most `height` lines, in a terminal so wide, for a status received `silent_s` ago."""
     title = f"autoexpose {status.rig}, {policies_of(status)}, up {duration_text(status.uptime_s)}"
     colour = COLOURS[status.state]
     if silent_s > _SILENT_S:
@@ -104,7 +114,7 @@ def panel_of(status: Status, sparklines: Sparklines, silent_s: float, height: in
         since = duration_text(silent_s)
         title += f": {f'ended {since} ago' if status.ending else f'silent for {since}'}; this is its last status"
     table = table_of(status)
-    sparklines.add_rows(table)
+    sparklines.add_rows(table, width)
     parts: list[RenderableType] = [table]
     if status.faults:
         room = height - table.row_count - 3  # the border, and the title of the faults

@@ -263,4 +263,4 @@ def _in_words(target: Target, ev_stops: float, level: float) -> str:
     """The reason for a target, and what became of it."""
     wanted = target.level + ev_stops
     reason = f"{target.reason}; EV {ev_stops:+g}" if ev_stops else target.reason
-    return reason if level == wanted else f"{reason}; held: at {'upper' if wanted > level else 'lower'} limit"
+    return reason if level == wanted else f"{reason}; held at the {'brightest' if wanted > level else 'darkest'} limit"

@@ -102,16 +102,12 @@ class LightStep:
     mostly: str
 
     def in_words(self, rate_hz: float) -> str:
-        """How the exposure followed, in words. Steady and settled differ if the view changes meanwhile."""
-        steady, settled = self.frames_to_steady, self.frames_to_settle
-        if steady is None and settled is None:
+        """How soon the exposure followed, in words; that it goes on to follow the view is no news."""
+        frames = [each for each in (self.frames_to_steady, self.frames_to_settle) if each is not None]
+        if not frames:
             return f"not steady before the next step (mostly: {self.mostly})"
-        first = next(frames for frames in (steady, settled) if frames is not None)
-        noun = "frame" if first == 1 else "frames"
-        words = f"well exposed and steady after {first} {noun} ({1e3 * first / rate_hz:.0f} ms)"
-        if settled is None:
-            return f"{words}; still changes with the view"
-        return words if settled <= first else f"{words}; changed with the view until frame {settled}"
+        noun = "frame" if frames[0] == 1 else "frames"
+        return f"well exposed and steady after {frames[0]} {noun} ({1e3 * frames[0] / rate_hz:.0f} ms)"
 
 
 @dataclass(frozen=True, slots=True)
@@ -323,18 +319,26 @@ def _rows(figures: Mapping[str, Any], steps: Sequence[LightStep]) -> Iterator[tu
     yield "lost", f"{_lost(figures)}; of {figures['triggers']} triggers on the cameras' wire"
     unusual = [f"{counter.label}: {count}" for counter, count in unusual_counts(Counts(**figures["counts"]))]
     if unusual:
-        yield "anomalies", ", ".join(unusual)
+        yield "anomalies", ", ".join(unusual) + (_BUSY if figures["fakes"]["overruns"] else "")
     if figures["published"] is not None:
         yield "published", f"{figures['published']} {sets}, for other processes"
-    for duration in DURATIONS:
-        p50, p99 = figures[duration.field]["p50"], figures[duration.field]["p99"]
-        if p50 is not None:
-            yield duration.label, f"{p50:.1f} ms, 99 of 100 within {p99:.1f} ms: {duration.meaning}"
+    yield from _delays(figures)
     fakes = " and ".join(f"{percent:.0f} %" for percent in figures["fakes"]["cpu_percent"])
     yield "processor", f"daemon {figures['daemon_cpu_percent']:.0f} % of a core, fakes {fakes}"
-    yield "this machine", f"{figures['reference_step_ms']:.1f} ms for a step of the published algorithm"
 
 
+def _delays(figures: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """The durations that a user can compare with the time between two frames; the summary file has all."""
+    to_node, to_effect = figures["frame_to_node_ms"], figures["command_to_effect_ms"]
+    if to_node["p50"] is not None:
+        late = f" (99 of 100 within {to_node['p99']:.1f} ms)"
+        between = f"frames come every {1e3 / figures['rate_hz']:.1f} ms"
+        yield "delay", f"{to_node['p50']:.1f} ms from a frame to new settings in the cameras{late}; {between}"
+    if to_effect["p50"] is not None:
+        yield "effect", f"{to_effect['p50']:.1f} ms from a decision to the first exposure taken with it"
+
+
+_BUSY = "; to be expected, because this machine was too busy for the fake cameras"
 _SEVERAL = {LossReason.BOTH_MISSING: 2, LossReason.SEVERAL_MISSING: 2}  # frames, at least
 
 

@@ -116,7 +116,7 @@ def _exposure(curves: Sequence[Axes], step_log: StepLog, start_ns: int) -> None:
     lost.plot(times_s, [100 * step.saturated_share for step in step_log.steps], color="tab:red", label="white")
     lost.plot(times_s, [100 * step.black_share for step in step_log.steps], color="black", label="black")
     lost.set_ylabel("%")
-    lost.legend(loc="center right", frameon=False)
+    lost.legend(loc="best", frameon=False)
 
 
 def _label(axes: Axes, unit: str) -> None:

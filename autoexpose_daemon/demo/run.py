@@ -83,8 +83,14 @@ def _navigation() -> EntryPoint:
 
 def _keep_room() -> list[str]:
     """Options to cache the painted room between demos, if this user has a cache directory."""
+    folder = cache_folder()
+    return [] if folder is None else ["--keep-room", str(folder)]
+
+
+def cache_folder() -> Path | None:
+    """Where demos keep files for this user; None if there is no such place. It may not exist yet."""
     try:
         cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     except RuntimeError:  # no home
-        return []
-    return ["--keep-room", str(cache / "autoexpose")] if cache.is_absolute() else []
+        return None
+    return cache / "autoexpose" if cache.is_absolute() else None

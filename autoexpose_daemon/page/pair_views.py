@@ -25,6 +25,7 @@ from autoexpose_daemon.client.status_client import StatusClient
 from autoexpose_daemon.control.decision import Decision, Grounds
 from autoexpose_daemon.control.metrics.gradient import ExtremeShares, GradientMetric, PackedTables
 from autoexpose_daemon.control.picture.image import ImagePreparation, Shrinking, fit
+from autoexpose_daemon.control.policies.ids import PREDICTING
 from autoexpose_daemon.messages.inputs import RegisteredView
 from autoexpose_daemon.messages.keys import ONE_GROUP
 from imaging.errors import ConfigurationError
@@ -248,12 +249,14 @@ class Curve:
     """The M_g of the newest image of a group's first camera as predicted at other exposures; all levels are in stops.
 
     `level` is the image's own, `decided_level` what the daemon decided on for it; None if it skipped the pair.
+    `decides`: whether the policy goes by such a prediction; to others, it is only a comparison.
     """
 
     delta_levels: tuple[float, ...]
     metrics: tuple[float, ...]
     level: float
     decided_level: float | None
+    decides: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -393,7 +396,9 @@ class PairViews:
         frame, decision = pair.frames[camera], pair.decisions.get(camera)
         metrics = self._maker(camera).curve(frame)
         decided = None if decision is None else decision.level
-        return Promise(curve=Curve(tuple(DELTA_LEVELS), tuple(metrics), frame.setting.level, decided))
+        known = None if self._status.status is None else self._status.status.by_group.get(group)
+        decides = known is not None and known.policy in PREDICTING
+        return Promise(curve=Curve(tuple(DELTA_LEVELS), tuple(metrics), frame.setting.level, decided, decides))
 
     def _show(self, pair: ReceivedSet, firsts: Mapping[str, CameraName]) -> None:
         pictures = {camera: self._maker(camera).picture(frame) for camera, frame in pair.frames.items()}

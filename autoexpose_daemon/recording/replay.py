@@ -110,6 +110,11 @@ Say = Callable[[str], None]
 """Takes a line of text."""
 
 
+_HEAD = (
+    "                 last frame of a     exposure level, stops         the same",
+    "     s  trigger  second, taken with  recorded  replayed     apart  decision",
+)
+
 Watch = Callable[[Replay, Replayed], None]
 """Is shown each step as soon as it has been replayed."""
 
@@ -128,7 +133,8 @@ def report_replay(path: Path, policy_id: str | None, say: Say, watching: Sequenc
             watch(player, replayed)
         time_ns = replayed.step.pair.reference.host_time_ns
         if start_ns is None:
-            say("     s  trigger  frame taken with   recorded E  replayed E  apart  same     of")
+            for line in _HEAD:
+                say(line)
             start_ns = time_ns
             end_ns = start_ns + _SECOND_NS
         if time_ns >= end_ns:
@@ -182,8 +188,8 @@ def _print_second(say: Say, figures: _Figures, start_ns: int, faithful: bool) ->
     apart = f"{np.mean(figures.apart):.2f}" if figures.apart else "-"
     frame = step.pair.reference
     say(
-        f"{(frame.host_time_ns - start_ns) * 1e-9:6.1f}  {step.pair.trigger:7d}  {frame.setting!s:17}"
-        f"  {step.decision.level:10.2f}  {replayed:>10}  {apart:>5}  {same:4d}  {figures.steps:5d}"
+        f"{(frame.host_time_ns - start_ns) * 1e-9:6.1f}  {step.pair.trigger:7d}  {frame.setting!s:18}"
+        f"  {step.decision.level:8.2f}  {replayed:>8}  {apart:>8}  {same:4d} of {figures.steps}"
     )
 
 

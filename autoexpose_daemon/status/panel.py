@@ -96,13 +96,14 @@ def line_of(status: Status) -> str:
     parts += [f"{counter.label}: {count}" for counter, count in unusual_counts(status.counts)]
     parts += [f"{name} {text}" for name, text in _outlets(status)]
     if status.frame_to_node_ms.p50_ms is not None:
-        parts.append(f"frame to node {status.frame_to_node_ms.p50_ms:.1f}/{status.frame_to_node_ms.p99_ms:.1f} ms")
+        p50_ms, p99_ms = status.frame_to_node_ms.p50_ms, status.frame_to_node_ms.p99_ms
+        parts.append(f"frame to node {p50_ms:.1f} ms, 99 of 100 within {p99_ms:.1f} ms")
     return "; ".join(parts)
 
 
 def _in_line(group: GroupStatus, applied: ExposureSetting | None) -> Iterator[str]:
     if applied is not None:
-        yield f"{applied} (E {applied.level:.2f})"
+        yield str(applied)
     if group.decision is not None and group.decision.metric is not None:
         yield f"metric {group.decision.metric:.4f}"
     if requested := str(group.requests):
@@ -130,7 +131,7 @@ def _rows(status: Status) -> Iterator[tuple[str, str]]:
 
 def _of_one(group: GroupStatus, applied: ExposureSetting | None) -> Iterator[tuple[str, str]]:
     if applied is not None:
-        yield "level E", f"{applied.level:.2f} stops  {_bar(applied.level)}"
+        yield "exposure level", f"{applied.level:.2f} stops  {_bar(applied.level)}"
     if group.decision is not None:
         if group.decision.metric is not None:
             yield "metric", f"{group.decision.metric:.4f}"
@@ -217,7 +218,7 @@ def _counts(counts: Mapping[str, int]) -> str:
 
 def _percentiles(durations: DurationStatus) -> Iterator[str]:
     if durations.p50_ms is not None:
-        yield f"{durations.p50_ms:.2f} ms   p99 {durations.p99_ms:.2f} ms"
+        yield f"{durations.p50_ms:6.2f} ms   99 of 100 within {durations.p99_ms:6.2f} ms"
 
 
 def _bar(level: float) -> str:

@@ -22,7 +22,7 @@ SHOWN_POLICIES = (DEFAULT_POLICY, "begin2022-code", "neves2009", "zhang2024")
 
 
 def plot_table(policies: Sequence[str], scenarios: Sequence[str], values: Floats, title: str, file: Path) -> None:
-    """A heat map of shares 0..1, float64 (policies, scenarios), with the numbers in its cells."""
+    """A heat map of shares 0..1, float64 (policies, scenarios), with the numbers in its cells, and labels of rows."""
     figure, axes = plt.subplots(figsize=(1.6 + 1.05 * len(scenarios), 1.2 + 0.36 * len(policies)), layout="constrained")
     axes.imshow(values, vmin=0, vmax=1, cmap="viridis", aspect="auto")
     axes.set_xticks(range(len(scenarios)), scenarios, rotation=30, ha="right")
@@ -153,7 +153,10 @@ def write_arena_report(runs: Sequence[ArenaRun], default_policy: str, folder: Pa
     policies = [policy for policy, _ in ranking]
     scenarios = [scenario for scenario in SCENARIOS if any(row["scenario"] == scenario for row in rows)]
     ratios = cells(rows, policies, scenarios, "objective_ratio_mean")
-    plot_table(policies, scenarios, ratios, "Objective as a share of the oracle's", folder / "table.png")
+    others = informed(rows)
+    labels = [f"{policy} *" if policy in others else policy for policy in policies]
+    title = "Gradient information as a share of the oracle's" + (_OTHER_UNIT if others else "")
+    plot_table(labels, scenarios, ratios, title, folder / "table.png")
     pictures = plot_traces(runs, folder)
 
     def section(title: str, key: str, form: str) -> list[str]:
@@ -172,6 +175,14 @@ def write_arena_report(runs: Sequence[ArenaRun], default_policy: str, folder: Pa
     path = folder / "arena.md"
     path.write_text("\n\n".join(part.strip() for part in parts) + "\n", encoding="utf-8")
     return path
+
+
+_OTHER_UNIT = "\n* another unit: Fisher information, which this policy maximises, as a share of the most of it"
+
+
+def informed(rows: Sequence[dict[str, Any]]) -> set[str]:
+    """The policies that were judged by information, and not by the metric, as all others are."""
+    return {row["policy"] for row in rows if row["objective_ratio_mean"] != row["metric_ratio_mean"]}
 
 
 def cells(rows: Sequence[dict[str, Any]], policies: Sequence[str], scenarios: Sequence[str], key: str) -> Floats:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -12,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from autoexpose_daemon.demo.analysis import StepLog
-from navigation.demo.robot import LENGTH_M, RADIUS_M, Lap
+from navigation.demo.robot import ASIDE_M, LENGTH_M, STRAIGHT_M, TAUGHT_LUX, Lap, Pose2D
 
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7")
 
@@ -22,32 +21,54 @@ def draw(file: Path, laps: Sequence[Lap], logs: Mapping[str, StepLog]) -> None:
     mpl.use("Agg")
     lights = list(dict.fromkeys(lap.light for lap in laps))
     colours = dict(zip(logs, _COLOURS, strict=False))
-    figure = Figure(figsize=(4.2 * len(lights), 10), layout="constrained")
-    grid = figure.subplots(4, len(lights), height_ratios=[3, 1, 1, 1], squeeze=False)
-    figure.suptitle("A lap is taught under 150 lux, and repeated from 0.15 m aside in other light", fontsize=15)
+    figure = Figure(figsize=(4.6 * len(lights), 9), layout="constrained")
+    grid = figure.subplots(4, len(lights), height_ratios=[1.7, 1, 1, 1], sharey="row", squeeze=False)
+    figure.suptitle(headline(laps), fontsize=14)
     for column, light in enumerate(lights):
         path, aside, exposure, matches = grid[:, column]
-        _circle(path)
-        path.set_title(light)
-        for lap in (one for one in laps if one.light == light):
+        in_light = [lap for lap in laps if lap.light == light]
+        _course(path)
+        path.set_title("\n".join([light, *map(_registered, in_light)]), fontsize=11)
+        for lap in in_light:
             _lap(lap, logs[lap.policy], (path, aside, exposure, matches), colours[lap.policy])
-        path.legend(loc="center", frameon=False)
-        aside.set_ylim(0, None)
         for axes in (aside, exposure, matches):
             axes.set_xlim(0, LENGTH_M * 1.02)
             axes.grid(alpha=0.3)
-        matches.set_ylim(0, None)
-        matches.set_xlabel("distance along the lap, m")
+        matches.set_xlabel("distance driven, m")
     for axes, label in zip(grid[:, 0], ("m", "aside, m", "exposure level, stops", "matches that agree"), strict=True):
         axes.set_ylabel(label)
+    for shared in (grid[1, 0], grid[3, 0]):  # once all laps are drawn, by which the axes are scaled
+        shared.set_ylim(0, None)
+    grid[0, 0].legend(loc="center", frameon=False, fontsize=9)
     figure.savefig(file, format="png", dpi=100)  # whatever the name ends in
 
 
-def _circle(axes: Axes) -> None:
-    angles = np.linspace(0, 2 * math.pi, 200)
-    axes.plot(RADIUS_M * np.cos(angles), RADIUS_M * np.sin(angles), color="black", lw=3, alpha=0.25, label="taught")
-    axes.plot([RADIUS_M], [0.0], marker="o", color="black", ms=5)
-    axes.set_aspect("equal")
+def headline(laps: Sequence[Lap]) -> str:
+    """What was done, and how many of each policy's frames could be registered with the map."""
+    shares: dict[str, list[float]] = {}
+    for lap in laps:
+        shares.setdefault(lap.policy, []).append(lap.registered_share)
+    registered = ", ".join(f"{policy} {_percent(min(of), max(of))}" for policy, of in shares.items())
+    return (
+        f"A course of {LENGTH_M:.1f} m is taught under {TAUGHT_LUX:g} lux, and repeated from {ASIDE_M:g} m aside in "
+        f"other light\nframes registered with the map: {registered}"
+    )
+
+
+def _percent(low: float, high: float) -> str:
+    return f"{low:.0%}" if f"{low:.0%}" == f"{high:.0%}" else f"{100 * low:.0f} to {high:.0%}"
+
+
+def _registered(lap: Lap) -> str:
+    end = "" if lap.completed else ", stopped"
+    return f"{lap.policy}: {lap.registered_share:.0%} registered{end}"
+
+
+def _course(axes: Axes) -> None:
+    course = np.array([Pose2D.on_course(at_m)[:2] for at_m in np.linspace(0.0, LENGTH_M, 200)])
+    axes.plot(*course.T, color="black", lw=4, alpha=0.25, label="taught")
+    axes.plot(*course[0], marker=">", color="black", ms=8)
+    axes.set(aspect="equal", xlim=(-STRAIGHT_M, STRAIGHT_M))
     axes.grid(alpha=0.3)
 
 
@@ -56,8 +77,7 @@ def _lap(lap: Lap, log: StepLog, axes: tuple[Axes, Axes, Axes, Axes], colour: st
     if not lap.steps:
         return
     places = np.array([step.place for step in lap.steps])
-    end = "" if lap.completed else ", stopped"
-    path.plot(places[:, 0], places[:, 1], color=colour, lw=1.5, label=f"{lap.policy}{end}")
+    path.plot(places[:, 0], places[:, 1], color=colour, lw=1.5, label=lap.policy)
     path.plot(*places[-1, :2], marker="s" if lap.completed else "x", color=colour, ms=7)
     along_m = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(places[:, :2], axis=0).T))])
     times_ns = np.array([step.time_ns for step in lap.steps], np.float64)

@@ -75,10 +75,14 @@ class ControlLine:
                     self.refused = answer["error"]
 
 
-RADIUS_M = 0.5
-"""Radius of the lap, a circle around the middle of the room."""
+STRAIGHT_M, RADIUS_M = 1.8, 0.45
+"""The course: east along a straight line, back along another, and half a circle to the left at either end."""
 
-LENGTH_M = 2 * math.pi * RADIUS_M
+_TURN_M = math.pi * RADIUS_M
+
+LENGTH_M = 2 * (STRAIGHT_M + _TURN_M)
+
+TAUGHT_LUX = 150.0
 
 ASIDE_M, TURNED_RAD = 0.15, math.radians(5.0)
 """Where a repetition begins: to the left of the start, and turned to the left."""
@@ -96,8 +100,18 @@ class Pose2D(NamedTuple):
 
     @classmethod
     def at_start(cls, aside_m: float = 0.0, turned_rad: float = 0.0) -> Pose2D:
-        """At the start of the lap, or to the left of it, towards the middle, and turned to the left."""
-        return cls(RADIUS_M - aside_m, 0.0, math.pi / 2 + turned_rad)
+        """At the start of the course, or to the left of it, towards the middle, and turned to the left."""
+        return cls(-STRAIGHT_M / 2, aside_m - RADIUS_M, turned_rad)
+
+    @classmethod
+    def on_course(cls, distance_m: float) -> Pose2D:
+        """On the course at a distance from its start; further on, on the next round."""
+        half, along_m = divmod(distance_m, LENGTH_M / 2)
+        turned_rad = max(along_m - STRAIGHT_M, 0.0) / RADIUS_M
+        x_m = min(along_m, STRAIGHT_M) - STRAIGHT_M / 2 + RADIUS_M * math.sin(turned_rad)
+        y_m = -RADIUS_M * math.cos(turned_rad)
+        sign = -1.0 if half % 2 else 1.0  # the way back is the way there, seen from the other end
+        return cls(sign * x_m, sign * y_m, half * math.pi + turned_rad)
 
     def driven(self, forward_m: float, turned_rad: float) -> Pose2D:
         """The place after a short way on an arc."""
@@ -110,13 +124,23 @@ class Pose2D(NamedTuple):
 
     @property
     def aside_m(self) -> float:
-        """Distance from the lap."""
-        return abs(math.hypot(self.x_m, self.y_m) - RADIUS_M)
+        """Distance from the course."""
+        past_m = max(abs(self.x_m) - STRAIGHT_M / 2, 0.0)
+        return abs(math.hypot(past_m, self.y_m) - RADIUS_M)
 
     @property
     def progress(self) -> float:
-        """Share of the lap (0..1) that is behind it."""
-        return math.atan2(self.y_m, self.x_m) / (2 * math.pi) % 1.0
+        """Share of the course (0..1) that is behind the nearest place on it."""
+        x_m, y_m = (self.x_m, self.y_m) if self._is_on_the_way_there else (-self.x_m, -self.y_m)
+        along_m = min(x_m, STRAIGHT_M / 2) + STRAIGHT_M / 2
+        if x_m > STRAIGHT_M / 2:
+            along_m += RADIUS_M * (math.atan2(y_m, x_m - STRAIGHT_M / 2) + math.pi / 2)
+        return along_m / LENGTH_M + (0.0 if self._is_on_the_way_there else 0.5)
+
+    @property
+    def _is_on_the_way_there(self) -> bool:
+        """Whether the nearest place is on the first half: the southern line, and the turn at its eastern end."""
+        return self.x_m > STRAIGHT_M / 2 or (self.y_m < 0.0 and self.x_m >= -STRAIGHT_M / 2)
 
 
 class Vehicle:
@@ -171,19 +195,24 @@ class Lap:
 
     @property
     def errors_m(self) -> list[float]:
-        """Distances from the taught lap."""
+        """Distances from the taught course."""
         return [step.place.aside_m for step in self.steps]
 
+    @property
+    def registered_share(self) -> float:
+        """Share (0..1) of the frames looked at that were registered."""
+        return sum(view.shift_px is not None for view in self.views) / max(len(self.views), 1)
+
     def figures(self) -> dict[str, float | str | bool]:
-        """The figures for the summary; the share is that of the frames looked at."""
-        registered = sum(view.shift_px is not None for view in self.views)
+        """The figures for the summary."""
         return {
             "light": self.light,
             "policy": self.policy,
             "completed": self.completed,
             "mean_error_m": round(sum(self.errors_m) / max(len(self.errors_m), 1), 4),
             "max_error_m": round(max(self.errors_m, default=0.0), 4),
-            "registered_share": round(registered / max(len(self.views), 1), 4),
+            "end_error_m": round(self.errors_m[-1], 4) if self.steps else 0.0,
+            "registered_share": round(self.registered_share, 4),
         }
 
 
@@ -195,14 +224,15 @@ class DemoRobot:
 
     Attributes
     ----------
-    joystick
-        Forward (m/s) and turn (rad/s); None: commands are obeyed.
-    steps, views
+    joystick_m_s
+        How fast it is driven along the course, whose end it does not leave; None: commands are obeyed.
+    steps, views, driven_m
         Since the last `put`.
     """
 
     def __init__(self, endpoint: str, daemon: str, lines: Sequence[ControlLine], rig: str) -> None:
-        self.joystick: Velocity | None = STANDSTILL
+        self.joystick_m_s: float | None = 0.0
+        self.driven_m = 0.0
         self.steps: list[RobotSample] = []
         self.views: list[RegisteredView] = []
         self._endpoint, self._lines, self._rig = endpoint, lines, rig
@@ -228,7 +258,7 @@ class DemoRobot:
         """Carry it somewhere; from there on its odometry errs, or does not."""
         with self._turn:
             self._vehicle.put(place, errs=errs)
-            self._command, self.steps, self.views = STANDSTILL, [], []
+            self._command, self.steps, self.views, self.driven_m = STANDSTILL, [], [], 0.0
 
     def light(self, lux: float) -> None:
         """Switch the light of the room, for both cameras at once."""
@@ -254,8 +284,10 @@ class DemoRobot:
     def _step(self, session: zenoh.Session, now_ns: int, seconds: float) -> None:
         with self._turn:
             fresh = time.monotonic() - self._commanded_s < PATIENCE_S
-            velocity = self.joystick if self.joystick is not None else self._command if fresh else STANDSTILL
+            by_joystick = self._by_joystick(seconds)
+            velocity = by_joystick or (self._command if fresh else STANDSTILL)
             self._vehicle.drive(*velocity, seconds)
+            self.driven_m += velocity[0] * seconds
             step = RobotSample(now_ns, self._vehicle.place)
             self.steps.append(step)
             believed = self._vehicle.believed
@@ -265,8 +297,16 @@ class DemoRobot:
         for line in self._lines:
             line.send(order)
         session.put(ODOMETRY, odometry((believed.x_m, believed.y_m, believed.heading_rad), velocity, time.time_ns()))
-        if self.joystick is not None:
+        if by_joystick is not None:
             session.put(JOYSTICK, twist(velocity))
+
+    def _by_joystick(self, seconds: float) -> Velocity | None:
+        """Forward (m/s) and turn (rad/s) along the course for the next seconds; None: commands are obeyed."""
+        if self.joystick_m_s is None:
+            return None
+        way_m = min(self.joystick_m_s * seconds, max(LENGTH_M - self.driven_m, 0.0))
+        before, after = (Pose2D.on_course(self.driven_m + further_m) for further_m in (0.0, way_m))
+        return way_m / seconds, (after.heading_rad - before.heading_rad) / seconds
 
     def _obey(self, data: bytes) -> None:
         with self._turn:

@@ -6,15 +6,17 @@ import json
 import math
 import signal
 import socket
+import sqlite3
 import subprocess
 import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from contextlib import ExitStack, closing, contextmanager
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from rich.console import Console
 from rich.table import Table
@@ -24,6 +26,7 @@ from autoexpose_daemon.demo.analysis import DemoRun, StepLog, figures, in_words,
 from autoexpose_daemon.demo.fakes import FakeCameras, read_pulses
 from autoexpose_daemon.demo.options import DemoOptions
 from autoexpose_daemon.demo.reference_step import reference_step_ms
+from autoexpose_daemon.demo.run import cache_folder
 from autoexpose_daemon.demo.show import REFERENCE_REPEATS, check_account, configuration, start
 from autoexpose_daemon.messages.sockets import daemon_endpoint
 from autoexpose_daemon.runtime.daemon import Daemon
@@ -36,16 +39,13 @@ from navigation.demo.robot import (
     JOYSTICK,
     LENGTH_M,
     ODOMETRY,
-    RADIUS_M,
-    STANDSTILL,
+    TAUGHT_LUX,
     TURNED_RAD,
     ControlLine,
     DemoRobot,
     Lap,
     Pose2D,
 )
-
-TAUGHT_LUX = 150.0
 
 FOCAL_LENGTH_PX = 860.0
 """The focal length of the fake cameras."""
@@ -80,15 +80,15 @@ class Lessons:
         """Drive the lap once, exactly; raises AutoexposeError if that is interrupted, or nothing was taught."""
         robot = self._robot
         robot.light(TAUGHT_LUX)
-        robot.joystick = STANDSTILL
+        robot.joystick_m_s = 0.0
         robot.put(Pose2D.at_start(), errs=False)
         focal_length = ["--focal-length-px", str(FOCAL_LENGTH_PX)]
         with self._command("teach", str(file), "--velocity", JOYSTICK, *focal_length) as teach:
             self._wait_for(file)
-            robot.joystick = self._forward_m_s, self._forward_m_s / RADIUS_M
-            if self._stop.wait(LENGTH_M / self._forward_m_s):
-                raise AutoexposeError("interrupted while a lap was taught")
-            robot.joystick = STANDSTILL
+            robot.joystick_m_s = self._forward_m_s
+            while robot.driven_m < LENGTH_M - 1e-6:
+                if self._stop.wait(_TURN_S):
+                    raise AutoexposeError("interrupted while a lap was taught")
             teach.send_signal(signal.SIGINT)
             said, errors = teach.communicate(timeout=STARTS_S)
         if teach.returncode != 0 or not file.exists():
@@ -101,7 +101,7 @@ class Lessons:
         """
         robot, lux_at = self._robot, LIGHTS[light]
         robot.light(lux := lux_at(0.0))
-        robot.joystick = None
+        robot.joystick_m_s = None
         robot.put(Pose2D.at_start(ASIDE_M, TURNED_RAD), errs=True)
         with self._command("repeat", str(file), "--command", COMMAND, "--drive") as repeat:
             gives_up_s, last = time.monotonic() + STARTS_S, robot.place
@@ -204,6 +204,7 @@ def navigate(options: DemoOptions, cameras: FakeCameras, folder: Path, stop: thr
     if refused:
         raise AutoexposeError(f"a fake camera refused an order: {refused}")
     _report(options, rate_hz, cameras, parts, console)
+    console.print(_kept(folder / f"{options.policy}.map"), markup=False, highlight=False, soft_wrap=True)
 
 
 def _part(config: Config, lessons: Lessons, file: Path, say: Callable[[str], None]) -> Part:
@@ -213,7 +214,7 @@ def _part(config: Config, lessons: Lessons, file: Path, say: Callable[[str], Non
         config, lambda config, begin: add_outlets(Daemon(config, openers(config), begin, [step_log]), config)
     )
     with running(service):
-        say(f"{policy}: teaching a lap of {LENGTH_M:.1f} m ...")
+        say(f"{policy}: teaching a course of {LENGTH_M:.1f} m ...")
         lessons.teach(file)
         laps: list[Lap] = []
         for light in LIGHTS:
@@ -225,38 +226,65 @@ def _part(config: Config, lessons: Lessons, file: Path, say: Callable[[str], Non
 def _report(
     options: DemoOptions, rate_hz: float, cameras: FakeCameras, parts: dict[str, Part], console: Console
 ) -> None:
-    part = parts[options.policy]
-    laps = [lap for one in parts.values() for lap in one.laps]
-    pulses = pulses_in_window(read_pulses(cameras.truths), part.service.daemon.tally)
-    run = DemoRun(
-        options, rate_hz, part.service.daemon, cameras.all, pulses, part.step_log, part.took_s,
-        sum(one.took_s for one in parts.values()), part.cpu_s, reference_step_ms(REFERENCE_REPEATS),
-    )  # fmt: skip
-    steps = light_steps(run.pulses, run.step_log.steps)
-    result = figures(run, steps) | {"laps": [lap.figures() for lap in laps]}
-    console.print(in_words(result, steps))
+    reference_ms, pulses = reference_step_ms(REFERENCE_REPEATS), read_pulses(cameras.truths)
+    took_s = sum(part.took_s for part in parts.values())
+    by_policy: dict[str, dict[str, Any]] = {}
+    for policy, part in parts.items():
+        daemon, log = part.service.daemon, part.step_log
+        run = DemoRun(
+            replace(options, policy=policy), rate_hz, daemon, cameras.all, pulses_in_window(pulses, daemon.tally), log,
+            part.took_s, took_s, part.cpu_s, reference_ms,
+        )  # fmt: skip
+        by_policy[policy] = figures(run, light_steps(run.pulses, log.steps))
+        console.print(f"[bold]{policy}[/bold]")
+        console.print(in_words(by_policy[policy], []))
+    laps = [lap for part in parts.values() for lap in part.laps]
     console.print(laps_in_words(laps))
+    result = by_policy[options.policy] | {"laps": [lap.figures() for lap in laps], "policies": by_policy}
     if options.summary is not None:
         options.summary.write_text(json.dumps(result, indent=2) + "\n")
     if options.plot is not None:
         from navigation.demo.picture import draw  # noqa: PLC0415  matplotlib takes a second to load
 
-        draw(options.plot, laps, {policy: one.step_log for policy, one in parts.items()})
+        draw(options.plot, laps, {policy: part.step_log for policy, part in parts.items()})
         console.print(f"picture of the laps: {options.plot}")
-    check_account(result)
+    for said in by_policy.values():
+        check_account(said)
+
+
+def keep(map_file: Path, folder: Path) -> Path:
+    """Copy a map into a folder, whatever was there before; returns the copy."""
+    folder.mkdir(parents=True, exist_ok=True)
+    kept = folder / f"demo-{map_file.name}"
+    with closing(sqlite3.connect(map_file)) as one, closing(sqlite3.connect(kept)) as other:
+        one.backup(other)  # with what is still in the journal beside it
+    return kept
+
+
+def _kept(map_file: Path) -> str:
+    """Keep the map of the demo, if this user has a cache directory; what can be tried on it, in words."""
+    folder = cache_folder()
+    if folder is None:
+        return ""
+    try:
+        kept = keep(map_file, folder)
+    except (OSError, sqlite3.Error) as error:
+        return f"the map that was taught is not kept: {error}"
+    tries = f"    autoexpose map info {kept}\n    autoexpose map report {kept} lap.html"
+    return f"the map that was taught with {map_file.stem} is kept; look at it with\n{tries}"
 
 
 def laps_in_words(laps: Sequence[Lap]) -> Table:
     """A line for each lap."""
-    heads = ("repeated", "policy", "frames registered", "aside, mean", "most", "came to the end")
+    heads = ("repeated", "policy", "frames registered", "aside, mean", "most", "at last", "came to the end")
     table = Table(*heads, box=None, pad_edge=False, header_style="bold")
-    for column in table.columns[2:5]:
+    for column in table.columns[2:6]:
         column.justify = "right"
     for lap in laps:
         said = lap.figures()
         table.add_row(
             lap.light, lap.policy, f"{said['registered_share']:.0%}", f"{said['mean_error_m']:.2f} m",
-            f"{said['max_error_m']:.2f} m", "yes" if lap.completed else "no",
+            f"{said['max_error_m']:.2f} m", f"{said['end_error_m']:.2f} m", "yes" if lap.completed else "no",
         )  # fmt: skip
     return table
 

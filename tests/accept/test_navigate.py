@@ -19,5 +19,6 @@ def test_a_robot_repeats_its_lap_in_every_light(tmp_path: Path) -> None:
     assert len({lap["light"] for lap in laps}) >= 3
     ours = [lap for lap in laps if lap["policy"] == DEFAULT_POLICY]
     assert all(lap["completed"] and lap["registered_share"] > 0.8 for lap in ours)
-    assert all(lap["max_error_m"] < 0.3 for lap in ours)
+    assert all(lap["max_error_m"] < 0.3 and lap["end_error_m"] < 0.1 for lap in ours)  # began 0.15 m aside
+    assert set(figures["policies"]) == {DEFAULT_POLICY, "fixed"}
     assert (tmp_path / "laps.png").stat().st_size > 10_000

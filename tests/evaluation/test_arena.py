@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from evaluation.arena import arena_app, count, runs
 from evaluation.arena.arena_app import arena_app as app
-from evaluation.arena.arena_report import mean_ratios, outcomes
+from evaluation.arena.arena_report import informed, mean_ratios, outcomes
 from evaluation.arena.count import Count, count_c, count_python, python_files, snapshot_fields
 from evaluation.arena.race import CourseScore, Series
 from evaluation.arena.runs import ArenaRun, document, full_plan, quick_plan, results
@@ -72,6 +72,12 @@ def test_quick_arena_writes_json_and_report(tmp_path: Path) -> None:
     report = (folder / "arena.md").read_text()
     assert "`begin2022`" in report and "| step_up | step_down |" in report
     assert {file.name for file in folder.iterdir()} == {"arena.md", "table.png", "step_up.png", "step_down.png"}
+
+
+def test_rows_of_another_unit_are_known() -> None:
+    metrics = {"a": 0.5, "b": 0.4}
+    rows = [{"policy": name, "objective_ratio_mean": 0.5, "metric_ratio_mean": m} for name, m in metrics.items()]
+    assert informed(rows) == {"b"}
 
 
 def check(entry: dict[str, object], schema: dict[str, object]) -> None:

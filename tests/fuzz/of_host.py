@@ -332,8 +332,8 @@ def show(status: Status) -> None:
     curves, table = Sparklines(), Table()
     for _ in range(2):
         curves.add(status)
-    curves.add_rows(table)
-    panel_of(status, curves, 0.0, 50)
+    curves.add_rows(table, 80)
+    panel_of(status, curves, 0.0, 50, 80)
     line_of(status)
     list(text_string_to_metric_families(exposition("rig", status).decode()))
     to_bytes(status, inf_nan_mode="null")

@@ -6,16 +6,18 @@ import errno
 import math
 import os
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from typer.testing import CliRunner
 
 from navigation.commands import map_app
 from navigation.drive.repeat import Repeater
 from navigation.maps.path import Velocity
-from navigation.report import Findings, findings
+from navigation.report import Findings, _draw_path, findings
 from navigation.store import MapError, MapFile, MapInfo
 from tests.navigation.test_repetition import pair, teach_wall, view
 
@@ -94,6 +96,24 @@ def test_info_is_a_few_lines(driven: Path) -> None:
     assert result.exit_code == 0, result.output
     assert re.search(r"^path +2\.0 m, \d+ local maps", result.output, re.MULTILINE)
     assert "repeated  6 times" in result.output
+
+
+def test_what_happened_once_or_never_varied_is_said_so(tmp_path: Path) -> None:
+    path = teach_wall(tmp_path / "lap.map", 1.0, Velocity(0.5, 0.0))
+    with MapFile(path, writable=True) as file:
+        file.begin_run("repeat", 0.0)
+    said = CliRunner().invoke(map_app, ["info", str(path)]).output
+    assert "repeated  once, 1970-01-01" in said
+    assert "1000 us, 6.0 dB" in said
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_a_straight_path_is_drawn_with_room_on_both_sides(found: Findings, turned: bool) -> None:
+    along = np.column_stack([np.zeros(5), np.arange(5.0)])[:, :: -1 if turned else 1]
+    axes = Figure().subplots()
+    _draw_path(axes, replace(found, plan_m=along, marks_m=along, runs=[]))
+    for low, high in (axes.get_xlim(), axes.get_ylim()):
+        assert high - low >= 4.0
 
 
 def test_an_export_to_a_full_disk_ends_in_a_sentence(

@@ -42,6 +42,9 @@ PLACES = {
 
 POLICY_IDS = tuple(PLACES)
 
+PREDICTING = ("begin2022", "begin2022-code")
+"""Those that go by the metric as it is predicted at other exposures."""
+
 LEARNED = tuple(policy_id for policy_id, place in PLACES.items() if place.startswith("learned."))
 """Those with weights that `autoexpose train` makes."""
 

@@ -5,7 +5,9 @@ import { begin, line } from "./charts.js";
 const LEFT = 4;
 const RIGHT = 4;
 const LOWEST_DRAWN = 0.02; // of the highest bin: the axis leaves out what is lower at its ends
-const TICK_STOPS = 4;
+const TICK_STOPS = [1, 2, 4]; // the first whose numbers are this far apart
+const TICK_GAP = 24;
+const LEAST_BEYOND = 70; // of the part beyond a limit, to name it
 const HALF_TICK = 7; // of its number, which is left out where it would be cut
 const HELD_STOPS = 0.05; // cameras round what is decided by less
 
@@ -102,7 +104,12 @@ function drawPromise(pen, { levels, worth, value }, x, top, bottom, colour, mark
   pen.fill();
   pen.fillStyle = colour("quiet");
   pen.textAlign = "center";
-  for (let tick = Math.ceil(levels[0] / TICK_STOPS) * TICK_STOPS; tick <= levels.at(-1); tick += TICK_STOPS) {
+  const [longest, shortest] = [x(levels.at(-1)), x(levels[0])]; // further left, exposures are longer than allowed
+  if (longest - LEFT > LEAST_BEYOND) pen.fillText("not allowed", (LEFT + longest) / 2, (top + bottom) / 2);
+  const end = pen.canvas.clientWidth - RIGHT;
+  if (end - shortest > LEAST_BEYOND) pen.fillText("not allowed", (shortest + end) / 2, (top + bottom) / 2);
+  const step = TICK_STOPS.find((stops) => (x(0) - x(stops)) >= TICK_GAP) ?? TICK_STOPS.at(-1);
+  for (let tick = Math.ceil(levels[0] / step) * step; tick <= levels.at(-1); tick += step) {
     if (x(tick) > LEFT + HALF_TICK && x(tick) < pen.canvas.clientWidth - RIGHT - HALF_TICK) {
       pen.fillText(String(tick), x(tick), bottom + 9);
     }

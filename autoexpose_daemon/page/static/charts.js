@@ -35,28 +35,32 @@ export function palette() {
   return (name) => style.getPropertyValue(`--${name}`).trim();
 }
 
-// Round numbers within [low, high], about four of them.
+// Round numbers within [low, high], two to five of them.
 function linearTicks(low, high) {
-  const rough = (high - low) / 3;
+  const rough = (high - low) / 4;
   const power = 10 ** Math.floor(Math.log10(rough));
-  const step = power * [1, 2, 5, 10].find((factor) => factor * power >= rough);
+  const step = power * [1, 2, 2.5, 5, 10].find((factor) => factor * power >= rough);
   const ticks = [];
   for (let n = Math.ceil(low / step - 1e-9); n * step <= high + 1e-9 * step; n++) ticks.push(n * step);
   return ticks;
 }
 
+// As few as make three, or else evenly spaced ones.
 function logTicks(low, high) {
-  const few = high / low > 100 ? [1] : high / low > 6 ? [1, 3] : [1, 2, 3, 5, 7];
-  const ticks = [];
-  for (let power = 10 ** Math.floor(Math.log10(low)); power <= high; power *= 10) {
-    ticks.push(...few.map((factor) => factor * power).filter((tick) => tick >= low && tick <= high));
+  for (const few of [[1], [1, 3], [1, 2, 5], [1, 2, 3, 5, 7]]) {
+    const ticks = [];
+    for (let power = 10 ** Math.floor(Math.log10(low)); power <= high; power *= 10) {
+      ticks.push(...few.map((factor) => factor * power).filter((tick) => tick >= low && tick <= high));
+    }
+    if (ticks.length >= 3) return ticks;
   }
-  return ticks;
+  return linearTicks(low, high);
 }
 
 function tickWords(lane, tick) {
   if (!lane.log) return String(Number(tick.toPrecision(3)));
-  return tick < 1000 ? `${tick} µs` : `${tick / 1000} ms`;
+  const plain = (number) => String(Number(number.toPrecision(3)));
+  return tick < 1000 ? `${plain(tick)} µs` : `${plain(tick / 1000)} ms`;
 }
 
 function bounds(lane, rows) {

@@ -10,6 +10,14 @@ export const share = (part) => (part == null ? "–" : `${(100 * part).toFixed(p
 export const millis = (ms) => (ms == null ? "–" : `${ms.toFixed(ms < 10 ? 2 : 1)} ms`);
 export const count = (number) => number.toLocaleString("en").replaceAll(",", "\u202f");
 
+// The least and the greatest value, with the unit once if it is that of both.
+export function range([low, high], words) {
+  const [from, to] = [words(low), words(high)];
+  if (from === to) return from;
+  const unit = to.match(/ .*$/)?.[0] ?? "";
+  return `${unit && from.endsWith(unit) ? from.slice(0, -unit.length) : from} to ${to}`;
+}
+
 export function lasting(seconds) {
   if (seconds < 90) return `${seconds.toFixed(0)} s`;
   if (seconds < 5400) return `${(seconds / 60).toFixed(0)} min`;

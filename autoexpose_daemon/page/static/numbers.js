@@ -87,7 +87,7 @@ export function showDecision(card, decision) {
   define(values, [
     ["next", `${format.micros(decision.exposure_time_us)}, ${format.decibels(decision.gain_db)}`],
     ["level", `${format.stops(decision.level)} stops`],
-    ["metric", format.metric(decision.metric)],
+    ...(decision.metric === null ? [] : [["metric", format.metric(decision.metric)]]),
     ["saturated", format.share(decision.saturated_share), "saturated"],
     ["black", format.share(decision.black_share), "black"],
     ["motion", decision.motion_px === null ? "–" : `${decision.motion_px.toFixed(1)} px`],
@@ -107,7 +107,7 @@ function showLatency(rows) {
   fill(
     byId("latency"),
     rows.map(([label, p50, p99]) => [[label, format.millis(p50), format.millis(p99)]]),
-    ["", "median", "99 %"],
+    ["", "median", "99 of 100"],
   );
 }
 

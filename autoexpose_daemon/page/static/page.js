@@ -199,10 +199,9 @@ function showPromises(promises) {
 function showBelief(card, grounds) {
   drawBelief(card.querySelector(".curve"), grounds);
   const best = bestLevel(grounds);
-  return (
-    `taken at level ${format.stops(grounds.level)}; the best plan begins at ${format.stops(best)} ` +
-    `(${format.signed(best - grounds.level)})`
-  );
+  const change = format.signed(best - grounds.level);
+  const plan = change === "±0" ? "there, too" : `at ${format.stops(best)} (${change})`;
+  return `taken at level ${format.stops(grounds.level)}; the best plan begins ${plan}`;
 }
 
 function showCurve(card, curve) {
@@ -210,10 +209,9 @@ function showCurve(card, curve) {
   const greatest = Math.max(...curve.metrics);
   const best = curve.delta_levels[curve.metrics.indexOf(greatest)];
   const decided = curve.decided_level === null ? "" : `, decided ${format.signed(curve.decided_level - curve.level)}`;
-  return (
-    `taken at level ${format.stops(curve.level)} with metric ${format.metric(at(curve, 0))}${decided}; ` +
-    (greatest > 0 ? `predicted best at ${format.signed(best)} stops` : "no gradient at any exposure")
-  );
+  const taken = `taken at level ${format.stops(curve.level)} with metric ${format.metric(at(curve, 0))}${decided}`;
+  if (!curve.decides) return `${taken}; only to compare with: the policy does not go by this metric`;
+  return `${taken}; ${greatest > 0 ? `predicted best at ${format.signed(best)} stops` : "no gradient at any exposure"}`;
 }
 
 const length = () => lengthOf(Math.min(...Object.values(rows).map((each) => each[0]?.[0] ?? Infinity)), numbers.now_s);
@@ -228,6 +226,7 @@ function showHistory() {
   const view = { nowS: numbers.now_s, lengthS: length(), hoverS };
   for (const { group, lane, canvas, value } of lanes) {
     const ofGroup = rows[group] ?? [];
+    canvas.parentElement.hidden = ofGroup.length > 0 && !ofGroup.some((row) => row[lane.applied]);
     const chosen = hoverS === null ? ofGroup.at(-1) : ofGroup.findLast((row) => row[0] <= hoverS);
     drawLane(canvas, lane, ofGroup, view);
     value.textContent = chosen ? valueWords(lane, chosen) : "";
@@ -235,7 +234,7 @@ function showHistory() {
 }
 
 function valueWords(lane, row) {
-  const words = (range) => (range ? [...new Set(range.map(lane.words))].join(" to ") : "–");
+  const words = (range) => (range ? format.range(range, lane.words) : "–");
   const asked = lane.asked ? words(row[lane.asked]) : "";
   const applied = words(row[lane.applied]);
   return asked && asked !== applied && asked !== "–" ? `${applied}, requested ${asked}` : applied;

@@ -15,19 +15,17 @@ import numpy as np
 from fake_camera.world.render.renderer import Surface
 from fake_camera.world.scene import room, shapes, textures
 
-_FILE = "room.npz"
 
-
-def kept_room(seed: int, folder: Path) -> tuple[Surface, ...]:
+def kept_room(seed: int, folder: Path, cleared: bool = False) -> tuple[Surface, ...]:
     """The room of `furnished_room` for a seed, from the file in `folder` if that holds it.
 
     An unusable folder only costs time.
     """
-    made_by = _made_by(seed)
-    surfaces = _load(folder / _FILE, made_by)
+    file, made_by = folder / ("cleared-room.npz" if cleared else "room.npz"), _made_by(seed)
+    surfaces = _load(file, made_by)
     if surfaces is None:
-        surfaces = room.furnished_room(seed)
-        _save(folder / _FILE, made_by, surfaces)
+        surfaces = room.furnished_room(seed, cleared)
+        _save(file, made_by, surfaces)
     return surfaces
 
 

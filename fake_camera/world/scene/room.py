@@ -32,13 +32,14 @@ WALL_TEXELS_PER_M = 410.0
 
 
 @lru_cache(maxsize=1)
-def furnished_room(seed: int) -> tuple[Surface, ...]:
+def furnished_room(seed: int, cleared: bool = False) -> tuple[Surface, ...]:
     """The surfaces of a room; the seed determines all targets, paints, stains and the places of the furniture.
 
-    Furniture leaves the middle free: at least 0.2 m around the camera's path.
+    Furniture leaves the middle free: at least 0.2 m around the camera's path. In a `cleared` room the cartons stand at
+    the walls.
     """
     rng = np.random.default_rng(seed)
-    matte = [*_shell(rng), *_cartons(rng), *_dark_corner(rng)]
+    matte = [*_shell(rng), *_cartons(rng, cleared), *_dark_corner(rng)]
     lamp_at = np.array([rng.uniform(1.2, 1.5), rng.uniform(1.0, 1.3)])
     lamp = block(lamp_at, (0.26, 0.26), 0.3, (0.62, 0.92), [lampshade(128, 128)] * 4)
     pole = block(lamp_at, (0.03, 0.03), 0.3, (0.0, 0.62), [np.full((64, 8), 0.25, np.float32)] * 4)
@@ -72,11 +73,17 @@ def _shell(rng: np.random.Generator) -> list[Surface]:
     return surfaces
 
 
-def _cartons(rng: np.random.Generator) -> list[Surface]:
-    """Five cartons with targets, passed at 0.3 to 1.3 m, for parallax."""
+_FROM_WALL_M = 0.3
+
+
+def _cartons(rng: np.random.Generator, cleared: bool) -> list[Surface]:
+    """Five cartons with targets, passed at 0.3 to 1.3 m, for parallax; or, in the same directions, at the walls."""
     surfaces = []
     for bearing in np.arange(5) * 72.0 + rng.uniform(-12.0, 12.0, 5) + 20.0:
         angle, distance = math.radians(bearing), rng.uniform(0.88, 1.3)
+        if cleared:
+            x_m, y_m = LENGTH_M / 2 - _FROM_WALL_M, WIDTH_M / 2 - _FROM_WALL_M
+            distance = min(x_m / abs(math.cos(angle)), y_m / abs(math.sin(angle)))
         size = (rng.uniform(0.25, 0.4), rng.uniform(0.25, 0.4))
         height = rng.uniform(0.45, 0.85)
         paper = rng.uniform(0.2, 0.45)

@@ -12,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.metrics.contrast import SensorNoise, contrast
 from autoexpose_daemon.control.policies.belief.forecast import Cadence
@@ -222,6 +223,16 @@ def best_worth(light: float, scene: NDArray[np.float64]) -> float:
 def settle(shares: NDArray[np.float64]) -> int:
     """The first of ten frames in a row of at least 0.9."""
     return next(index for index in range(len(shares) - 9) if (shares[index : index + 10] >= 0.9).all())
+
+
+@pytest.mark.parametrize(
+    ("light", "reason"),
+    [(22.0, "held at the brightest limit"), (-4.0, "held at the darkest limit"), (11.0, "held: the best of the plan")],
+)
+def test_the_reason_at_a_limit_is_the_limit(light: float, reason: str) -> None:
+    decisions: list[Decision] = []
+    run(make(), [light] * 60, START, watch=decisions.append)
+    assert decisions[-1].reason == reason
 
 
 @pytest.mark.parametrize("delay", [1, 2, 3])

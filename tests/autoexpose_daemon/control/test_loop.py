@@ -67,7 +67,7 @@ def test_fixed_never_moves(policy_id: str) -> None:
 def test_the_reason_names_a_limit() -> None:
     decisions: list[Decision] = []
     run(make("neves2009"), [40.0] * 30, START, watch=decisions.append)
-    assert decisions[-1].reason == "mean below target; held: at upper limit"
+    assert decisions[-1].reason == "mean below target; held at the brightest limit"
     assert decisions[-1].level == LIMITS.brightest.level
     assert decisions[-1].black_share == 1
 

@@ -96,7 +96,7 @@ def test_a_decision_shows_the_picture_as_it_is_not_as_the_policy_is_shown_it() -
 def test_a_compensation_ends_at_the_limits() -> None:
     limits = ExposureLimits(20.0, 2000.0, 0.0, 0.0)
     decision = run(loop_of("fixed", limits), [11.0] * 5, ev_from(0, 3.0))[-1]
-    assert (decision.setting, decision.reason) == (limits.brightest, "fixed; EV +3; held: at upper limit")
+    assert (decision.setting, decision.reason) == (limits.brightest, "fixed; EV +3; held at the brightest limit")
 
 
 @pytest.mark.parametrize("policy_id", (*KINDS, *SEARCHING))

@@ -95,7 +95,7 @@ SHOWN = {
         "mismatched pairs\t0",
     ],
     "#writes": ["late writes\t5", "refused writes\t6", "adjusted writes\t7", "decisions at the brightest limit\t8"],
-    "#latency": ["median\t99 %", "decision\t2.00 ms\t8.00 ms", "command to effect\t\u2013"],
+    "#latency": ["median\t99 of 100", "decision\t2.00 ms\t8.00 ms", "command to effect\t\u2013"],
     "#cameras": ["left\tgone", "right\tFakeCam R2", "not tested yet"],
     "#consumers": ["slam\t400\u202f000\t8\t4", "1\u202f234 more"],
     "#published": ["431\u202f990 pairs sent; dropped: 10 behind"],
@@ -291,11 +291,39 @@ def test_what_is_shown_is_what_was_published(tab: Tab, page: PageProcess, at: st
         tab.wait_for(f"{STATE} === 'exposing' && !document.querySelector('.stale')", "pictures")
         tab.wait_for("document.querySelector('.curve-words').innerText !== ''", "a prediction curve")
         compare(tab, seen)
+        assert tab.value("document.querySelector('.curve-words').innerText.includes('does not go by')")
+        assert "predicted best" not in tab.text(".curve-words")
+        assert tab.value("[...document.querySelectorAll('.lane')].every((lane) => !lane.hidden)")
         for canvas in (".curve", ".lane canvas"):
             assert len(set(tab.value(f"{SHRUNK}('{canvas}', 40, 20)"))) > 5
         assert tab.complaints == []
         assert page.stop() == 0
         assert "Traceback" not in page.log
+
+
+def test_a_policy_that_predicts_has_its_prediction_and_one_without_a_metric_no_empty_curve(
+    tab: Tab, page: PageProcess, at: str
+) -> None:
+    words = "document.querySelector('.curve-words').innerText"
+    unseen = "[...document.querySelectorAll('.lane')].filter(({ hidden }) => hidden).map(({ innerText }) => innerText)"
+    with scripted_daemon(control={"policy": "belief"}, publish={"listen": [at]}):
+        tab.open(page.url)
+        tab.wait_for(f"{words}.includes('the best plan') && {unseen}.length === 1", "its belief")
+        assert "metric" not in tab.text(".values")
+    with scripted_daemon(control={"policy": "begin2022"}, publish={"listen": [at]}):
+        tab.open(page.url)
+        tab.wait_for(f"{words}.includes('predicted best') || {words}.includes('no gradient')", "its prediction")
+        tab.wait_for(f"{unseen}.length === 0", "its metric")
+        assert "does not go by" not in tab.text(".curve-words")
+
+
+def test_a_range_has_its_unit_once(tab: Tab, page: PageProcess) -> None:
+    tab.open(page.url)
+    shown = """(async () => {
+      const { range, micros } = await import("/static/format.js");
+      return [range([2050, 2380], micros), range([900, 2380], micros), range([900, 900], micros)];
+    })()"""
+    assert tab.value(shown) == ["2.05 to 2.38 ms", "900 µs to 2.38 ms", "900 µs"]
 
 
 def test_cameras_of_several_groups_are_shown_group_by_group(tab: Tab, page: PageProcess, at: str) -> None:
@@ -336,10 +364,11 @@ def compare(tab: Tab, run: Sequence[tuple[FrameSet, Decision | None]]) -> None:
         decided = [(pair, decision) for pair, decision in list(run) if decision is not None]
         seen = {pair.trigger: (pair, decision) for pair, decision in decided if pair.reference.pixels.std() > 10}
     pair, decision = seen[shown["trigger"]]
-    for words in (f"metric {decision.metric:.4f}", f"level {decision.level:.2f} stops"):
+    for words in (decision.reason, f"level {decision.level:.2f} stops"):
         assert words in shown["decision"]
-    assert decision.reason in shown["decision"]
-    assert f"metric {decision.metric:.4f}" in shown["left"]
+    if decision.metric is not None:  # the policy goes by it
+        assert f"metric {decision.metric:.4f}" in shown["decision"]
+        assert f"metric {decision.metric:.4f}" in shown["left"]
     for camera, frame in (("left", pair.frames["left"]), ("right", pair.frames["right"])):
         assert f"gain {frame.setting.gain_db:.1f} dB" in shown[camera]
         taken = cv2.resize(frame.pixels, SHAPE[::-1], interpolation=cv2.INTER_AREA).ravel()

@@ -158,9 +158,9 @@ def painted(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """The seeds of the rooms that were painted so far."""
     seeds: list[int] = []
 
-    def paint(seed: int) -> tuple[Surface, ...]:
+    def paint(seed: int, cleared: bool) -> tuple[Surface, ...]:
         seeds.append(seed)
-        return wall(seed)
+        return wall(seed + cleared)
 
     monkeypatch.setattr(kept.room, "furnished_room", paint)
     return seeds
@@ -179,6 +179,23 @@ def test_the_last_room_is_painted_once(tmp_path: Path, painted: list[int]) -> No
         assert_is(kept_room(seed, tmp_path / "cache"), wall(seed))
     assert painted == [1, 2, 1]
     assert len(list((tmp_path / "cache").iterdir())) == 1
+
+
+def test_a_cleared_room_is_kept_beside_the_other(tmp_path: Path, painted: list[int]) -> None:
+    for cleared in (False, True, False, True):
+        assert_is(kept_room(1, tmp_path, cleared), wall(1 + cleared))
+    assert painted == [1, 1]
+
+
+def test_cartons_of_a_cleared_room_stand_at_the_walls() -> None:
+    furniture = [furnished_room(4, cleared)[6:31] for cleared in (False, True)]  # five cartons of five sides
+    shares = np.linspace(0.0, 1.0, 9)
+    nearest_m = [
+        min(np.hypot(*(side.corner + share * side.edge_u)[:2]) for side in cartons for share in shares)
+        for cartons in furniture
+    ]
+    assert nearest_m[0] < 1.2
+    assert nearest_m[1] > 1.4
 
 
 def test_a_room_that_other_code_painted_is_painted_again(

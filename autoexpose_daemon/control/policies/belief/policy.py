@@ -226,7 +226,8 @@ class Belief(ExposurePolicy):
         self._planned_for = level, prospects, values
         best = int(values.argmax())
         wanted = min(float(levels[beyond + best]), observation.limits.brightest.level)
-        reason = _reason(wanted - before, looks[best]) + ("" if observation.inputs.steering is None else "; steered")
+        reason = _reason(wanted - before, looks[best], _limit(wanted, observation.limits))
+        reason += "" if observation.inputs.steering is None else "; steered"
         faults = "".join(f"; {camera} camera {fault}" for camera, fault in self.uncounted.items())
         return Target(wanted, reason + faults)
 
@@ -291,11 +292,18 @@ def _moved_cells(observation: Observation, seconds: float) -> float:
     return float(min(blur_length_px(observation.motion_px, 1e6 * seconds, look.scale) / cell_px, MOST_MOVED))
 
 
-def _reason(change: float, look: float) -> str:
+def _limit(level: float, limits: ExposureLimits) -> str:
+    """The limit that a level is at, in a word; empty: none."""
+    if level >= limits.brightest.level:
+        return "brightest"
+    return "darkest" if level <= limits.darkest.level else ""
+
+
+def _reason(change: float, look: float, limit: str) -> str:
     if look > 0.5:
         return f"looks at {'more' if change > 0 else 'less'} exposure"
     if abs(change) < BIN / 2:
-        return "held: the best of the plan"
+        return f"held at the {limit} limit" if limit else "held: the best of the plan"
     return f"plan: {'more' if change > 0 else 'less'} exposure"
 
 
