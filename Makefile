@@ -6,7 +6,7 @@ PY := $(VENV)/bin/python
 SUDO := $(shell [ "$$(id -u)" = 0 ] || echo sudo)
 
 # The project's, for what is built for others; sudo passes it on only like this.
-HOME_PAGE := $(if $(URL),URL=$(URL))
+HOME_PAGE := $(if $(URL),URL='$(URL)')
 
 # The tests start hundreds of processes; each would otherwise compile all modules again.
 unexport PYTHONDONTWRITEBYTECODE
@@ -190,7 +190,7 @@ image: ## an OCI image of Debian 12 with the daemon, in build/image; needs root
 	@$(SUDO) ./tools/make-image build/image/dist
 
 release: ## all files of a release, in build/release; URL=https://..., the project's home page (CONTRIBUTING.md)
-	@URL="$(URL)" ./tools/make-release
+	@./tools/make-release
 
 clean:
 	rm -rf $(VENV) out build dist mutants *.egg-info autoexpose_daemon/control/_native.*.so fake_camera/usb3/_shim.*.so .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
