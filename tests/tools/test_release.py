@@ -156,7 +156,7 @@ STAND_INS = {
             *deb*) mkdir -p build/deb; touch build/deb/autoexpose.deb ;;
             *docs*) mkdir -p build/site; touch build/site/index.html ;;
         esac""",
-    "tests/platforms/install-wheels": 'mkdir "$2"',
+    "tests/platforms/install-wheels": 'cd /; mkdir "$2"',
     "tools/install-debian": "",
     "bin/sudo": 'exec "$@"',
     "tools/make-image": """\
