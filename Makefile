@@ -5,6 +5,9 @@ VENV := .venv
 PY := $(VENV)/bin/python
 SUDO := $(shell [ "$$(id -u)" = 0 ] || echo sudo)
 
+# The project's, for what is built for others; sudo passes it on only like this.
+HOME_PAGE := $(if $(URL),URL='$(URL)')
+
 # The tests start hundreds of processes; each would otherwise compile all modules again.
 unexport PYTHONDONTWRITEBYTECODE
 
@@ -25,7 +28,7 @@ EXTRAS := sim,calibration,publish,record,page
 NATIVE_SOURCES := setup.py $(wildcard autoexpose_daemon/control/native/*/* fake_camera/usb3/shim/*)
 UNBUILT := $(if $(and $(wildcard autoexpose_daemon/control/_native.*.so),$(wildcard fake_camera/usb3/_shim.*.so)),,unbuilt)
 
-.PHONY: unbuilt setup demo test suite parallel realtime test-again test-data test-platforms test-arm64 test-ros2 lint count bench accept soak fuzz mutate test-kernel install uninstall deb wheels image docs pictures clean
+.PHONY: unbuilt setup demo test suite parallel realtime test-again test-data test-platforms test-arm64 test-ros2 lint count bench accept soak fuzz mutate test-kernel install uninstall deb wheels image release docs pictures clean
 .DEFAULT_GOAL := demo
 
 # Stamps let later runs start at once; they are renewed when what is installed changes.
@@ -80,11 +83,11 @@ test-data: $(VENV)/dev.stamp ## the tests that need external data, in AUTOEXPOSE
 
 test-platforms: ## the quick tests and a demo on Debian 12 and 13 and Ubuntu 22.04 and 24.04, or SUITES="..."; needs root
 	@./tools/install-debian debootstrap
-	@$(SUDO) ./tests/platforms/run $(or $(SUITES),bookworm trixie jammy noble)
+	@$(SUDO) $(HOME_PAGE) ./tests/platforms/run $(or $(SUITES),bookworm trixie jammy noble)
 
 test-arm64: ## wheels, quick tests and demos on Debian 12 for arm64, emulated; about an hour; needs root
 	@./tools/install-debian debootstrap qemu-user-static
-	@$(SUDO) ./tests/platforms/arm64
+	@$(SUDO) $(HOME_PAGE) ./tests/platforms/arm64
 
 bench: $(VENV)/dev.stamp ## where the time goes, as ratios
 	$(PY) benchmarks/bench_step.py
@@ -188,6 +191,9 @@ image: ## an OCI image of Debian 12 with the daemon, in build/image; needs root
 	@./tools/install-debian debootstrap
 	@$(MAKE) --no-print-directory wheels DIST=build/image/dist
 	@$(SUDO) ./tools/make-image build/image/dist
+
+release: ## all files of a release, in build/release; URL=https://..., the project's home page (CONTRIBUTING.md)
+	@./tools/make-release
 
 clean:
 	rm -rf $(VENV) out build dist mutants *.egg-info autoexpose_daemon/control/_native.*.so fake_camera/usb3/_shim.*.so .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache

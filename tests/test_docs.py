@@ -8,11 +8,17 @@ from collections.abc import Iterable
 import pytest
 
 from autoexpose_daemon.cli.listing import LISTINGS
+from autoexpose_daemon.control.loop import STATE_FORMAT
 from autoexpose_daemon.control.policies.ids import POLICY_IDS
+from autoexpose_daemon.recording.read import FORMER_FORMATS
 from autoexpose_daemon.status.panel import losses
+from calibration import gain
+from calibration.response import file as response
+from calibration.vignetting import file as vignetting
 from drivers.triggers.outcomes import LossReason
 from fake_camera.device.faults import GIGE, USB3
 from imaging.pixels import PixelFormat
+from navigation.store import rows
 from tests import REPOSITORY
 
 NAMED: dict[str, Iterable[str]] = {
@@ -54,3 +60,12 @@ def test_a_loss_has_its_row_in_the_words_of_the_terminal(reason: LossReason) -> 
     ((words, _, _),) = losses({reason: 1})
     assert words != reason, "give it words in status/panel.py"
     assert f"| `{reason}` | {words} |" in page("understand/account.md")
+
+
+def test_the_formats_that_are_promised_are_read() -> None:
+    text = page("look-up/stability.md")
+    name, _, latest = STATE_FORMAT.partition("/")
+    assert tuple(f"{name}/{number}" for number in range(2, int(latest))) == FORMER_FORMATS
+    for promised in (f"`{name}/2` to `/{latest}`", *(f"`{each.FORMAT}`" for each in (gain, response, vignetting))):
+        assert promised in text
+    assert f"format {rows.FORMAT} is read" in text

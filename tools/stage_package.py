@@ -5,12 +5,14 @@
 The rooms (`drivers`, `calibration` ...) are top-level packages here, and would be in anybody's environment, where such
 names collide. So imports are rewritten: in the package `autoexpose-daemon` all other rooms are below
 `autoexpose_daemon`. `autoexpose-client` gets the modules that its face imports, `camera-twin` the fake cameras, and
-`autoexpose-lab` what is for a desk or on top of the daemon. What is laid out needs nothing else to be built.
+`autoexpose-lab` what is for a desk or on top of the daemon. What is laid out needs nothing else to be built. If the
+project has a home page, it comes from the environment: URL=https://...
 """
 
 from __future__ import annotations
 
 import ast
+import os
 import re
 import shutil
 import sys
@@ -84,7 +86,7 @@ def stage(name: str, folder: Path) -> None:
         for source in ("setup.py", "README.md"):
             shutil.copy(source, folder)
     shutil.copy("LICENSE", folder)
-    (folder / "pyproject.toml").write_text(_project(own), encoding="utf-8")
+    (folder / "pyproject.toml").write_text(_project(own) + _urls(os.environ.get("URL", "")), encoding="utf-8")
     rewrite = Rewriter({**package.homes, **package.beside})
     for file in [*folder.rglob("*.py"), folder / "pyproject.toml"]:
         file.write_text(rewrite(file.read_text(encoding="utf-8")), encoding="utf-8")
@@ -99,6 +101,12 @@ def _project(own: Path) -> str:
     (version,) = re.findall(r'^version = "(.+)"$', "".join(tables), re.MULTILINE)
     text = (own / "pyproject.toml").read_text(encoding="utf-8")
     return text.replace("0.0.0", version).replace("# @ENTRY-POINTS@\n", "".join(points))
+
+
+def _urls(url: str) -> str:
+    if url and not re.fullmatch(r'https?://[^\s"\\]+', url):
+        raise SystemExit(f"{url} is no address of a project: give URL=https://...")
+    return f'\n[project.urls]\nHomepage = "{url}"\n' if url else ""
 
 
 class Rewriter:

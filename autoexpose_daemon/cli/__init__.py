@@ -37,7 +37,7 @@ def autoexpose(
         bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Show the version and exit.")
     ] = False,
 ) -> None:
-    """Auto-exposure for stereo machine-vision cameras on robots."""
+    """Auto-exposure for robots that see with one to eight machine-vision cameras."""
 
 
 def _stand_in() -> None:

@@ -40,7 +40,7 @@ ORIGIN = Origin(
     binning=2,
     gain_db=3.0,
     date=datetime(2026, 11, 21, 12, 0, tzinfo=UTC),
-    tool="autoexpose-daemon 0.1.0",
+    tool="autoexpose-daemon 1.0.0",
 )
 
 

@@ -208,7 +208,7 @@ def test_what_is_written_is_read_back(tmp_path: Path) -> None:
             0.004,
             camera=CameraIdentity("Autoexpose", "Fake", "0123"),
             date=datetime(2026, 11, 23, tzinfo=UTC),
-            tool="autoexpose-daemon 0.1.0",
+            tool="autoexpose-daemon 1.0.0",
             findings=(Finding("warned", "uneven_light", "it is"),),
         )
         file.save(path)

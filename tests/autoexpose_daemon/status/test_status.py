@@ -52,6 +52,12 @@ def test_a_status_arrives_as_it_was_sent() -> None:
     assert Status.from_json(describe(Telemetry(), CONFIG).to_json()) is not None
 
 
+def test_fields_of_later_versions_are_left_alone() -> None:
+    later = json.loads(EXPOSING.to_json()) | {"tomorrow": {"new": 1}}
+    later["cameras"]["left"]["new"] = [2]
+    assert Status.from_json(json.dumps(later)) == EXPOSING
+
+
 @given(st.one_of(st.binary(), JSON.map(json.dumps), st.dictionaries(st.text(), JSON).map(json.dumps)))
 @example("[" * 100_000)
 def test_what_is_no_status_is_nothing(text: str | bytes) -> None:
