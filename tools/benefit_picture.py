@@ -183,10 +183,10 @@ def draw(file: Path, ours: Followed, theirs: Followed, target: float) -> None:
             if lux < LIGHTS[0][1]:
                 axes.axvspan(from_s, until_s, color="0.9")
     above.set_ylabel("exposure level E (stops)")
-    below.set(ylabel="features shared with earlier pairs", xlabel="time (s)")
+    below.set(ylabel="features shared", xlabel="time (s)")
     below.set_ylim(0)
     above.legend(fontsize=8, ncols=2)
-    below.legend(fontsize=8, loc="upper right")
+    below.legend(fontsize=8, loc="upper right", title="with earlier pairs", title_fontsize=8)
     date = f"{datetime.now(UTC):%-d %B %Y}"
     figure.suptitle(
         f"Lights go off ({LIGHTS[1][1]:g} lux) and on ({LIGHTS[0][1]:g} lux): simulated, {date}", fontsize=11
