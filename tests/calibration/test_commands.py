@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import json
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -43,6 +44,7 @@ def test_images_become_a_response_file_and_a_report(tmp_path: Path) -> None:
     output = done("response", "--images", str(images), "-o", str(file))
     assert "verdict: " in output
     assert f"written: {file}, {file.with_suffix('.html')}" in output
+    assert "for the configuration" not in output
     loaded = ResponseFile.load(file)
     assert loaded.origin.camera is None
     assert loaded.model == "gamma"
@@ -177,7 +179,10 @@ def prediction_errors(found: ResponseFunction, low: int, high: int) -> NDArray[n
 def test_a_camera_is_swept_checked_and_predicted_as_it_really_is(tmp_path: Path) -> None:
     file = tmp_path / "left.response.yaml"
     with bright_camera(tmp_path, "gamma") as camera:
-        assert "verdict: believe it" in done("response", "--camera", camera.serial, "-o", str(file))
+        document = json.loads(done("response", "--camera", camera.serial, "-o", str(file), "--json"))
+        assert document["results"][0]["verdict"] == "believe it"
+        assert document["written"] == [str(file), str(file.with_suffix(".html"))]
+        assert document["configuration"] == {"cameras.NAME.response": str(file)}
         assert "verdict: believe it" in done("check", str(file), "--camera", camera.serial)
     loaded = ResponseFile.load(file)
     assert loaded.origin.camera == CameraIdentity("Autoexpose", "FakeGV287M", camera.serial)
@@ -216,8 +221,10 @@ def test_both_cameras_of_a_rig_are_calibrated_and_compared(tmp_path: Path) -> No
             f"cameras: {{left: {{serial: {left.serial}}}, right: {{serial: {right.serial}}}}}\n"
             "image: {pixel_format: Mono12, binning: 2}"
         )
-        output = done("response", "-c", str(config), "-o", str(folder))
+        output = done("response", str(config), "-o", str(folder))
     assert "each needs its own file" in output
+    for name in ("left", "right"):
+        assert f"for the configuration: cameras.{name}.response: responses/{name}.response.yaml" in output
     for name, camera, model in (("left", left, "gamma"), ("right", right, "linear")):
         loaded = ResponseFile.load(folder / f"{name}.response.yaml")
         loaded.check_belongs(camera.serial, "Mono12", 2)
