@@ -48,7 +48,7 @@ def offset(
     order = [first, *(mode for mode in rig if mode is not first)]
     looks, driven = _look_there_and_back(order, console)
     judged = {name: list(judge_looks(each)) for name, each in looks.items()}
-    facts = [*_facts(first, looks[first.name]), ("offset", "0 stops: the others are counted from this one")]
+    facts = [*_facts(first, looks[first.name]), ("offset", "0 stops: the others are compared with this one")]
     if print_judged(facts, judged[first.name], console) == "refused":
         raise typer.Exit(1)
     offsets = {first.name: 0.0}

@@ -13,7 +13,7 @@ import pytest
 from numpy.typing import NDArray
 from rich.console import Console
 
-from calibration.commands.rig import CameraMode
+from calibration.commands.rig import CameraMode, keys_of
 from calibration.document import CameraIdentity
 from calibration.response.file import Origin, ResponseFile
 from calibration.response.result import Result
@@ -74,6 +74,15 @@ def test_the_first_camera_of_a_rig_is_kept_if_the_second_fails(tmp_path: Path, m
     assert (code, output) == (1, "autoexpose: no camera with serial B")
     assert ResponseFile.load(tmp_path / "left.response.yaml").model == "gamma"
     assert not (tmp_path / "right.response.yaml").exists()
+
+
+def test_keys_name_files_as_the_configuration_finds_them() -> None:
+    config, file = Path("etc/rig.yaml"), Path("responses/left.response.yaml")
+    left, right = (CameraMode(name, name, config=config) for name in ("left", "right"))
+    assert keys_of({file: left}, "response") == {file: {"cameras.left.response": Path("..") / file}}
+    whole = Path("/responses/right.yaml")
+    assert keys_of({whole: right}, "response") == {whole: {"cameras.right.response": whole}}
+    assert keys_of({file: CameraMode("22500002")}, "response") == {file: {"cameras.NAME.response": file}}
 
 
 @pytest.mark.parametrize("name", ["mask.png", "mask.html"])
@@ -224,7 +233,7 @@ def test_both_cameras_of_a_rig_are_calibrated_and_compared(tmp_path: Path) -> No
         output = done("response", str(config), "-o", str(folder))
     assert "each needs its own file" in output
     for name in ("left", "right"):
-        assert f"for the configuration: cameras.{name}.response: responses/{name}.response.yaml" in output
+        assert f"for the configuration: cameras.{name}.response: {folder / name}.response.yaml" in output
     for name, camera, model in (("left", left, "gamma"), ("right", right, "linear")):
         loaded = ResponseFile.load(folder / f"{name}.response.yaml")
         loaded.check_belongs(camera.serial, "Mono12", 2)
