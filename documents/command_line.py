@@ -60,7 +60,7 @@ class CommandOutput(Console):
         if not self.as_json:
             width = max(map(len, facts), default=0)
             for name, value in facts.items():
-                typer.echo(readable(f"{name:{width}} {value}"))
+                typer.echo(readable(f"{name:{width}}  {value}"))
 
     def show_table(
         self, name: str, columns: Sequence[str], rows: Sequence[Sequence[object]], right: Sequence[str] = ()

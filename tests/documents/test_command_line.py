@@ -32,8 +32,8 @@ def test_people_get_lines_and_columns() -> None:
     result = CliRunner().invoke(app, ["rig.yaml"])
     assert result.exit_code == 1
     assert result.stdout.splitlines() == [
-        "path     3 m",
-        "exposure \\x1b[2J",
+        "path      3 m",
+        "exposure  \\x1b[2J",
         "serial     us",
         "A           5",
         "LONG    12345",
