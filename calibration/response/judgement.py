@@ -169,9 +169,12 @@ def _switched_light(sweep: Sweep, tones: Tones) -> list[Finding]:
     _, index = exposure_index(sweep)
     repeats_agree = _disagreement(tones.greys.mean(axis=1), index) < AGREED_GREY
     listed = all(shot.time_s is None for shot in sweep.shots)
-    light = None if listed or repeats_agree else judge_switched_light(sweep, tones)
-    share = 0.0 if light is None else moved_share(sweep)
-    return [] if light is None else [light, *([_moved(share)] if share >= MOVED_UNDER_CHANGING_LIGHT else [])]
+    if listed or repeats_agree:
+        return []
+    share = moved_share(sweep)
+    moved = share >= MOVED_UNDER_CHANGING_LIGHT
+    light = judge_switched_light(sweep, tones, moved=moved)
+    return [] if light is None else [light, *([_moved(share)] if moved else [])]
 
 
 def _without_structure(tones: Tones) -> Finding | None:

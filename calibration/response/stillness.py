@@ -33,8 +33,8 @@ LONG_EXPOSURE_US = 15_000
 """Exposures this long or longer show hardly any flicker of mains."""
 FLICKER_CHANGE = 0.5
 """Change from shot to shot, relative to that between any two shots; 1 means no memory."""
-FAR_STOPS = 5.5
-"""Light that changes by more was switched: neither flicker nor a drift does that within a minute, nor does motion."""
+FAR_STOPS = 6.5
+"""Light that changes by more was switched: neither flicker nor a drift does that within a minute."""
 MOST_STEPS = 3
 """Lights may be switched off and on again; with more steps anything could be explained."""
 LAGS_SHOTS = (1, 4, 16)
@@ -65,16 +65,22 @@ def judge_light(sweep: Sweep, by_shot: Tones) -> Finding | None:
     return Finding("refused" if size > REFUSED_STOPS or reason == "auto_exposure" else "warned", reason, text)
 
 
-def judge_switched_light(sweep: Sweep, by_shot: Tones) -> Finding | None:
-    """Light that changed by far, whatever moved meanwhile; None if it did not.
+def judge_switched_light(sweep: Sweep, by_shot: Tones, *, moved: bool) -> Finding | None:
+    """Light that changed by far; None if it did not.
 
-    What moves changes places in the picture, while the picture as a whole, its quantiles, stays about as bright.
+    The picture as a whole is looked at, its quantiles: what moves within it leaves them about as bright, but a camera that
+    turns from a window to a dark corner does not. So if the scene `moved`, either may be the cause.
     """
     quantiles = replace(by_shot, greys=np.sort(by_shot.greys, axis=1))
-    if Light.of(quantiles, *exposure_index(sweep)).range() < FAR_STOPS:
+    size = Light.of(quantiles, *exposure_index(sweep)).range()
+    finding = None if size < FAR_STOPS else judge_light(sweep, quantiles)
+    if finding is None or finding.reason != "light_step":
         return None
-    finding = judge_light(sweep, quantiles)
-    return finding if finding is not None and finding.reason == "light_step" else None
+    text = (
+        f"shots of one exposure differ by {size:.2f} stops as a whole: the light was switched, or the camera looked "
+        "elsewhere; keep both as they are"
+    )
+    return replace(finding, text=text) if moved else finding
 
 
 def _reason(light: Light, times: Curve, levels: Curve) -> str:
