@@ -68,8 +68,8 @@ def judge_light(sweep: Sweep, by_shot: Tones) -> Finding | None:
 def judge_switched_light(sweep: Sweep, by_shot: Tones, *, moved: bool) -> Finding | None:
     """Light that changed by far; None if it did not.
 
-    The picture as a whole is looked at, its quantiles: what moves within it leaves them about as bright, but a camera that
-    turns from a window to a dark corner does not. So if the scene `moved`, either may be the cause.
+    The picture as a whole is looked at, its quantiles: what moves within it leaves them about as bright, but a camera
+    that turns from a window to a dark corner does not. So if the scene `moved`, either may be the cause.
     """
     quantiles = replace(by_shot, greys=np.sort(by_shot.greys, axis=1))
     size = Light.of(quantiles, *exposure_index(sweep)).range()
