@@ -23,6 +23,26 @@ DEEPEST = 64
 """The parsers recurse: libyaml's until the stack is full, and the process dead."""
 
 _LONGEST_REASON = 200
+_QUOTED_BEFORE, _QUOTED_AFTER = 30, 28
+"""How much of a line that is wrong is quoted, before and after the place."""
+_TAB = quoted("\t")
+_LINES = re.compile("\\r\\n|[\\n\\r\x85\u2028\u2029]")
+_TOO_DEEP = f"it is nested deeper than {DEEPEST} levels: write it flatter"
+_PLAIN = {
+    "exceeded maximum nesting depth": _TOO_DEEP,  # newer versions of libyaml look ahead
+    "found character that cannot start any token": "no value begins with {here}: put it in quotes",
+    "mapping values are not allowed in this context": "this : is one too many: align keys, or put text in quotes",
+    "found unexpected end of stream": "the quotation is not closed",
+    "unexpected end of stream": "the quotation is not closed",
+    "could not find expected ':'": "a key without its `: `",
+    "did not find expected ',' or '}'": "the {{ is not closed, or a comma is missing before {here}",
+    "did not find expected ',' or ']'": "the [ is not closed, or a comma is missing before {here}",
+    "did not find expected key": "this line is neither a key below the ones above it nor part of what comes before",
+    "did not find expected node content": "a value is missing before {here}",
+    "found undefined alias": "no value is named so with &: put text that begins with * in quotes",
+    "found unknown escape character": "this is no escape: write \\\\, or use single quotes",
+}
+"""What PyYAML and libyaml say, and what helps."""
 _VERSION = re.compile(r"\A\s*%YAML\b")
 """A directive that nothing depends on, and that OpenCV writes in a way of its own: `%YAML:1.0`."""
 _OF_OPENCV = re.compile(r"\A\s*%YAML:")
@@ -45,6 +65,14 @@ class _StrictLoader(_Loader):
                 line = max(key_node.start_mark.line for key_node, _ in node.value if key_node.value == key) + 1
                 raise yaml.YAMLError(f"the key {quoted(key)} appears twice, the second time in line {line}")
         return super().construct_mapping(node, deep)
+
+    def construct_object(self, node: yaml.Node, deep: bool = False) -> Any:
+        try:
+            return super().construct_object(node, deep)
+        except yaml.YAMLError:
+            raise
+        except Exception as error:  # PyYAML hardly checks values of dates or of tags such as !!int
+            raise yaml.MarkedYAMLError(problem=str(error), problem_mark=node.start_mark) from error
 
     def construct_scalar(self, node: yaml.ScalarNode | yaml.MappingNode) -> Any:
         if isinstance(node, yaml.ScalarNode):
@@ -73,14 +101,36 @@ def parse_mapping(text: str, path: Path, hint: str) -> dict[Any, Any]:
     try:
         _check_shape(text)
         documents = [document for document in yaml.load_all(text, _StrictLoader) if document is not None]
-    except Exception as error:  # PyYAML hardly checks values of dates or of tags such as !!int
-        reason = shortened(readable(" ".join(str(error).split())), _LONGEST_REASON)
-        raise ConfigurationError(f"{path}: not a YAML file: {reason}") from error
+    except Exception as error:  # a parser's own mistakes among them
+        raise ConfigurationError(f"{path}: is not valid YAML: {_reason(error, text)}") from error
     if len(documents) > 1:
         raise ConfigurationError(f"{path}: holds {len(documents)} documents, separated by ---: leave one")
     if not documents or not isinstance(documents[0], dict):
         raise ConfigurationError(f"{path}: has no keys: {hint}")
     return documents[0]
+
+
+def _reason(error: Exception, text: str) -> str:
+    """What is wrong with a text, and in which line, column and words, in one sentence."""
+    match error:
+        case yaml.MarkedYAMLError(problem=str(problem), problem_mark=mark) if mark is not None:
+            line, column = mark.line, mark.column
+            opened = error.context_mark  # where what is not closed begins
+        case yaml.reader.ReaderError():
+            before = _LINES.split(text.encode()[: error.position].decode(errors="ignore"))
+            line, column, problem, opened = len(before) - 1, len(before[-1]), error.reason, None
+        case _:
+            return shortened(readable(" ".join(str(error).split())), _LONGEST_REASON)
+    lines = _LINES.split(text)
+    content = lines[line] if line < len(lines) else ""
+    here = quoted(content[column]) if column < len(content) else "the end"
+    plain = "indent with blanks, not with a tab" if here == _TAB else _PLAIN.get(problem)
+    told = shortened(readable(problem), _LONGEST_REASON) if plain is None else plain.format(here=here)
+    if opened is not None and (problem.startswith("did not find expected '") or "end of stream" in problem):
+        line, column = opened.line, opened.column
+        content = lines[line]
+    excerpt = readable(content[max(column - _QUOTED_BEFORE, 0) : column + _QUOTED_AFTER].strip())
+    return f"line {line + 1}, column {column + 1}{f', `{excerpt}`' if excerpt else ''}: {told}"
 
 
 def _check_shape(text: str) -> None:
@@ -94,6 +144,6 @@ def _check_shape(text: str) -> None:
         elif isinstance(event, yaml.AliasEvent):
             aliases += 1
         if depth > DEEPEST:
-            raise yaml.YAMLError(f"it is nested deeper than {DEEPEST} levels: write it flatter")
+            raise yaml.YAMLError(_TOO_DEEP)
         if aliases > MOST_ALIASES:
             raise yaml.YAMLError(f"it has more than {MOST_ALIASES} aliases (*name): write out what they stand for")

@@ -14,7 +14,6 @@ import cv2
 import numpy as np
 import typer
 from rich.console import Console
-from rich.table import Table
 
 from autoexpose_daemon.cli.daemon import set_from_handler
 from autoexpose_daemon.messages.keys import (
@@ -25,6 +24,7 @@ from autoexpose_daemon.messages.keys import (
     check_rig_name,
 )
 from calibration.report import EXTRA
+from documents.command_line import AsJson, CommandOutput
 from imaging.python310 import UTC
 from navigation.drive.repeat import Repeater, repeat
 from navigation.drive.robot import Progress, RobotKeys, Source
@@ -40,12 +40,10 @@ _GREEN = (80, 220, 80)
 
 
 @map_app.command()
-def info(file: File) -> None:
+def info(context: typer.Context, file: File, as_json: AsJson = False) -> None:
     """Show what it is, when it was taught, how often it was repeated, and how large it is."""
     with MapFile(file) as map_file:
-        rows = _facts(map_file)
-    for name, value in rows.items():
-        typer.echo(f"{name:9} {value}")
+        CommandOutput(context, as_json).show_facts(_facts(map_file))
 
 
 @map_app.command()
@@ -78,20 +76,18 @@ def _facts(map_file: MapFile) -> dict[str, str]:
 
 
 @map_app.command("list")
-def list_places(file: File) -> None:
+def list_places(context: typer.Context, file: File, as_json: AsJson = False) -> None:
     """List every local map: distance, exposure, features, their mean score, and how often it was passed."""
-    table = Table("", "m", "us", "dB", "features", "mean score", "passed", box=None, header_style="bold")
-    for column in table.columns:
-        column.justify = "right"
+    columns = ("number", "m", "us", "dB", "features", "mean score", "passed")
+    rows: list[tuple[float, ...]] = []
     with MapFile(file) as map_file:
         for index, place in enumerate(map_file.places()):
-            scores = place.map.scores
-            table.add_row(
-                str(index), f"{place.distance_m:.2f}", f"{place.setting.exposure_time_us:.0f}",
-                f"{place.setting.gain_db:.1f}", str(len(scores)), f"{scores.mean() if len(scores) else 0.0:+.2f}",
-                str(len(map_file.history(place).times_s)),
-            )  # fmt: skip
-    Console().print(table)
+            scores, setting = place.map.scores, place.setting
+            score = round(float(scores.mean()), 2) if len(scores) else 0.0
+            passed = len(map_file.history(place).times_s)
+            exposure = round(setting.exposure_time_us), round(setting.gain_db, 1)
+            rows.append((index, round(place.distance_m, 2), *exposure, len(scores), score, passed))
+    CommandOutput(context, as_json).show_table("places", columns, rows, right=columns)
 
 
 @map_app.command()

@@ -13,27 +13,30 @@ from rich.console import Console
 
 from autoexpose_daemon.cli.daemon import stop_on_signals
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY, POLICY_IDS
-from documents.text import readable
+from documents.command_line import AsJson, CommandOutput, ConfigFile, ConfigOption, given_config, needed_config
 from imaging.errors import AutoexposeError, ConfigurationError
 
 config_app = typer.Typer(no_args_is_help=True, add_completion=False)
 
 
-def list_cameras() -> None:
+def list_cameras(context: typer.Context, as_json: AsJson = False) -> None:
     """List the cameras that Aravis finds."""
     from drivers.aravis import find_cameras  # noqa: PLC0415
 
     cameras = find_cameras()
-    for camera in cameras:
-        line = f"{camera.serial}  {camera.vendor} {camera.model}  {camera.transport}  {camera.address}"
-        typer.echo(readable(line))  # the camera's own text
+    columns = ("serial", "vendor", "model", "transport", "address")
+    rows = [[getattr(camera, name) for name in columns] for camera in cameras]
+    CommandOutput(context, as_json).show_table("cameras", columns, rows)
     if not cameras:
         raise AutoexposeError("no camera found: check power, cable and network, and that the camera is in your subnet")
 
 
 def doctor(
-    config: Annotated[Path | None, typer.Option("-c", "--config", help="Check against this configuration.")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False,
+    context: typer.Context,
+    file: ConfigFile = None,
+    *,
+    config: ConfigOption = None,
+    as_json: AsJson = False,
     report: Annotated[
         Path | None, typer.Option(help="Instead, run each camera for 20 s and write a report to send: FILE.zip.")
     ] = None,
@@ -41,27 +44,30 @@ def doctor(
     """Check beforehand what would stop the daemon: cameras, USB, network, permissions."""
     from autoexpose_daemon.doctor.examine import examine  # noqa: PLC0415  loads libusb
 
-    if not examine(config, as_json, report):
+    if not examine(given_config(file, config), CommandOutput(context, as_json), report):
         raise typer.Exit(1)
 
 
 def features(
+    context: typer.Context,
     serial: Annotated[str, typer.Argument(help="The camera, as `autoexpose list` shows it.")],
+    *,
     changed: Annotated[
         bool, typer.Option("--changed", help="Only what differs from its default user set, which is loaded for that.")
     ] = False,
     save: Annotated[Path | None, typer.Option(help="Write it to this new file.")] = None,
     diff: Annotated[Path | None, typer.Option(help="Compare with the features of this configuration instead.")] = None,
+    as_json: AsJson = False,
 ) -> None:
     """Show what a camera's features are set to, as a configuration file."""
     from autoexpose_daemon.doctor.camera_report import show_difference, show_features  # noqa: PLC0415
 
-    if diff is None:
-        show_features(serial, changed, save)
-        return
-    if changed or save is not None:
+    if diff is not None and (changed or save is not None):
         raise ConfigurationError("--diff compares the camera with a file: leave out --changed and --save")
-    if not show_difference(serial, diff):
+    output = CommandOutput(context, as_json)
+    if diff is None:
+        show_features(serial, changed, save, output)
+    elif not show_difference(serial, diff, output):
         raise typer.Exit(1)
 
 
@@ -72,7 +78,9 @@ def config() -> None:
 
 @config_app.command("check")
 def check_config(
-    file: Path,
+    file: ConfigFile = None,
+    *,
+    config: ConfigOption = None,
     camera: Annotated[
         bool, typer.Option("--camera", help="Also open its cameras, set them up as configured, and close them.")
     ] = False,
@@ -80,17 +88,30 @@ def check_config(
     """Check a configuration file, and the response files it names."""
     from autoexpose_daemon.config.load import load_config  # noqa: PLC0415
 
-    config = load_config(file)
+    path = needed_config(file, config)
+    loaded = load_config(path)
     if camera:
         from autoexpose_daemon.runtime.setup import refusals  # noqa: PLC0415
 
-        refused = [f"{file}: cameras.{name}: {error}" for name, error in refusals(config) if error is not None]
+        refused = [f"{path}: cameras.{name}: {error}" for name, error in refusals(loaded) if error is not None]
         if refused:
             raise ConfigurationError("\n".join(refused))
-    for note in config.notes:
-        typer.echo(f"{file}: note: {note}")
-    cameras = ", ".join(f"{name} {camera.serial}" for name, camera in config.cameras.items())
-    typer.echo(f"{file}: valid: {cameras}; policy {config.control.policy}")
+    for note in loaded.notes:
+        typer.echo(f"{path}: note: {note}")
+    cameras = ", ".join(f"{name} {camera.serial}" for name, camera in loaded.cameras.items())
+    typer.echo(f"{path}: valid: {cameras}; policy {loaded.control.policy}")
+
+
+@config_app.command("show")
+def show_config(
+    context: typer.Context, file: ConfigFile = None, *, config: ConfigOption = None, as_json: AsJson = False
+) -> None:
+    """Show all keys of a configuration, with the defaults of those that the file leaves out."""
+    from autoexpose_daemon.config.effective import effective  # noqa: PLC0415
+    from autoexpose_daemon.config.load import load_config  # noqa: PLC0415
+
+    document = effective(load_config(needed_config(file, config)))
+    CommandOutput(context, as_json).show_yaml(document)
 
 
 fake_camera_app = typer.Typer(add_completion=False)

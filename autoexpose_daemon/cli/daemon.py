@@ -18,6 +18,7 @@ from autoexpose_daemon.control.policies.ids import POLICY_IDS, check_policy_id
 from autoexpose_daemon.messages.keys import check_endpoints, check_zenoh_file
 from autoexpose_daemon.recording import check_recording_extra
 from autoexpose_daemon.service.notify import Notifier
+from documents.command_line import ConfigFile, ConfigOption, needed_config
 from documents.text import readable
 from imaging.errors import AutoexposeError, CameraError, ConfigurationError
 from imaging.exposure import ExposureSetting
@@ -43,20 +44,19 @@ def stop_on_signals(stop: threading.Event) -> None:
 
 log = logging.getLogger(__name__)
 
-ConfigFile = Annotated[Path, typer.Option("-c", "--config", help="The configuration, a YAML file.")]
 
-
-def run(config: ConfigFile) -> None:
+def run(file: ConfigFile = None, *, config: ConfigOption = None) -> None:
     """Run the daemon on the cameras of a configuration, until SIGTERM or Ctrl-C; SIGHUP reloads the configuration."""
     notifier = Notifier.from_environment()
     with _explaining(notifier):
-        run_daemon(config, notifier)
+        run_daemon(needed_config(file, config), notifier)
 
 
 def record(
     file: Annotated[Path, typer.Argument(help="A new .mcap file.")],
-    config: ConfigFile,
+    config_file: ConfigFile = None,
     *,
+    config: ConfigOption = None,
     last: Annotated[
         float | None,
         typer.Option(min=1.0, max=600.0, help="Keep this many seconds in memory; SIGUSR1 and the end write them."),
@@ -82,10 +82,11 @@ def record(
 
     notifier = Notifier.from_environment()
     with _explaining(notifier):
-        recorder = new_recorder(file, load(config), last)
+        path = needed_config(config_file, config)
+        recorder = new_recorder(file, load(path), last)
         signal.signal(signal.SIGUSR1, lambda *_: recorder.save())
         with recorder:
-            run_daemon(config, notifier, recorder, load)
+            run_daemon(path, notifier, recorder, load)
     typer.echo(recorder.summary)
     if recorder.incomplete:
         raise typer.Exit(1)

@@ -32,6 +32,7 @@ PANELS = {
     },
     "Find and check cameras": {
         "list": Listing("List the cameras that Aravis finds.", f"{_HERE}.cameras:list_cameras"),
+        "init": Listing("Write a first configuration for the cameras found.", f"{_HERE}.first_config:init"),
         "doctor": Listing("Check what would stop the daemon: USB, network, permissions.", f"{_HERE}.cameras:doctor"),
         "features": Listing("Show a camera's features, as a configuration file.", f"{_HERE}.cameras:features"),
     },

@@ -131,6 +131,8 @@ def _error_sentence(error: ErrorDetails, model: type[BaseModel]) -> str:
     if error["type"] == "missing":
         return f"{key}: is missing"
     message = error["msg"].removeprefix("Value error, ")
+    if error["type"] != "value_error" and key:
+        return f"{key}: is {quoted(error['input'])}: {message[0].lower()}{message[1:]}"
     return f"{key + ': ' if key else ''}{message[0].lower()}{message[1:]}"
 
 

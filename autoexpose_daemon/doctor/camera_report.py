@@ -21,6 +21,7 @@ import yaml
 from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.config.load import load_config
 from autoexpose_daemon.doctor.facts import Facts, Need
+from documents.command_line import CommandOutput, yaml_text
 from documents.text import readable
 from drivers.aravis import AravisCamera, FoundCamera, find_cameras, open_camera, open_nodes
 from drivers.genicam.dialect import gain_driven
@@ -35,7 +36,7 @@ _STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _NO_CONFIGURATION = CameraSetup(TriggerSetup("external"))
 
 
-def show_features(serial: str, changed: bool, save: Path | None) -> None:
+def show_features(serial: str, changed: bool, save: Path | None, output: CommandOutput) -> None:
     """Print what can be set on a camera, or what differs from its default user set, as a configuration; or save it.
 
     Features that the daemon drives itself are left out.
@@ -53,12 +54,12 @@ def show_features(serial: str, changed: bool, save: Path | None) -> None:
             except CameraLostError as error:
                 raise CameraLostError(f"{error}; it may be left with its default user set") from error
         free = _free(nodes, settings)
-    text = _configuration(serial, free)
+    document = {"cameras": {"left": {"serial": serial, "features": as_list(free)}}}
     if save is None:
-        typer.echo(text, nl=False)
+        output.show_yaml(document)
     else:
-        _write(save, text)
-        typer.echo(f"{save}: {len(free)} features of camera {serial}")
+        _write(save, yaml_text(document))
+        output.say(f"{save}: {len(free)} features of camera {serial}")
     _tell("driven by the daemon, so left out", [setting.name for setting in settings if setting not in free])
     _tell("cannot be read, so left out", inventory.unread)
     _tell("tables, so left out", inventory.tables)
@@ -71,7 +72,7 @@ def show_features(serial: str, changed: bool, save: Path | None) -> None:
         )
 
 
-def show_difference(serial: str, file: Path) -> bool:
+def show_difference(serial: str, file: Path, output: CommandOutput) -> bool:
     """Print where a camera differs from the features of a configuration file; True if there is no difference."""
     config = load_config(file)
     camera = _name_of(serial, config, file)
@@ -79,11 +80,14 @@ def show_difference(serial: str, file: Path) -> bool:
     with open_nodes(serial) as nodes:
         settings = [feature for feature in last.values() if nodes.kind(feature.name) != "command"]
         found = differing(nodes, settings)
+    output.document["differences"] = [
+        {"feature": setting.key, "camera": present, "file": setting.value} for setting, present in found
+    ]
     for setting, present in found:
         has = "cannot be read" if present is None else f"is {_value(present)}"
-        typer.echo(readable(f"{setting.key} {has}, in {file} {_value(setting.value)}"))
+        output.say(f"{setting.key} {has}, in {file} {_value(setting.value)}")
     if not found:
-        typer.echo(f"camera {serial} has all {len(settings)} features of cameras.{camera} in {file}")
+        output.say(f"camera {serial} has all {len(settings)} features of cameras.{camera} in {file}")
     return not found
 
 
@@ -100,11 +104,6 @@ def _free(nodes: NodeMap, settings: Sequence[FeatureSetting]) -> list[FeatureSet
     """The features that the daemon does not drive."""
     driven = gain_driven(nodes)
     return [setting for setting in settings if advice(setting, _NO_CONFIGURATION, driven) is None]
-
-
-def _configuration(serial: str, features: Sequence[FeatureSetting]) -> str:
-    camera = {"serial": serial, "features": as_list(features)}
-    return yaml.safe_dump({"cameras": {"left": camera}}, sort_keys=False, allow_unicode=True, width=1000)
 
 
 def _write(file: Path, text: str) -> None:

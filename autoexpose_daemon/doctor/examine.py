@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
 import textwrap
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
-import typer
 from rich.console import Console
 from rich.text import Text
 
@@ -18,6 +17,7 @@ from autoexpose_daemon.config.load import load_config
 from autoexpose_daemon.doctor.access import judge_access
 from autoexpose_daemon.doctor.facts import Diagnosis, Facts, Need, Severity, gather
 from autoexpose_daemon.doctor.judge import judge_gige, judge_usb
+from documents.command_line import CommandOutput
 from imaging.errors import ConfigurationError
 
 
@@ -73,11 +73,11 @@ def _missing(facts: Facts, need: Need) -> Iterator[Diagnosis]:
     for camera, serial in need.serials.items():
         if serial not in facts.serials:
             sentence = f"{need.name(serial)} not found; cameras found: {there}"
-            fix = f"autoexpose doctor   # after checking power, cable and cameras.{camera}.serial"
+            fix = f"autoexpose list   # after checking power and cable: is one of them cameras.{camera}.serial?"
             yield Diagnosis("camera-missing", "stops", sentence, fix)
     if not need.serials and not (facts.usb.cameras or facts.gige.cameras):
         sentence = "no camera found, neither USB3 Vision nor GigE Vision"
-        fix = "autoexpose doctor   # after checking power and cables"
+        fix = "autoexpose list   # after checking power and cables: says which cameras answer"
         yield Diagnosis("camera-missing", "stops", sentence, fix)
 
 
@@ -85,9 +85,9 @@ _COLOURS: dict[Severity, str] = {"stops": "bold red", "warning": "yellow", "ok":
 _INDENT = 9
 
 
-def as_json(findings: Sequence[Diagnosis]) -> str:
-    """All findings as a JSON document."""
-    return json.dumps({"stops": stops(findings), "findings": [asdict(finding) for finding in findings]}, indent=1)
+def as_document(findings: Sequence[Diagnosis]) -> dict[str, Any]:
+    """All findings as a document."""
+    return {"stops": stops(findings), "findings": [asdict(finding) for finding in findings]}
 
 
 def stops(findings: Sequence[Diagnosis]) -> bool:
@@ -110,7 +110,7 @@ def show(findings: Sequence[Diagnosis], console: Console) -> None:
     console.print(Text(f"{verdict} ({sums})."), soft_wrap=True)
 
 
-def examine(config: Path | None, as_document: bool, report: Path | None = None) -> bool:
+def examine(config: Path | None, output: CommandOutput, report: Path | None = None) -> bool:
     """Examine the host for a configuration and print the findings; True if the daemon could run.
 
     With `report`, write a report on the cameras to that file instead.
@@ -121,7 +121,7 @@ def examine(config: Path | None, as_document: bool, report: Path | None = None) 
     if report is not None:
         from autoexpose_daemon.doctor.camera_report import write_report  # noqa: PLC0415  loads Aravis
 
-        write_report(report, facts, need, typer.echo)
+        write_report(report, facts, need, output.say)
         return True
     findings = [*judge(facts, need), *judge_access(None if loaded is None else loaded.publish)]
     if loaded is not None:
@@ -129,8 +129,7 @@ def examine(config: Path | None, as_document: bool, report: Path | None = None) 
         findings += [Diagnosis("calibration", "warning", note) for note in loaded.notes]
         if not stops(findings) and any(camera.features for camera in loaded.cameras.values()):
             findings += judge_features(loaded)
-    if as_document:
-        typer.echo(as_json(findings))
-    else:
-        show(findings, Console())
+    output.document |= as_document(findings)
+    if not output.as_json:
+        show(findings, output)
     return not stops(findings)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -21,11 +21,11 @@ from calibration.commands.measure_vignetting import vignette
 from calibration.commands.rig import (
     CameraMode,
     Cameras,
-    ConfigFile,
     check_gain,
     check_place,
     check_report,
     chosen_rig,
+    keys_of,
     measure_camera,
     measure_images,
     places_of,
@@ -41,6 +41,7 @@ from calibration.response.result import Result
 from calibration.response.tones import Agreement, agreement, compare, grey8, tones_by_exposure
 from calibration.session import Session
 from calibration.sweep import FIRST_TIME_US, StaticCamera, Sweep, SweepPlan, time_bounds_us
+from documents.command_line import AsJson, CommandOutput, ConfigFile, ConfigOption
 from drivers.aravis import open_camera
 from imaging.errors import ConfigurationError
 from imaging.exposure import ExposureSetting
@@ -131,52 +132,61 @@ calibrate_app = typer.Typer(
 
 @calibrate_app.command()
 def response(
+    context: typer.Context,
+    config_file: ConfigFile = None,
     *,
     output: Annotated[Path, typer.Option("-o", "--output", help="The response file; for two cameras, a folder.")],
     camera: Cameras = None,
-    config: ConfigFile = None,
+    config: ConfigOption = None,
     images: Annotated[
         Path | None, typer.Option(help="Without a camera: a folder of images, or a list with times.")
     ] = None,
     gain_db: Annotated[float, typer.Option(help="Gain during the sweep (dB).")] = 0.0,
+    as_json: AsJson = False,
 ) -> None:
     """Sweep the exposure time on a static scene and recover the response, with a report beside the file."""
     check_extra()
-    console = Console(highlight=False)
-    rig = chosen_rig(camera, config, images, options="--camera, --config and --images")
+    console = CommandOutput(context, as_json)
+    rig = chosen_rig(camera, config_file, config, images, options="--camera, --config and --images")
     jobs: dict[Path, Callable[[], Result]]
+    keys: dict[Path, dict[str, Path]] = {}
     if images is not None:
         jobs = {output: partial(measure_images, images)}
     else:
         places = places_of(rig, output, "response")
         jobs = {path: partial(measure_camera, mode, gain_db, console) for path, mode in places.items()}
+        keys = keys_of(places, "response")
     previous = {path: _previous(path) for path in jobs}
     results: dict[Path, Result] = {}
     try:
         for path, measure in jobs.items():
             results[path] = measure().keeping(previous[path])
     finally:  # what one camera has been swept for is kept, whatever becomes of the other
-        _keep(results, console)
+        _keep(results, keys, console)
     if any(result.verdict == "refused" for result in results.values()):
         raise typer.Exit(1)
 
 
 @calibrate_app.command()
 def check(
+    context: typer.Context,
     file: Path,
     camera: Annotated[str | None, typer.Option(help="Serial number: does the file still hold for this camera?")] = None,
+    as_json: AsJson = False,
 ) -> None:
     """Show what a response file is, and whether it still predicts what the camera does."""
-    console = Console(highlight=False)
+    console = CommandOutput(context, as_json)
     content = ResponseFile.load(file)
-    for name, value in (*origin_facts(content.origin), *curve_facts(content)):
-        console.print(f"{name}: {value}", soft_wrap=True)
+    about = dict((*origin_facts(content.origin), *curve_facts(content)))
+    console.document["file"] = about
+    for name, value in about.items():
+        console.say(f"{name}: {value}")
     if camera is not None:
         held = check_camera(file, camera, console)
         judged = print_judged(_residuals(held.agreement), held.findings, console)
     elif content.model is None:
         text = "verdict: none: the file does not say how it was measured; check it with --camera SERIAL"
-        console.print(text, soft_wrap=True)
+        console.say(text)
         return
     else:
         judged = print_judged((), content.findings, console)
@@ -220,7 +230,7 @@ def _previous(path: Path) -> ResponseFile | None:
     return former
 
 
-def _keep(results: dict[Path, Result], console: Console) -> None:
+def _keep(results: Mapping[Path, Result], keys: Mapping[Path, dict[str, Path]], console: CommandOutput) -> None:
     """Write response files and reports, and print the results."""
     rig = list(results.values())
     solved = [result.solution for result in rig if result.solution is not None]
@@ -230,9 +240,11 @@ def _keep(results: dict[Path, Result], console: Console) -> None:
             result.file.save(path)
         report = write_report(path, result, None if comparison is None else (comparison, rig[0], rig[1]))
         print_judged((*facts(result), *(("note", note) for note in result.notes)), result.findings, console)
-        print_written(console, *([] if result.file is None else [path]), report)
+        file = [] if result.file is None else [path]
+        print_written(console, *file, report, keys=keys.get(path) if file else None)
     if comparison is not None:
-        console.print(str(comparison), soft_wrap=True)
+        console.document["comparison"] = str(comparison)
+        console.say(str(comparison))
 
 
 def _residuals(match: Agreement) -> Iterator[tuple[str, str]]:

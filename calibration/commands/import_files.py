@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Annotated, Final, Literal
 
 import typer
-from rich.console import Console
 
 from calibration.commands.rig import check_place, make_folder, print_written
 from calibration.document import located, written
@@ -22,6 +21,7 @@ from calibration.geometry.slam import is_times_txt
 from calibration.images import read_tum_times
 from calibration.response.file import ResponseFile, is_tum_table, read_tum_table
 from calibration.vignetting.file import VignettingFile, read_vignette_picture
+from documents.command_line import AsJson, CommandOutput
 from documents.files import SIGNATURE, open_regular, read_text, replace_file
 from imaging.errors import ConfigurationError
 from imaging.geometry import SIDES, CameraGeometry, Side
@@ -89,6 +89,7 @@ UNITS_M: Final = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 
 
 def import_files(
+    context: typer.Context,
     files: Annotated[list[Path], typer.Argument(help="Calibrations of other programs, for one camera or a pair.")],
     *,
     output: Annotated[Path, typer.Option("-o", "--output", help="A folder for our files.")],
@@ -96,9 +97,10 @@ def import_files(
     cameras: Annotated[str | None, typer.Option(help="Which of a file's cameras: LEFT,RIGHT, as cam1,cam0.")] = None,
     size: Annotated[str | None, typer.Option(help="Size of the pictures, if no file says it, as 720x540.")] = None,
     unit: Annotated[Literal["m", "cm", "mm"], typer.Option(help="Unit of lengths in the files.")] = "m",
+    as_json: AsJson = False,
 ) -> None:
     """Turn calibrations of Kalibr, OpenCV, ROS, VINS-Fusion, ORB-SLAM, EuRoC and TUM into files for the daemon."""
-    console = Console(highlight=False, markup=False)
+    console = CommandOutput(context, as_json)
     found = Imported()
     geometries: list[Path] = []
     for path in dict.fromkeys(files):
@@ -114,14 +116,14 @@ def import_files(
     for name, text in found.texts.items():
         with written(output / name):
             replace_file(output / name, text.encode())
+    console.document["said"] = found.said
     for line in found.said:
-        console.print(line, soft_wrap=True)
-    print_written(console, *(output / name for name in (*found.texts, *found.files)))
-    for key, name in found.keys.items():
-        console.print(f"for the configuration: {key}: {output / name}", soft_wrap=True)
+        console.say(line)
+    keys = {key: output / name for key, name in found.keys.items()}
+    print_written(console, *(output / name for name in (*found.texts, *found.files)), keys=keys)
     if TIMES in found.texts:
         command = f"autoexpose calibrate response --images {output / TIMES} -o {output}/{side}.response.yaml"
-        console.print(f"to measure the response: {command}", soft_wrap=True)
+        console.say(f"to measure the response: {command}")
 
 
 def _add_geometry(rigs: Mapping[str, RigGeometry], side: Side, cameras: str | None, found: Imported) -> None:

@@ -8,17 +8,16 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.console import Console
 
 from calibration.commands.rig import (
     CameraMode,
     Cameras,
-    ConfigFile,
     check_new,
     check_place,
     check_rig,
     chosen_rig,
     give_sections,
+    keys_of,
     places_of,
     print_judged,
     print_written,
@@ -41,6 +40,7 @@ from calibration.white import (
     judge_surface,
     ratios_for,
 )
+from documents.command_line import AsJson, CommandOutput, ConfigFile, ConfigOption
 from drivers.aravis import open_camera, open_nodes
 from drivers.genicam.image_format import present_format
 from drivers.genicam.nodes import is_number
@@ -56,22 +56,26 @@ MOST_NUMBERS = 1e6
 
 
 def gain(
+    context: typer.Context,
+    config_file: ConfigFile = None,
     *,
     output: Annotated[Path, typer.Option("-o", "--output", help="The gain file; for two cameras, a folder.")],
     camera: Cameras = None,
-    config: ConfigFile = None,
+    config: ConfigOption = None,
+    as_json: AsJson = False,
 ) -> None:
     """Measure what the numbers of a gain that is not in dB mean in dB, so that the daemon can drive it."""
-    console = Console(highlight=False)
+    console = CommandOutput(context, as_json)
     refused = False
-    for path, mode in places_of(chosen_rig(camera, config), output, "gain").items():
+    places = places_of(chosen_rig(camera, config_file, config), output, "gain")
+    for path, keys in keys_of(places, "gain_calibration").items():
         check_place(path, GainFile.load, "gain file")
-        refused |= not _calibrate(path, mode, console)
+        refused |= not _calibrate(path, places[path], keys, console)
     if refused:
         raise typer.Exit(1)
 
 
-def _calibrate(path: Path, mode: CameraMode, console: Console) -> bool:
+def _calibrate(path: Path, mode: CameraMode, keys: Mapping[str, Path], console: CommandOutput) -> bool:
     """Measure one camera and write its file; False if that is refused."""
     with Session(open_camera(mode.serial, mode.setup(own_gain=True))) as session:
         who = session.description
@@ -85,7 +89,7 @@ def _calibrate(path: Path, mode: CameraMode, console: Console) -> bool:
     scale = GainScale(node, tuple(map(float, curve.settings)), tuple(map(float, curve.gains_db)))
     identity = CameraIdentity(who.vendor, who.model, who.serial)
     GainFile(scale, round(curve.error_db, 3), camera=identity, findings=curve.findings, **stamp()).save(path)
-    print_written(console, path)
+    print_written(console, path, keys=keys)
     return True
 
 
@@ -114,16 +118,19 @@ Box = tuple[int, int, int, int]
 
 
 def white(
+    context: typer.Context,
+    config_file: ConfigFile = None,
     *,
     camera: Cameras = None,
-    config: ConfigFile = None,
+    config: ConfigOption = None,
     pixel_format: Annotated[PixelFormat | None, typer.Option(help="The camera's own, if not given.")] = None,
     box: Annotated[str | None, typer.Option(help="The card's x,y,width,height in pixels (the whole picture).")] = None,
     output: Annotated[Path | None, typer.Option("-o", "--output", help="A new file for the features.")] = None,
+    as_json: AsJson = False,
 ) -> None:
     """Measure the ratios of colours that make a grey card grey, as features for the configuration."""
-    console = Console(highlight=False)
-    rig = chosen_rig(camera, config)
+    console = CommandOutput(context, as_json)
+    rig = chosen_rig(camera, config_file, config)
     check_rig(rig)
     check_new(output)
     place = None if box is None else _box(box)
@@ -139,7 +146,7 @@ def white(
         raise typer.Exit(1)
 
 
-def _measure(mode: CameraMode, box: Box | None, console: Console) -> Ratios | None:
+def _measure(mode: CameraMode, box: Box | None, console: CommandOutput) -> Ratios | None:
     """The ratios of a camera, measured and tried; None if they are refused."""
     bounds, response = _bounds(mode), response_of(mode.response, mode.serial)
     first = _look(mode, dict.fromkeys(bounds, 1.0), response, box)

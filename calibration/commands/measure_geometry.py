@@ -14,17 +14,16 @@ import cv2
 import numpy as np
 import typer
 from numpy.typing import NDArray
-from rich.console import Console
 from rich.live import Live
 from rich.progress import track
 
 from calibration.commands.rig import (
     CameraMode,
     Cameras,
-    ConfigFile,
     check_place,
     check_rig,
     chosen_rig,
+    keys_of,
     make_folder,
     print_judged,
     print_written,
@@ -46,12 +45,15 @@ from calibration.geometry.slam import camchain_yaml
 from calibration.images import image_paths, read_grey8
 from calibration.report import check_extra, geometry_facts, write_geometry_report
 from calibration.session import RATE_HZ, SLOWEST_HZ, PairOfCameras, Session, whole_grey8
+from documents.command_line import AsJson, CommandOutput, ConfigFile, ConfigOption
 from documents.files import replace_file
 from drivers.aravis import open_camera
 from imaging.errors import AutoexposeError, ConfigurationError
 from imaging.geometry import SIDES, Side
 
 CAMCHAIN, REPORT = "camchain.yaml", "geometry.html"
+_SOURCES = "--config, --camera (twice), and --left with --right"
+_SIDES = [CameraMode("", side) for side in SIDES]  # of folders of pictures
 FILES: Mapping[Side, str] = {"left": "left.yaml", "right": "right.yaml"}
 
 Squares = Annotated[str, typer.Option(help="Columns x rows of the board's squares.")]
@@ -61,22 +63,25 @@ Dictionary = Annotated[str, typer.Option(help="Dictionary of the markers, by Ope
 
 
 def geometry(
+    context: typer.Context,
+    config_file: ConfigFile = None,
     *,
     output: Annotated[Path, typer.Option("-o", "--output", help="A folder for the calibration files and the report.")],
     camera: Cameras = None,
-    config: ConfigFile = None,
+    config: ConfigOption = None,
     left: Annotated[Path | None, typer.Option(help="Without cameras: a folder of the left one's pictures.")] = None,
     right: Annotated[Path | None, typer.Option(help="And the right camera's, with the same names.")] = None,
     squares: Squares = "9x6",
     square_mm: SquareMm = 30.0,
     marker_mm: MarkerMm = None,
     dictionary: Dictionary = DEFAULT_DICTIONARY,
+    as_json: AsJson = False,
 ) -> None:
     """Measure the lenses and the baseline of a stereo pair with a ChArUco board, for ROS and Kalibr."""
     check_extra()
-    console = Console(highlight=False)
+    console = CommandOutput(context, as_json)
     board = board_of(squares, square_mm, marker_mm, dictionary)
-    rig = chosen_rig(camera, config, left or right, options="--config, --camera (twice), and --left with --right")
+    rig = chosen_rig(camera, config_file, config, left or right, options=_SOURCES)
     _check_output(output)
     if rig:
         result = from_cameras(board, rig, console)
@@ -84,7 +89,7 @@ def geometry(
         raise ConfigurationError("--left and --right belong together: give a folder of pictures for each camera")
     else:
         result = from_folders(board, left, right, console)
-    _keep(result, output, console)
+    _keep(result, output, rig, console)
     if result.verdict == "refused":
         raise typer.Exit(1)
 
@@ -97,7 +102,7 @@ def board_of(squares: str, square_mm: float, marker_mm: float | None, dictionary
     return Board(int(parts[1]), int(parts[2]), square_mm * 1e-3, marker_mm * 1e-3, dictionary)
 
 
-def from_folders(board: Board, left: Path, right: Path, console: Console) -> GeometryResult:
+def from_folders(board: Board, left: Path, right: Path, console: CommandOutput) -> GeometryResult:
     """Calibrate from pictures in two folders, paired by name."""
     folders: dict[Side, Path] = {"left": left, "right": right}
     paths: dict[Side, list[Path]] = {}
@@ -133,7 +138,7 @@ def from_folders(board: Board, left: Path, right: Path, console: Console) -> Geo
     return calibrate_geometry(board, views, size, instead=_instead(finders))
 
 
-def from_cameras(board: Board, rig: Sequence[CameraMode], console: Console) -> GeometryResult:
+def from_cameras(board: Board, rig: Sequence[CameraMode], console: CommandOutput) -> GeometryResult:
     """Calibrate two cameras live, showing what is covered."""
     if len(rig) != len(SIDES):
         raise ConfigurationError(f"a pair has two cameras, left and right: {len(rig)} given")
@@ -194,7 +199,7 @@ def _check_output(folder: Path) -> None:
         check_place(folder / name, partial(load_geometry, side=side), "calibration file")
 
 
-def _keep(result: GeometryResult, folder: Path, console: Console) -> None:
+def _keep(result: GeometryResult, folder: Path, rig: Sequence[CameraMode], console: CommandOutput) -> None:
     """Write files and report, and print the result."""
     texts: dict[str, str] = {}
     if result.fit is not None and result.geometries is not None and result.verdict != "refused":
@@ -206,7 +211,9 @@ def _keep(result: GeometryResult, folder: Path, console: Console) -> None:
             replace_file(folder / name, text.encode())
     report = write_geometry_report(folder / REPORT, result)
     print_judged(geometry_facts(result), result.findings, console)
-    print_written(console, *(folder / name for name in texts), report)
+    places = {folder / FILES[side]: mode for side, mode in zip(SIDES, rig or _SIDES, strict=True)}
+    keys = dict(key for each in keys_of(places, "calibration").values() for key in each.items())
+    print_written(console, *(folder / name for name in texts), report, keys=keys if texts else None)
 
 
 def _rate_hz(mode: CameraMode) -> float:

@@ -13,7 +13,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from calibration.commands.rig import AddTo, check_gain, print_written, progress_of, take
+from calibration.commands.rig import AddTo, check_gain, print_keys, print_written, progress_of, take
 from calibration.document import Finding
 from calibration.latency import TRIALS, WriteEffect, capture_latency
 from calibration.noise.light_lines import Estimate, NoiseModel
@@ -21,6 +21,7 @@ from calibration.noise.photon_transfer import PhotonTransfer, default_gains_db, 
 from calibration.response.file import ResponseFile
 from calibration.session import Session, session_setup
 from calibration.sweep import Sweep
+from documents.command_line import AsJson, CommandOutput
 from drivers.aravis import AravisCamera, open_camera
 from imaging.errors import AutoexposeError, ConfigurationError
 from imaging.pixels import SAMPLES, PixelFormat, green_samples
@@ -54,28 +55,32 @@ DEEPEST_FIRST = (PixelFormat.MONO12, PixelFormat.MONO16, PixelFormat.MONO8)
 
 
 def noise(
+    context: typer.Context,
     *,
     camera: Annotated[str, typer.Option(help="Serial number.")],
     gain_db: Annotated[list[float] | None, typer.Option(help="Gain to measure at (dB); may be repeated.")] = None,
     pixel_format: Annotated[PixelFormat | None, typer.Option(help="The deepest the camera has, if not given.")] = None,
     output: AddTo = None,
+    as_json: AsJson = False,
 ) -> None:
     """Measure system gain, read noise, black level and full well at each gain, by photon transfer (EMVA 1288)."""
-    console = Console(highlight=False)
+    console = CommandOutput(context, as_json)
     file = None if output is None else response_file_of(output, camera)
     _check_raw(camera, pixel_format)
     with _session(camera, pixel_format) as session:
         used_format = str(session.description.pixel_format)
         results = _measure(session, gain_db, console)
     models = [result.model for result in results.values() if result.model is not None]
-    if models:
+    console.document["noise"] = noise_document(used_format, list(results.values()))
+    if models and not as_json:
         console.print(noise_table(f"camera {camera}, {used_format}", models))
     for gain, result in results.items():
         for finding in result.findings:
-            console.print(f"{finding.severity} at {gain:g} dB: {finding.text}", soft_wrap=True)
+            console.say(f"{finding.severity} at {gain:g} dB: {finding.text}")
     if file is not None and output is not None and models:
         replace(file, noise=noise_document(used_format, list(results.values()), file.noise)).save(output)
         print_written(console, output)
+    print_keys(console, noise_keys(models))
     if len(models) < len(results):
         raise typer.Exit(1)
 
@@ -95,6 +100,16 @@ def noise_table(title: str, models: Sequence[NoiseModel]) -> Table:
             full_well,
         )
     return table
+
+
+def noise_keys(models: Sequence[NoiseModel]) -> dict[str, float]:
+    """What the configuration is to say of the sensors: as measured at the lowest gain, where pixels are full first."""
+    if not models:
+        return {}
+    lowest = min(models, key=lambda model: model.gain_db)
+    well, noise_e = lowest.full_well_e, lowest.read_noise_e
+    full = {} if well is None else {"control.full_well_e": float(f"{well.value:.3g}")}
+    return {**full, "control.read_noise_e": float(f"{noise_e.value:.2g}")}
 
 
 def noise_document(
@@ -187,27 +202,30 @@ def _measure(session: Session, gains_db: Sequence[float] | None, console: Consol
 
 
 def latency(
+    context: typer.Context,
     *,
     camera: Annotated[str, typer.Option(help="Serial number.")],
     rate_hz: Annotated[float, typer.Option(min=0.1, help="Frame rate to measure at, ideally the rig's.")] = 60.0,
     writes: Annotated[int, typer.Option(min=5, help="Writes of exposure time, and as many of gain.")] = TRIALS,
     output: AddTo = None,
+    as_json: AsJson = False,
 ) -> None:
     """Measure how many frames it takes for a write of exposure time or of gain to show, and how regular that is."""
-    console = Console(highlight=False)
+    console = CommandOutput(context, as_json)
     file = None if output is None else response_file_of(output, camera)
     setup = session_setup(rate_hz=rate_hz)
     with Session(open_camera(camera, setup)) as session, progress_of(f"camera {camera}", console) as update:
         effects = capture_latency(session, rate_hz, writes, lambda done, total: update(completed=done, total=total))
-    if any(effect.frames or effect.unclear for effect in effects):
+    console.document["latency"] = latency_document(rate_hz, effects)
+    if any(effect.frames or effect.unclear for effect in effects) and not as_json:
         console.print(latency_table(f"camera {camera} at {rate_hz:g} Hz", effects))
     for effect in effects:
         if effect.frames:
-            console.print(when_it_shows(effect), soft_wrap=True)
+            console.say(when_it_shows(effect))
     if len(effects) == 1:
-        console.print("gain is left out: this camera has no adjustable gain in dB")
+        console.say("gain is left out: this camera has no adjustable gain in dB")
     for finding in dict.fromkeys(finding for effect in effects for finding in effect.findings):
-        console.print(f"{finding.severity}: {finding.text}", soft_wrap=True)
+        console.say(f"{finding.severity}: {finding.text}")
     refused = [effect for effect in effects if any(finding.severity == "refused" for finding in effect.findings)]
     if file is not None and output is not None and not refused:
         replace(file, latency=latency_document(rate_hz, effects)).save(output)

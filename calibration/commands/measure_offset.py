@@ -7,12 +7,10 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.console import Console
 
 from calibration.commands.rig import (
     CameraMode,
     Cameras,
-    ConfigFile,
     check_new,
     check_rig,
     chosen_rig,
@@ -23,6 +21,7 @@ from calibration.commands.rig import (
 )
 from calibration.offset import Looks, WallLook, centre, judge_looks, judge_offset, look_at_wall, solve_offset
 from calibration.session import Session
+from documents.command_line import AsJson, CommandOutput, ConfigFile, ConfigOption
 from drivers.aravis import open_camera
 from imaging.errors import ConfigurationError
 from imaging.frames import CameraName
@@ -31,22 +30,25 @@ DECIMALS = 2
 
 
 def offset(
+    context: typer.Context,
+    config_file: ConfigFile = None,
     *,
     camera: Cameras = None,
-    config: ConfigFile = None,
+    config: ConfigOption = None,
     reference: Annotated[str | None, typer.Option(help="Name of the camera that keeps 0 (the first).")] = None,
     output: Annotated[Path | None, typer.Option("-o", "--output", help="A new file for the offsets.")] = None,
+    as_json: AsJson = False,
 ) -> None:
     """Measure by how much less light reaches each camera than the first, from a wall that all of them look at."""
-    console = Console(highlight=False)
-    rig = chosen_rig(camera, config)
+    console = CommandOutput(context, as_json)
+    rig = chosen_rig(camera, config_file, config)
     check_rig(rig)
     check_new(output)
     first = _reference(rig, reference)
     order = [first, *(mode for mode in rig if mode is not first)]
     looks, driven = _look_there_and_back(order, console)
     judged = {name: list(judge_looks(each)) for name, each in looks.items()}
-    facts = [*_facts(first, looks[first.name]), ("offset", "0 stops: the others are counted from this one")]
+    facts = [*_facts(first, looks[first.name]), ("offset", "0 stops: the others are compared with this one")]
     if print_judged(facts, judged[first.name], console) == "refused":
         raise typer.Exit(1)
     offsets = {first.name: 0.0}
@@ -78,7 +80,7 @@ def _reference(rig: Sequence[CameraMode], name: str | None) -> CameraMode:
 
 
 def _look_there_and_back(
-    order: Sequence[CameraMode], console: Console
+    order: Sequence[CameraMode], console: CommandOutput
 ) -> tuple[dict[CameraName, Looks], dict[CameraName, bool]]:
     """Two looks of each camera, one camera at a time, and whether its gain is driven."""
     responses = {mode.name: response_of(mode.response, mode.serial) for mode in order}

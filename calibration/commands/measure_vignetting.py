@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 
 from calibration.commands.rig import (
     CameraMode,
     Cameras,
-    ConfigFile,
     check_place,
     check_report,
     chosen_rig,
+    keys_of,
     places_of,
     print_judged,
     print_written,
@@ -29,6 +29,7 @@ from calibration.session import Session
 from calibration.vignetting.field import LOOKS, FieldLook, capture_looks, field_of
 from calibration.vignetting.file import VignettingFile
 from calibration.vignetting.result import VignettingResult, calibrate_vignetting
+from documents.command_line import AsJson, CommandOutput, ConfigFile, ConfigOption
 from drivers.aravis import open_camera
 from imaging.errors import ConfigurationError
 from imaging.pixels import green_samples
@@ -36,30 +37,33 @@ from imaging.response import ResponseFunction
 
 
 def vignette(
+    context: typer.Context,
+    config_file: ConfigFile = None,
     *,
     output: Annotated[Path, typer.Option("-o", "--output", help="The vignetting file; for two cameras, a folder.")],
     camera: Cameras = None,
-    config: ConfigFile = None,
+    config: ConfigOption = None,
     images: Annotated[Path | None, typer.Option(help="Without a camera: a folder of pictures of a flat field.")] = None,
     response: Annotated[Path | None, typer.Option(help="Response file, if grey levels do not follow light.")] = None,
+    as_json: AsJson = False,
 ) -> None:
     """Measure how much light a lens lets through to each part of the picture, on an evenly lit uniform surface."""
     check_extra()
-    console = Console(highlight=False)
-    rig = chosen_rig(camera, config, images, options="--camera, --config and --images")
-    if response is not None and (config is not None or len(rig) > 1):
+    console = CommandOutput(context, as_json)
+    rig = chosen_rig(camera, config_file, config, images, options="--camera, --config and --images")
+    if response is not None and ((rig and not camera) or len(rig) > 1):
         raise ConfigurationError("--response is for one camera: name each camera's response file in a configuration")
     if images is not None:
         _check_place(output)
-        refused = _keep(output, _of_images(images, response), None, console)
+        refused = _keep(output, _of_images(images, response), None, {}, console)
     else:
         places = places_of(rig, output, "vignetting")
         for path in places:
             _check_place(path)
-        refused = False
+        refused, keys = False, keys_of(places, "vignetting")
         for path, mode in places.items():
             result, who = _of_camera(mode, response_of(response or mode.response, mode.serial), console)
-            refused |= _keep(path, result, who, console)
+            refused |= _keep(path, result, who, keys[path], console)
     if refused:
         raise typer.Exit(1)
 
@@ -79,7 +83,7 @@ def _of_images(folder: Path, response: Path | None) -> VignettingResult:
 
 
 def _of_camera(
-    mode: CameraMode, response: ResponseFunction, console: Console
+    mode: CameraMode, response: ResponseFunction, console: CommandOutput
 ) -> tuple[VignettingResult, CameraIdentity]:
     looks: list[FieldLook] = []
     with Session(open_camera(mode.serial, mode.setup()), green_samples) as session:
@@ -94,7 +98,13 @@ def _of_camera(
     return calibrate_vignetting(f"camera {who.serial}", who.size, looks), identity
 
 
-def _keep(path: Path, result: VignettingResult, camera: CameraIdentity | None, console: Console) -> bool:
+def _keep(
+    path: Path,
+    result: VignettingResult,
+    camera: CameraIdentity | None,
+    keys: Mapping[str, Path],
+    console: CommandOutput,
+) -> bool:
     """Write file and report, and print the result; return whether it is refused."""
     files = [write_vignetting_report(path.with_suffix(".html"), result)]
     print_judged(vignetting_facts(result), result.findings, console)
@@ -104,5 +114,5 @@ def _keep(path: Path, result: VignettingResult, camera: CameraIdentity | None, c
         found = VignettingFile(result.solution.vignetting, error, camera=camera, findings=result.findings, **stamp())
         found.save(path)
         files.insert(0, path)
-    print_written(console, *files)
+    print_written(console, *files, keys={} if refused else keys)
     return refused

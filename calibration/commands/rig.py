@@ -6,7 +6,7 @@ import os
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from datetime import datetime
 from functools import partial
 from importlib.metadata import version
@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
 import typer
-import yaml
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
@@ -28,6 +27,7 @@ from calibration.session import Session, session_setup
 from calibration.sweep import Shot, Sweep, SweepPlan, plan_sweep
 from documents import bounds
 from documents.bounds import CAMERA_NAME
+from documents.command_line import CommandOutput, given_config, yaml_text
 from documents.strict_yaml import load_mapping
 from documents.text import quoted
 from drivers.aravis import open_camera
@@ -43,7 +43,6 @@ from imaging.python310 import UTC
 from imaging.response import ResponseFunction
 
 Cameras = Annotated[list[str] | None, typer.Option("--camera", help="Serial number; twice for left and right.")]
-ConfigFile = Annotated[Path | None, typer.Option("-c", "--config", help="The cameras of this configuration.")]
 AddTo = Annotated[Path | None, typer.Option("-o", "--output", help="Response file to add the result to.")]
 
 
@@ -53,7 +52,8 @@ class CameraMode:
 
     `name` is what its files and sections are called after: what a configuration calls it, or left and right in turn.
     `gain_scale` drives a gain that is not in dB, `exposure_count_us` a time in counts; `response` is its response file,
-    which need not exist yet; `rate_hz` is that of the rig's trigger.
+    which need not exist yet; `rate_hz` is that of the rig's trigger; `config` is the file that names the camera, None:
+    no file does.
     """
 
     serial: str
@@ -67,6 +67,7 @@ class CameraMode:
     rate_hz: float | None = None
     packet_size_bytes: int | None = None
     link_share: LinkShare | None = None
+    config: Path | None = None
 
     def setup(self, rate_hz: float | None = None, *, own_gain: bool = False) -> CameraSetup:
         """How to open it for a `calibration.session.Session`.
@@ -87,12 +88,17 @@ class CameraMode:
 
 
 def chosen_rig(
-    camera: Sequence[str] | None, config: Path | None, *others: object, options: str = "--camera and --config"
+    camera: Sequence[str] | None,
+    file: Path | None,
+    option: Path | None,
+    *others: object,
+    options: str = "--camera and --config",
 ) -> list[CameraMode]:
-    """The cameras that the options name; none if another source of images is given.
+    """The cameras that a command is given: serials, a configuration as argument or option; none if `others` are given.
 
     Raises ConfigurationError unless it is one of them all, and as `rig_of_config` does.
     """
+    config = given_config(file, option)
     if [bool(camera), config is not None, *(other is not None for other in others)].count(True) != 1:
         raise ConfigurationError(f"say what to calibrate: one of {options}")
     if config is not None:
@@ -129,6 +135,7 @@ def rig_of_config(path: Path) -> list[CameraMode]:
         binning,
         rate_hz=document.section("trigger").number("rate_hz", bounds.RATE_HZ),
         packet_size_bytes=None if packet_bytes is None else int(packet_bytes),
+        config=path,
     )
     rig = {name: cameras.section(name) for name in cameras.keys}
     for name in rig:
@@ -221,6 +228,19 @@ def places_of(rig: Sequence[CameraMode], output: Path, kind: str) -> dict[Path, 
     return {output / f"{mode.name}.{kind}.yaml": mode for mode in rig}
 
 
+def keys_of(places: Mapping[Path, CameraMode], key: str) -> dict[Path, dict[str, Path]]:
+    """By file: the key of the configuration that is to name it, and its path as seen from there.
+
+    Of a single camera that no configuration has named, the user knows the NAME.
+    """
+    keys = {}
+    for path, mode in places.items():
+        name = "NAME" if mode.config is None and len(places) == 1 else mode.name
+        seen = path if mode.config is None or path.is_absolute() else Path(os.path.relpath(path, mode.config.parent))
+        keys[path] = {f"cameras.{name}.{key}": seen}
+    return keys
+
+
 def make_folder(path: Path) -> None:
     """Make a folder, unless it is there. Raises ConfigurationError."""
     try:
@@ -285,7 +305,7 @@ def progress_of(
 
     Raises AutoexposeError when the user interrupts the measurement.
     """
-    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("left"), TimeRemainingColumn())
+    columns = (TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn(), TextColumn("remaining"))
     try:
         with Progress(*columns, console=console, speed_estimate_period=60.0) as progress:
             yield partial(progress.update, progress.add_task(name + todo, total=total))
@@ -293,18 +313,29 @@ def progress_of(
         raise AutoexposeError(f"{name}: stopped before the measurement was complete: nothing was written") from None
 
 
-def print_judged(facts: Iterable[tuple[str, str]], findings: Sequence[Finding], console: Console) -> Verdict:
+def print_judged(facts: Iterable[tuple[str, str]], findings: Sequence[Finding], output: CommandOutput) -> Verdict:
     """Print what was measured, what is wrong with it, and the verdict, which is returned."""
-    judged = verdict(findings)
+    judged, known = verdict(findings), dict(facts)
+    entry = {"facts": known, "findings": [asdict(finding) for finding in findings], "verdict": judged}
+    output.document.setdefault("results", []).append(entry)
     said = ((finding.severity, finding.text) for finding in findings)
-    for name, text in (*facts, *said, ("verdict", judged)):
-        console.print(f"{name}: {text}", soft_wrap=True)
+    for name, text in (*known.items(), *said, ("verdict", judged)):
+        output.say(f"{name}: {text}")
     return judged
 
 
-def print_written(console: Console, *files: object) -> None:
-    """Print which files were written."""
-    console.print(f"written: {', '.join(map(str, files))}", soft_wrap=True)
+def print_written(output: CommandOutput, *files: Path, keys: Mapping[str, Path] | None = None) -> None:
+    """Print which files were written, and which of them the `keys` of the configuration are to name."""
+    output.document.setdefault("written", []).extend(map(str, files))
+    output.say(f"written: {', '.join(map(str, files))}")
+    print_keys(output, {key: str(file) for key, file in (keys or {}).items()})
+
+
+def print_keys(output: CommandOutput, keys: Mapping[str, str | float]) -> None:
+    """Print what the configuration is to say."""
+    for key, value in keys.items():
+        output.document.setdefault("configuration", {})[key] = value
+        output.say(f"for the configuration: {key}: {value if isinstance(value, str) else f'{value:g}'}")
 
 
 def check_new(output: Path | None) -> None:
@@ -313,17 +344,17 @@ def check_new(output: Path | None) -> None:
         raise ConfigurationError(f"{output}: cannot be written: name a new file in an existing folder")
 
 
-def give_sections(sections: Mapping[CameraName, Any], output: Path | None, console: Console) -> None:
+def give_sections(sections: Mapping[CameraName, Any], file: Path | None, output: CommandOutput) -> None:
     """Print what to add to the sections of cameras in a configuration, or write it to a new file; if there is any."""
     if not sections:
         return
-    text = yaml.safe_dump({"cameras": dict(sections)}, sort_keys=False, allow_unicode=True)
-    if output is None:
-        typer.echo(text, nl=False)
+    document = {"cameras": dict(sections)}
+    if file is None:
+        output.show_yaml(document)
         return
-    with written(output):
-        output.write_text(text, encoding="utf-8")
-    print_written(console, output)
+    with written(file):
+        file.write_text(yaml_text(document), encoding="utf-8")
+    print_written(output, file)
 
 
 def check_gain(session: Session, gain_db: float) -> None:

@@ -35,6 +35,9 @@ DASHES: Sequence[tuple[float, str, str, str]] = (
 INK = "#1b1b1b"
 UNSEEN: dict[str, Any] = {"facecolor": "none", "edgecolor": "#999999", "hatch": "///", "lw": 0, "alpha": 0.5}
 """How grey levels that the sweep did not see are drawn."""
+_HATCHED = " Hatched: grey levels beyond the covered range, where the curve is extended or little known."
+LEAST_HATCHED = 4
+"""Fewer grey levels are too narrow to show hatching."""
 LEAST_DRAWN_STOPS = 1e-5
 MOST_POINTS = 4000
 MOST_RINGS = 250
@@ -68,11 +71,12 @@ def pictures(result: Result) -> list[ReportPicture]:
     solution = result.solution
     if solution is None:
         return sweep
+    hatched = _HATCHED if any(top - bottom >= LEAST_HATCHED for bottom, top in _unseen(solution)) else ""
     return [
         ReportPicture(
             "Response",
             "Rings: parts of the scene, each placed by its own radiance. Line: the response, with twice its standard "
-            "error. Hatched: grey levels beyond the covered range, where the curve is extended or little known.",
+            f"error.{hatched}",
             lambda axes: _draw_response(axes, result, solution),
         ),
         ReportPicture(
@@ -88,9 +92,9 @@ def pictures(result: Result) -> list[ReportPicture]:
         ),
         ReportPicture(
             "Uncertainty",
-            "Standard error of the response; a tenth of a stop is 7 % of the light. It counts from the middle between "
-            "the dashed lines, as only differences have a meaning. The error stated is twice the largest value "
-            "between them; grey levels that the sweep did not see are hatched.",
+            "Standard error of the response, relative to the light in the middle between the dashed lines, since only "
+            "ratios of light are known; a tenth of a stop is 7 % of the light. The error stated is twice the largest "
+            f"value between the dashed lines.{hatched}",
             lambda axes: _draw_uncertainty(axes, solution),
         ),
         *sweep,
@@ -147,7 +151,7 @@ def _finish(axes: Axes, x: str, y: str) -> None:
 
 
 def _draw_response(axes: Axes, result: Result, solution: ResponseSolution) -> None:
-    response, (low, high) = solution.response, solution.covered
+    response = solution.response
     tones = result.by_exposure
     greys = tones.greys - tones.middle
     stops = response.inverse_between(greys)
@@ -162,7 +166,7 @@ def _draw_response(axes: Axes, result: Result, solution: ResponseSolution) -> No
     axes.fill_betweenx(GREYS[inside], curve - error, curve + error, color="#56b4e9", alpha=0.45, lw=0, label="2 sigma")
     axes.plot(curve, GREYS[inside], color="#0072b2", lw=2.5, label=f"response ({solution.model})")
     axes.plot(x[::every], y[::every], "o", mfc="none", color=INK, ms=4, mew=0.7, alpha=0.6, label="sweep")
-    for bottom, top in ((0, low), (high, GREY_LEVELS - 1)):
+    for bottom, top in _unseen(solution):
         axes.axhspan(bottom, top, **UNSEEN)
     axes.set_ylim(0, GREY_LEVELS)
     axes.set_xlim(curve[1] - 0.5, 0.5)
@@ -170,10 +174,15 @@ def _draw_response(axes: Axes, result: Result, solution: ResponseSolution) -> No
     _finish(axes, "log2 exposure (stops from saturation)", "grey level")
 
 
-def _draw_uncertainty(axes: Axes, solution: ResponseSolution) -> None:
+def _unseen(solution: ResponseSolution) -> tuple[tuple[int, int], tuple[int, int]]:
+    """The grey levels below and above those that the sweep covers."""
     low, high = solution.covered
+    return (0, low), (high, GREY_LEVELS - 1)
+
+
+def _draw_uncertainty(axes: Axes, solution: ResponseSolution) -> None:
     axes.semilogy(GREYS, np.maximum(solution.uncertainty_stops, LEAST_DRAWN_STOPS), "-", color="#0072b2", lw=1.8)
-    for bottom, top in ((0, low), (high, GREY_LEVELS - 1)):
+    for bottom, top in _unseen(solution):
         axes.axvspan(bottom, top, **UNSEEN)
     for end in solution.accurate or ():
         axes.axvline(end, color=INK, lw=0.9, ls="--")

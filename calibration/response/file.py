@@ -267,7 +267,9 @@ def _error(uncertainty_stops: tuple[float, ...], covered: tuple[int, int], accur
     well, all_seen = (SIGMAS * max(uncertainty_stops[low : high + 1]) for low, high in (accurate, covered))
     low, high = accurate
     rest = "" if accurate == covered else f", {all_seen:.2g} in the covered range"
-    return f"at most {well:.2g} stops from grey {low} to {high}{rest}, counted from grey {(low + high) // 2}"
+    return (
+        f"at most {well:.2g} stops from grey {low} to {high}{rest}, relative to the light at grey {(low + high) // 2}"
+    )
 
 
 TOP = 255.0

@@ -12,7 +12,7 @@ from calibration.document import Finding
 from calibration.response.curves import Ends, usable
 from calibration.response.file import SIGMAS, ResponseSolution
 from calibration.response.noise_witness import NoiseWitness
-from calibration.response.stillness import judge_light, moved_share, moved_share_between_exposures
+from calibration.response.stillness import judge_light, judge_switched_light, moved_share, moved_share_between_exposures
 from calibration.response.tones import (
     Curve,
     Tones,
@@ -145,7 +145,13 @@ def judge_sweep(sweep: Sweep) -> list[Finding]:
         return [Finding("refused", "auto_gain", text)]
     tones = tones_by_shot(sweep)
     levels, index = exposure_index(sweep)
-    finding = _without_structure(tones) or _too_few(levels) or judge_exposures(sweep, tones)
+    finding = _without_structure(tones) or _too_few(levels)
+    if finding:
+        return [finding]
+    switched = _switched_light(sweep, tones)
+    if switched:
+        return switched
+    finding = judge_exposures(sweep, tones)
     if finding:
         return [finding]
     unsteady = _unsteady(sweep, tones)
@@ -153,6 +159,22 @@ def judge_sweep(sweep: Sweep) -> list[Finding]:
         brighter = Sweep(sweep.brighter)
         unsteady = _unsteady(brighter, tones_by_shot(brighter))
     return [*_bounds(levels, index), *unsteady, *_few_levels(of_exposures(tones, levels, index))]
+
+
+def _switched_light(sweep: Sweep, tones: Tones) -> list[Finding]:
+    """Light that changed by far under a camera, before anything else is blamed; and motion beside it, if there was any.
+
+    Exposures that belong to other images make all repeats of one differ alike, if at all.
+    """
+    _, index = exposure_index(sweep)
+    repeats_agree = _disagreement(tones.greys.mean(axis=1), index) < AGREED_GREY
+    listed = all(shot.time_s is None for shot in sweep.shots)
+    if listed or repeats_agree:
+        return []
+    share = moved_share(sweep)
+    moved = share >= MOVED_UNDER_CHANGING_LIGHT
+    light = judge_switched_light(sweep, tones, moved=moved)
+    return [] if light is None else [light, *([_moved(share)] if moved else [])]
 
 
 def _without_structure(tones: Tones) -> Finding | None:
@@ -202,8 +224,12 @@ def _unsteady(sweep: Sweep, tones: Tones) -> list[Finding]:
     share = moved_share(sweep)
     if share < (MOVED_UNDER_CHANGING_LIGHT if light else MOVED_SHARE):
         return [light] if light else []
+    return [_moved(share)]
+
+
+def _moved(share: float) -> Finding:
     text = f"{share:.0%} of the textured parts of the image moved: keep camera and scene still"
-    return [Finding("refused", "moving_scene", text)]
+    return Finding("refused", "moving_scene", text)
 
 
 def _few_levels(tones: Tones) -> list[Finding]:

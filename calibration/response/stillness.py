@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +33,8 @@ LONG_EXPOSURE_US = 15_000
 """Exposures this long or longer show hardly any flicker of mains."""
 FLICKER_CHANGE = 0.5
 """Change from shot to shot, relative to that between any two shots; 1 means no memory."""
+FAR_STOPS = 6.5
+"""Light that changes by more was switched: neither flicker nor a drift does that within a minute."""
 MOST_STEPS = 3
 """Lights may be switched off and on again; with more steps anything could be explained."""
 LAGS_SHOTS = (1, 4, 16)
@@ -59,24 +61,44 @@ def judge_light(sweep: Sweep, by_shot: Tones) -> Finding | None:
         return None
     times = np.array([k if shot.time_s is None else shot.time_s for k, shot in enumerate(sweep.shots)], float)
     reason = _reason(light, times, by_shot.levels)
-    known = light.stops[light.weights > 0]
-    text = f"shots of one exposure differ by {np.ptp(known):.2f} stops of light: {_WORDS[reason]}"
+    text = f"shots of one exposure differ by {light.range():.2f} stops of light: {_WORDS[reason]}"
     return Finding("refused" if size > REFUSED_STOPS or reason == "auto_exposure" else "warned", reason, text)
+
+
+def judge_switched_light(sweep: Sweep, by_shot: Tones, *, moved: bool) -> Finding | None:
+    """Light that changed by far; None if it did not.
+
+    The picture as a whole is looked at, its quantiles: what moves within it leaves them about as bright, but a camera
+    that turns from a window to a dark corner does not. So if the scene `moved`, either may be the cause.
+    """
+    quantiles = replace(by_shot, greys=np.sort(by_shot.greys, axis=1))
+    size = Light.of(quantiles, *exposure_index(sweep)).range()
+    finding = None if size < FAR_STOPS else judge_light(sweep, quantiles)
+    if finding is None or finding.reason != "light_step":
+        return None
+    text = (
+        f"shots of one exposure differ by {size:.2f} stops as a whole: the light was switched, or the camera looked "
+        "elsewhere; keep both as they are"
+    )
+    return replace(finding, text=text) if moved else finding
 
 
 def _reason(light: Light, times: Curve, levels: Curve) -> str:
     """Which cause accounts for the variation, the simplest first; flicker is what no other cause explains."""
     step = light.explained_by_steps(1)
     drift = light.explained_by(_powers(times))
+    far = light.range() > FAR_STOPS
     if max(step, drift) > EXPLAINED:
-        return "light_step" if step > drift - ALIKE else "light_drift"
-    if light.change_between_neighbours() > FLICKER_CHANGE:
+        return "light_step" if far or step > drift - ALIKE else "light_drift"
+    if light.change_between_neighbours() > FLICKER_CHANGE and not far:
         return "flicker"
-    if light.explained_by(_lags(levels)) > LAG_EXPLAINED and light.surprise() < LAG_SURPRISE:
-        return "auto_exposure"
     long = np.exp2(levels) > LONG_EXPOSURE_US
     only_short = light.variation(~long) > 4.0 * light.variation(long) and light.weights[long].sum() > 0
-    return "light_step" if light.explained_by_steps(MOST_STEPS) > EXPLAINED and not only_short else "flicker"
+    if light.explained_by_steps(MOST_STEPS) > EXPLAINED and not only_short:
+        return "light_step"
+    if light.explained_by(_lags(levels)) > LAG_EXPLAINED and light.surprise() < LAG_SURPRISE:
+        return "auto_exposure"
+    return "light_step" if far else "flicker"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -113,6 +135,11 @@ class Light:
         """Standard deviation of the light of shots of one exposure (stops)."""
         square = float(np.sum(self._centred(self.stops[:, None])[among] ** 2))
         return float(np.sqrt(square / max(float(self.weights[among].sum()), 1e-9)))
+
+    def range(self) -> float:
+        """From the shot with the least light to that with the most (stops), where it is known."""
+        known = self.stops[self.weights > 0]
+        return float(np.ptp(known)) if known.size else 0.0
 
     def surprise(self) -> float:
         """Share of the variance left between shots of the same exposure after the same change; 1 if there are no two.

@@ -77,7 +77,7 @@ _found_s = float("-inf")
 
 
 def find_cameras() -> list[FoundCamera]:
-    """Search every interface for cameras, which takes about a second."""
+    """Search every interface for cameras, which takes about a second; in order of their serial numbers."""
     with OPENING:
         return _search()
 
@@ -102,7 +102,7 @@ def _search() -> list[FoundCamera]:
     global _found, _found_s  # noqa: PLW0603  like Aravis' own list, one per process
     Aravis.update_device_list()
     found = (_described(index) for index in range(Aravis.get_n_devices()))
-    _found = [camera for camera in found if camera is not None]
+    _found = sorted((camera for camera in found if camera is not None), key=lambda camera: camera.serial)
     _found_s = time.monotonic()
     return _found
 

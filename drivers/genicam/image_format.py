@@ -68,6 +68,11 @@ def present_format(nodes: NodeMap) -> PixelFormat | None:
     return _BY_NAME.get(str(nodes.read("PixelFormat"))) if nodes.entries("PixelFormat") else None
 
 
+def usable_formats(nodes: NodeMap) -> tuple[PixelFormat, ...]:
+    """The supported ones of the formats that the camera offers at present."""
+    return tuple(_BY_NAME[name] for name in offered(nodes, "PixelFormat") if name in _BY_NAME)
+
+
 def send_low_byte_first(nodes: NodeMap, pixel_format: PixelFormat) -> None:
     """Have the camera send samples of two bytes as the host reads them.
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from dataclasses import dataclass
 
 from drivers.camera import PtpState
 from drivers.genicam.nodes import NodeMap, Quantity, hold, is_number, offered, switch
@@ -26,6 +27,26 @@ PTP_SWITCHES = ("PtpEnable", "GevIEEE1588")
 """What synchronises the camera's clock, by its SFNC name and that of older descriptions."""
 ACTION_QUEUE = "ActionQueueSize"
 ACTION_NODES = ("ActionDeviceKey", "ActionGroupKey", "ActionGroupMask")
+
+
+@dataclass(frozen=True, slots=True)
+class TriggerSources:
+    """What can start a frame of a camera; None for `lines`: it shows its sources only while a trigger is on."""
+
+    lines: tuple[str, ...] | None
+    software: bool
+    ptp: bool
+
+
+def trigger_sources(nodes: NodeMap) -> TriggerSources:
+    """What can start a frame, as far as the camera shows it without being set up."""
+    sources = offered(nodes, "TriggerSource")
+    clock = any(nodes.available(name) for name in PTP_SWITCHES)
+    return TriggerSources(
+        lines=None if _hides_sources(nodes) else _lines(nodes),
+        software=SOFTWARE in sources and nodes.exists(SOFTWARE_TRIGGER),
+        ptp=clock and any(map(_ACTION.fullmatch, sources)),
+    )
 
 
 def arm_trigger(nodes: NodeMap, setup: TriggerSetup) -> tuple[str, ...]:

@@ -291,7 +291,7 @@ def test_response_file_edited_while_running(run: Run) -> None:
     whole = file.read_text()
     with only(run, "camera_gone", "trigger_ignored", "reconnects", "refused_writes") as new:
         file.write_text("log2_exposure: [0, 1,")
-        with pytest.raises(ConfigurationError, match=f"{file}: not a YAML file"):
+        with pytest.raises(ConfigurationError, match=f"{file}: is not valid YAML"):
             ask(run, 2000)
         file.unlink()
         with pytest.raises(ConfigurationError, match=f"{file}: cannot be read"):

@@ -43,6 +43,15 @@ def test_config_check_says_what_a_good_file_holds(within: Within, tmp_path: Path
     assert "left A, right B" in output
 
 
+@pytest.mark.parametrize("command", ["config check", "config show", "run", "record new.mcap", "doctor"])
+def test_a_configuration_is_an_argument_or_an_option(within: Within, tmp_path: Path, command: str) -> None:
+    file = str(tmp_path / "missing.yaml")
+    for given in ([file], ["-c", file], ["--config", file]):
+        _, _, told = within(*command.split(), *given)
+        assert f"{file}: cannot be read" in told
+    assert "give one configuration file" in within(*command.split(), file, "-c", file)[2]
+
+
 def test_config_check_names_a_baseline_that_few_rigs_have(within: Within, tmp_path: Path) -> None:
     for camera in SIDES:
         document = small_ros(camera, 720, 540)
@@ -87,9 +96,14 @@ def test_top_of_all_rigs_is_checked_before_it_looks_for_them(
 @pytest.mark.wire
 def test_list_shows_a_camera_with_its_serial() -> None:
     with fake_camera() as camera:
-        result = autoexpose("list")
-    assert result.returncode == 0
-    assert any(camera.serial in line and camera.address in line for line in result.stdout.splitlines())
+        result, as_json = autoexpose("list"), autoexpose("list", "--json")
+    assert result.returncode == as_json.returncode == 0
+    head, *lines = result.stdout.splitlines()
+    (line,) = (line for line in lines if camera.serial in line)
+    for name, value in (("serial", camera.serial), ("model", "FakeGV287M"), ("address", camera.address)):
+        assert line[head.index(name) :].startswith(value)
+    (found,) = (each for each in json.loads(as_json.stdout)["cameras"] if each["serial"] == camera.serial)
+    assert (found["address"], found["transport"]) == (camera.address, "gige")
 
 
 @pytest.mark.wire
@@ -97,7 +111,7 @@ def test_run_stops_on_sigterm_and_leaves_the_cameras_free(tmp_path: Path) -> Non
     file = tmp_path / "rig.yaml"
     with stereo_cameras() as (left, right, _):
         file.write_text(f"cameras: {{left: {{serial: {left.serial}}}, right: {{serial: {right.serial}}}}}")
-        with subprocess.Popen([*AUTOEXPOSE, "run", "-c", str(file)], stderr=subprocess.PIPE, text=True) as process:
+        with subprocess.Popen([*AUTOEXPOSE, "run", str(file)], stderr=subprocess.PIPE, text=True) as process:
             assert process.stderr is not None
             lines = iter(process.stderr.readline, "")
             ready = list(itertools.islice((line for line in lines if line.endswith("ready\n")), 2))

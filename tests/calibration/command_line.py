@@ -14,7 +14,7 @@ def calibrate(*arguments: str) -> tuple[int, str]:
     if isinstance(result.exception, AutoexposeError):
         return 1, f"autoexpose: {result.exception}"
     assert result.exception is None or isinstance(result.exception, SystemExit), result.exception
-    return result.exit_code, result.output
+    return result.exit_code, result.stdout
 
 
 def done(*arguments: str) -> str:

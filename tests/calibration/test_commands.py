@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import json
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -12,7 +13,7 @@ import pytest
 from numpy.typing import NDArray
 from rich.console import Console
 
-from calibration.commands.rig import CameraMode
+from calibration.commands.rig import CameraMode, keys_of
 from calibration.document import CameraIdentity
 from calibration.response.file import Origin, ResponseFile
 from calibration.response.result import Result
@@ -43,6 +44,7 @@ def test_images_become_a_response_file_and_a_report(tmp_path: Path) -> None:
     output = done("response", "--images", str(images), "-o", str(file))
     assert "verdict: " in output
     assert f"written: {file}, {file.with_suffix('.html')}" in output
+    assert "for the configuration" not in output
     loaded = ResponseFile.load(file)
     assert loaded.origin.camera is None
     assert loaded.model == "gamma"
@@ -72,6 +74,15 @@ def test_the_first_camera_of_a_rig_is_kept_if_the_second_fails(tmp_path: Path, m
     assert (code, output) == (1, "autoexpose: no camera with serial B")
     assert ResponseFile.load(tmp_path / "left.response.yaml").model == "gamma"
     assert not (tmp_path / "right.response.yaml").exists()
+
+
+def test_keys_name_files_as_the_configuration_finds_them() -> None:
+    config, file = Path("etc/rig.yaml"), Path("responses/left.response.yaml")
+    left, right = (CameraMode(name, name, config=config) for name in ("left", "right"))
+    assert keys_of({file: left}, "response") == {file: {"cameras.left.response": Path("..") / file}}
+    whole = Path("/responses/right.yaml")
+    assert keys_of({whole: right}, "response") == {whole: {"cameras.right.response": whole}}
+    assert keys_of({file: CameraMode("22500002")}, "response") == {file: {"cameras.NAME.response": file}}
 
 
 @pytest.mark.parametrize("name", ["mask.png", "mask.html"])
@@ -177,7 +188,10 @@ def prediction_errors(found: ResponseFunction, low: int, high: int) -> NDArray[n
 def test_a_camera_is_swept_checked_and_predicted_as_it_really_is(tmp_path: Path) -> None:
     file = tmp_path / "left.response.yaml"
     with bright_camera(tmp_path, "gamma") as camera:
-        assert "verdict: believe it" in done("response", "--camera", camera.serial, "-o", str(file))
+        document = json.loads(done("response", "--camera", camera.serial, "-o", str(file), "--json"))
+        assert document["results"][0]["verdict"] == "believe it"
+        assert document["written"] == [str(file), str(file.with_suffix(".html"))]
+        assert document["configuration"] == {"cameras.NAME.response": str(file)}
         assert "verdict: believe it" in done("check", str(file), "--camera", camera.serial)
     loaded = ResponseFile.load(file)
     assert loaded.origin.camera == CameraIdentity("Autoexpose", "FakeGV287M", camera.serial)
@@ -216,8 +230,10 @@ def test_both_cameras_of_a_rig_are_calibrated_and_compared(tmp_path: Path) -> No
             f"cameras: {{left: {{serial: {left.serial}}}, right: {{serial: {right.serial}}}}}\n"
             "image: {pixel_format: Mono12, binning: 2}"
         )
-        output = done("response", "-c", str(config), "-o", str(folder))
+        output = done("response", str(config), "-o", str(folder))
     assert "each needs its own file" in output
+    for name in ("left", "right"):
+        assert f"for the configuration: cameras.{name}.response: {folder / name}.response.yaml" in output
     for name, camera, model in (("left", left, "gamma"), ("right", right, "linear")):
         loaded = ResponseFile.load(folder / f"{name}.response.yaml")
         loaded.check_belongs(camera.serial, "Mono12", 2)

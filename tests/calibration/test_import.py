@@ -324,7 +324,7 @@ def test_a_set_of_the_tum_mono_data_set_becomes_our_files(tum: Path, tmp_path: P
         ("times.txt", "00000 1.5 2\n00001 1.6 x\n", "line 2: has no exposure time"),
         ("times.txt", "7 1.5 2\n", "there is no image"),
         ("none.txt", None, "none.txt: cannot be read"),
-        ("camera.txt", "\x00\x01\x02", "not a YAML file"),
+        ("camera.txt", "\x00\x01\x02", "is not valid YAML"),
     ],
 )
 def test_a_bad_file_is_refused_by_name_and_nothing_is_written(

@@ -166,6 +166,33 @@ def test_a_spoilt_sweep_is_clear_with_its_reason(spoil: Spoil, severity: str, re
         assert findings[0].severity == severity
 
 
+def switching_lights(curve: str, px_per_s: float, period_s: float) -> Sweep:
+    """As a sweep finds the fake cameras' lights: 150 lux or 1, in turn."""
+
+    def view(time_s: float) -> Radiance:
+        left = int(px_per_s * time_s) % WIDTH
+        return scene()[:, left : left + WIDTH]
+
+    times_us = np.geomspace(31.0, 500_000.0, 15)
+    up_down = [*times_us, *times_us[::-1]]
+    count = int(duration_s(up_down, 3) / period_s)
+    changes = [Change(period_s * k, 1 / 150 if k % 2 else 1.0) for k in range(count + 1)]
+    return Bench(curve, view=view, light=LightScript(tuple(changes))).sweep(up_down, 3)
+
+
+@pytest.mark.parametrize(("curve", "period_s"), [("linear", 2.0), ("gamma", 4.0), ("linear", 5.0)])
+@pytest.mark.parametrize("px_per_s", [0.0, 60.0])
+def test_lights_that_go_on_and_off_are_named_whether_or_not_something_moves(
+    curve: str, period_s: float, px_per_s: float
+) -> None:
+    findings = judge_sweep(switching_lights(curve, px_per_s, period_s))
+    assert findings[0].reason == "light_step"
+    assert {finding.reason for finding in findings[1:]} <= ({"moving_scene"} if px_per_s else set())
+    assert {finding.severity for finding in findings} == {"refused"}
+    assert "stops" in findings[0].text and "switched" in findings[0].text
+    assert ("the camera looked elsewhere" in findings[0].text) == (len(findings) == 2)
+
+
 @pytest.mark.parametrize(("curve", "seed"), list(zip(CURVES, range(3), strict=True)))
 def test_steps_drifts_and_flicker_of_any_size_are_told_apart(curve: str, seed: int) -> None:
     rng = np.random.default_rng(1000 + seed)

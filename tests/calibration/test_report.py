@@ -19,7 +19,7 @@ import yaml
 
 from calibration.document import CameraIdentity, Finding
 from calibration.report import write_report
-from calibration.report.plots import DASHES
+from calibration.report.plots import DASHES, pictures
 from calibration.response.file import Origin, ResponseFile, ResponseSolution, tum_table
 from calibration.response.result import Result, calibrate
 from calibration.response.tones import compare
@@ -48,6 +48,14 @@ def full() -> ResponseFile:
     finding = Finding("warned", "few_levels", "Grey 40 to 200 alone: sweep a brighter scene.")
     file = ResponseFile.of_solution(SOLUTION, ORIGIN, (finding,))
     return dataclasses.replace(file, noise={"gain": 0.1}, latency={"exposure": 2})
+
+
+@pytest.mark.parametrize(("covered", "hatched"), [((1, 254), False), ((0, 255), False), ((20, 255), True)])
+def test_captions_speak_of_hatching_where_there_is_some(covered: tuple[int, int], hatched: bool) -> None:
+    swept = sweep(MadeUpCamera(), [100.0 * 2**n for n in range(11)])
+    result = replace(calibrate("it", ORIGIN, swept), solution=replace(SOLUTION, covered=covered))
+    told = [picture.caption for picture in pictures(result) if picture.title in ("Response", "Uncertainty")]
+    assert ["Hatched" in caption for caption in told] == [hatched, hatched]
 
 
 def saved(folder: Path) -> tuple[Path, dict[str, object]]:

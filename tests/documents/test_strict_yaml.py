@@ -61,6 +61,31 @@ def test_opencvs_dialect_needs_no_blank_after_a_key(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    ("content", "place", "words"),
+    [
+        ("a: {b: {c: 1}\n", "line 1, column 4, `a: {b: {c: 1}`", "the { is not closed"),
+        ("a:\n  b: [1, 2\n  c: 3\n", "line 2, column 6, `b: [1, 2`", "the [ is not closed"),
+        ('a: 1\nb: "c\n', 'line 2, column 4, `b: "c`', "not closed"),
+        ("a:\n\tb: 1\n", "line 2, column 1, `b: 1`", "tab"),
+        ("a: @b\n", "line 1, column 4, `a: @b`", "'@'"),
+        ("a: 1\n# two\n b: 2\n", "line 3, column 2, `b: 2`", "neither a key"),
+        ("a: 1\nb: *c\n", "line 2, column 4, `b: *c`", "quotes"),
+        ("a: 2026-13-01\n", "line 1, column 4, `a: 2026-13-01`", "month"),
+        ("a:\n- 1\n- !!int x\n", "line 3, column 3, `- !!int x`", "'x'"),
+        ("# \u00e4\na: \x07\n", "line 2, column 4, `a: \\x07`", "control characters"),
+        ("a: " + "x" * 200 + ": b: c\n", "line 1, column 204, `", "quotes"),
+    ],
+)
+def test_a_slip_is_named_by_line_and_column_and_quoted(tmp_path: Path, content: str, place: str, words: str) -> None:
+    with pytest.raises(ConfigurationError) as caught:
+        load(tmp_path, content.encode())
+    said = str(caught.value)
+    assert place in said
+    assert words in said
+    assert "unicode string" not in said and "\n" not in said
+
+
+@pytest.mark.parametrize(
     ("content", "words"),
     [
         (b"a: 1\na: 2\n", "the key 'a' appears twice, the second time in line 2"),
@@ -69,12 +94,12 @@ def test_opencvs_dialect_needs_no_blank_after_a_key(tmp_path: Path) -> None:
         (b"a: &x [1]\nb: [" + b"*x, " * 17 + b"]\n", "more than 16 aliases"),
         (b"a: " + b"[" * 100_000, "nested deeper than 64 levels"),
         (b"a: 1\n---\nb: 2\n", "holds 2 documents"),
-        (b"a: !!python/object:os.system {}\n", "not a YAML file"),
-        (b"a: " + b"'" + b"x" * 100_000, "not a YAML file"),
-        (b"a: !!int " + b"x" * 100_000, "not a YAML file"),
+        (b"a: !!python/object:os.system {}\n", "is not valid YAML: line 1, column 4, `a: "),
+        (b"a: " + b"'" + b"x" * 100_000, "is not valid YAML: line 1, column 4, `a: "),
+        (b"a: !!int " + b"x" * 100_000, "is not valid YAML: line 1, column 4, `a: "),
         (b"\x89PNG\r\n", "is not text"),
         (b"\xff\xfea", "is not text"),
-        (b"a: \x01\n", "not a YAML file"),
+        (b"a: \x01\n", "is not valid YAML: line 1, column 4, `a: "),
         (b"", "has no keys: begin with `a:`"),
         (b"just words\n", "has no keys"),
         (b"#" * (MOST_BYTES + 1), "cannot be read (longer than 1024 KiB)"),

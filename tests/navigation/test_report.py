@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import json
 import math
 import os
 import re
@@ -96,6 +97,16 @@ def test_info_is_a_few_lines(driven: Path) -> None:
     assert result.exit_code == 0, result.output
     assert re.search(r"^path +2\.0 m, \d+ local maps", result.output, re.MULTILINE)
     assert "repeated  6 times" in result.output
+    as_json = json.loads(CliRunner().invoke(map_app, ["info", str(driven), "--json"]).stdout)
+    assert as_json["repeated"].startswith("6 times")
+
+
+def test_list_is_a_row_for_each_local_map(driven: Path) -> None:
+    head, *rows = CliRunner().invoke(map_app, ["list", str(driven)]).stdout.splitlines()
+    places = json.loads(CliRunner().invoke(map_app, ["list", str(driven), "--json"]).stdout)["places"]
+    assert head.split()[:2] == ["number", "m"]
+    assert [row.split()[:2] for row in rows] == [[str(place["number"]), str(place["m"])] for place in places]
+    assert any(place["passed"] >= 1 for place in places)
 
 
 def test_what_happened_once_or_never_varied_is_said_so(tmp_path: Path) -> None:

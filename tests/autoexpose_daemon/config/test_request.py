@@ -39,7 +39,7 @@ def test_a_request_is_read_as_it_was_sent() -> None:
         ("{}", "by: is missing"),
         ('{"by": " x"}', "by: ' x' is not a valid name"),
         ('{"by": "x", "lock": true}', "lock: unknown key; did you mean locked?"),
-        ('{"by": "x", "locked": 1}', "locked: input should be a valid boolean"),
+        ('{"by": "x", "locked": 1}', "locked: is 1: input should be a valid boolean"),
         ('{"by": "x", "ev_stops": NaN}', "ev_stops: nan is out of bounds: give -3 to 3 stops"),
         ('{"by": "x", "policy": "believe"}', "policy: there is no policy 'believe'; did you mean belief?"),
         ('{"by": "x", "limits": {}}', "limits: no limit is named"),

@@ -17,7 +17,7 @@ from rich.console import Console
 
 from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.config.load import camera_setup
-from autoexpose_daemon.doctor.examine import as_json, judge, judge_policy, show
+from autoexpose_daemon.doctor.examine import as_document, judge, judge_policy, show
 from autoexpose_daemon.doctor.facts import Diagnosis, Facts, GigeFacts, Need, Severity
 from autoexpose_daemon.doctor.judge import judge_gige
 from drivers.host.network import (
@@ -352,6 +352,13 @@ def test_commands_name_files_that_are_shipped() -> None:
     assert all((REPOSITORY / file).is_file() for file in files)
 
 
+def test_a_missing_camera_is_looked_for_with_another_command_than_this() -> None:
+    for wanted in (need(), need(ONE)):
+        (missing,) = (finding for finding in judge(NOTHING, wanted) if finding.check == "camera-missing")
+        assert missing.fix is not None
+        assert missing.fix.startswith("autoexpose list ")
+
+
 FINDINGS = [
     Diagnosis("a", "ok", "All is well."),
     Diagnosis("b", "stops", " ".join(["word"] * 40), "command " + "x" * 100),
@@ -367,10 +374,10 @@ def test_the_report_reads_without_colours_commands_stay_whole_and_json_holds_the
     assert "         $ command " + "x" * 100 in lines
     assert "(1 stops, 0 warning, 1 ok)" in lines[-1]
     assert max(len(line) for line in lines if "$" not in line) <= 60
-    document = json.loads(as_json(FINDINGS))
+    document = as_document(FINDINGS)
     assert document["stops"] is True
     assert [Diagnosis(**finding) for finding in document["findings"]] == FINDINGS
-    assert json.loads(as_json(FINDINGS[:1]))["stops"] is False
+    assert as_document(FINDINGS[:1])["stops"] is False
 
 
 WITHOUT_EXTENSION = """

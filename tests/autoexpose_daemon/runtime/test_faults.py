@@ -223,7 +223,7 @@ def test_response_file_edited_while_running(run: VirtualRun, tmp_path: Path) -> 
     cameras = {"left": {"serial": "left", "response": file}, "right": {"serial": "right"}}
     run.ask(2000, cameras=cameras)
     file.write_text("log2_exposure: [0, 1,")
-    with pytest.raises(ConfigurationError, match=f"{re.escape(str(file))}: not a YAML file"):
+    with pytest.raises(ConfigurationError, match=f"{re.escape(str(file))}: is not valid YAML"):
         run.ask(2000, cameras=cameras)
     file.unlink()
     with pytest.raises(ConfigurationError, match=f"{re.escape(str(file))}: cannot be read"):

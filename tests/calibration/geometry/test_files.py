@@ -170,7 +170,7 @@ def test_a_camchain_that_cannot_be_is_refused_by_key(
         ("image_width: 720", "has no camera in its keys .'image_width'.: give a camera-info file"),
         ("- 1", "has no keys"),
         ("cam0: [1]", "cam0 is .1.: give keys and values"),
-        ("camera_matrix: {data: !!python/object:os.system {}}", "not a YAML file"),
+        ("camera_matrix: {data: !!python/object:os.system {}}", "is not valid YAML"),
         ("cam0: {a: 1, a: 2}", "the key 'a' appears twice"),
     ],
 )

@@ -492,7 +492,7 @@ def test_a_pair_of_opencv_that_cannot_be_is_refused_by_key(tmp_path: Path, chang
         ("<opencv_storage><a>1</a><a>2</a></opencv_storage>", "the key a appears twice"),
         ("<a>" * 99 + "</a>" * 99, "nested deeper than 16 levels"),
         ("[image]\nwidth\n720\n", "has no section with a camera matrix"),
-        ("FOV 1 2 3\n640 480\n", "has no keys|not a YAML file"),
+        ("FOV 1 2 3\n640 480\n", "has no keys|is not valid YAML"),
         ("FOV 1 2 3 4 5 6 7\n640 480\n", "line 1 .* give a list of 5 or 8 numbers, not 7"),
         ("Pinhole 1 2 3 4 0\n640\n", "line 2 is .*: give width and height"),
         ("RadTan 860 861 359.5 269.5 0\n720 540\n", "line 1 has 5 numbers after RadTan"),
