@@ -184,7 +184,11 @@ def judge(
     present = present or _present(list(surveys.values()))
     everyone = list(dict.fromkeys([*policies, present]))
     asked = [(path, part) for path, one in surveys.items() for part in parts_of(one.times_s)]
-    jobs = [job for path, part in asked for job in segment_jobs(path, part, everyone, odometry, trajectory)]
+    jobs = [
+        job
+        for path, part in asked
+        for job in segment_jobs(path, part, everyone, odometry, trajectory, near=surveys[path].near(part[0]))
+    ]
     found: list[Any] = run_long(jobs, kept, workers, console, "policies through segments")
     results: dict[Path, dict[str, list[Any]]] = {path: {policy: [] for policy in everyone} for path in surveys}
     for place, (path, _) in enumerate(asked):

@@ -27,7 +27,7 @@ from evaluation.odometry.tracking import lap, odometry_stage
 from evaluation.rejudge.following import ReferenceTrajectory, Trajectory, read_tum, tum
 from evaluation.rejudge.rejudge_app import rejudge
 from evaluation.rejudge.segments import parts_of
-from evaluation.rejudge.sources import read_recording
+from evaluation.rejudge.sources import Survey, read_drive, read_recording
 from evaluation.stage.camera import DelayedLoop
 from evaluation.stage.rendering import Stage
 from imaging.errors import AutoexposeError, ConfigurationError
@@ -209,6 +209,19 @@ def test_a_fleet_is_judged_by_groups_and_what_is_damaged_is_left_out(drive_file:
     assert "c.mcap is not an MCAP file" in " ".join(written["refused"]).replace(":", "")
     assert "left out" in outcome.output and set(written["groups"]) == {"north", "south"}
     assert written["intervals"].keys() == {"neves2009"}
+
+
+def test_a_part_of_a_recording_is_read_from_a_mark(drive_file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("evaluation.rejudge.sources.MARKS_S", 0.1)
+    survey, part = Survey.of(drive_file), (20, 34)
+    near = survey.near(part[0])
+    assert near is not None and 0 < near[0] <= part[0] and len(survey.marks) > 2
+    found = [read_drive(drive_file, part, mark) for mark in (None, near)]
+    for whole, marked in zip(*(drive.source() for drive in found), strict=True):
+        assert whole.trigger == marked.trigger
+        for camera, frame in whole.frames.items():
+            assert np.array_equal(frame.pixels, marked.frames[camera].pixels)
+    assert repr(found[0].timeline) == repr(found[1].timeline) and found[0].geometries == found[1].geometries
 
 
 def test_a_drive_is_cut_into_ten_seconds() -> None:

@@ -1,6 +1,6 @@
 """Scores contenders on tuning scenes, while they are developed: the first is compared with the others.
 
-    python -m evaluation.experiments.worth.score NAME NAME ... [--judge odometry|matches] [--part N] [--jobs N] [--kept FOLDER]
+    python -m evaluation.experiments.worth.score NAME NAME ... [--judge odometry|matches] [--part N] [--jobs N]
 
 Names are ids of policies (a new one needs its line in `control/policies/ids.py`) or other `CONTENDERS`. Finished jobs
 are kept with those of `autoexpose experiments`, and shared with `worth-tuning`."""
