@@ -18,6 +18,7 @@ from documents.files import read_text
 from evaluation.intervals import Interval
 from evaluation.jobs.kept import ResultCache
 from evaluation.jobs.run import Workers, run_long
+from evaluation.rejudge.contender import Contender, unaltered
 from evaluation.rejudge.contest import Figures, section
 from evaluation.rejudge.decide import Difference, Margins, Recommendation, SeenSegment, decide, differences
 from evaluation.rejudge.segments import parts_of, seen, segment_jobs, survey_job, together
@@ -117,12 +118,14 @@ class JudgedFleet:
     @property
     def section(self) -> str:
         """What to put into the configuration, YAML. Limits and start only if all drives agree on them."""
-        policy = self.decision().policy or self.present
+        run = Contender.of(self.decision().policy or self.present)
         abouts = [result["about"] for drive in self.drives for result in drive.results[self.present]]
         limits, start = abouts[0]["limits"], abouts[0]["start"]
         if len(self.drives) > 1 and any(about["limits"] != limits for about in abouts):
-            return f"control:\n  policy: {policy}\n"
-        return section(policy, ExposureLimits(**limits), ExposureSetting(**start))
+            lowered = "".join(f"  {limit}: {value:g}\n" for limit, value in run.lowered)
+            return f"control:\n  policy: {run.policy_id}\n" + (f"exposure:\n{lowered}" if lowered else "")
+        own = run.limits(ExposureLimits(**limits))
+        return section(run.policy_id, own, own.nearest(ExposureSetting(**start)))
 
     def document(self) -> dict[str, Any]:
         """What is written as JSON."""
@@ -182,7 +185,9 @@ def judge(
     """
     surveys, refused = _surveyed(drives, kept, workers, console)
     present = present or _present(list(surveys.values()))
-    everyone = list(dict.fromkeys([*policies, present]))
+    everyone = list(dict.fromkeys([*policies, *unaltered(policies), present]))
+    for path, one in surveys.items():
+        _check_limits(everyone, path, one)
     asked = [(path, part) for path, one in surveys.items() for part in parts_of(one.times_s)]
     jobs = [
         job
@@ -212,6 +217,14 @@ def _surveyed(
         raise AutoexposeError("\n".join(refused))
     surveys = {drive: Survey(**one) for drive, one in zip(drives, found, strict=True) if "refused" not in one}
     return surveys, refused
+
+
+def _check_limits(names: Sequence[str], path: Path, one: Survey) -> None:
+    for name in names:
+        try:
+            Contender.of(name).limits(ExposureLimits(**one.limits))
+        except ConfigurationError as error:
+            raise ConfigurationError(f"{path}: {error}") from None
 
 
 def _present(surveys: Sequence[Survey]) -> str:

@@ -12,12 +12,13 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from autoexpose_daemon.control.policies.ids import POLICY_IDS, check_policy_id
+from autoexpose_daemon.control.policies.ids import check_policy_id
 from documents.files import check_writable
 from evaluation.intervals import Interval
 from evaluation.jobs.kept import ResultCache
 from evaluation.jobs.run import CLUSTER, CORES, FINISHED, KEPT, PROCESSES, workers_of
 from evaluation.long_runs import make_writable
+from evaluation.rejudge.contender import contenders
 from evaluation.rejudge.contest import Figures
 from evaluation.rejudge.decide import Difference, Margins
 from evaluation.rejudge.fleet import By, JudgedDrive, JudgedFleet, found_drives, groups_of, judge
@@ -34,7 +35,12 @@ def rejudge(
         typer.Argument(help="Recordings by `record --bracket`, folders of images, folders of these, or lists (.txt)."),
     ],
     *,
-    policies: Annotated[str, typer.Option(help="Ids, separated by commas; or `all`.")] = "all",
+    policies: Annotated[
+        str,
+        typer.Option(
+            help="Ids, separated by commas, or `all`; with lower limits as belief:max_time_us=3000:max_gain_db=12."
+        ),
+    ] = "all",
     present: Annotated[
         str | None, typer.Option(help="What robots run now, with which others are compared: by default, what they ran.")
     ] = None,
@@ -66,7 +72,7 @@ def rejudge(
     kept: KEPT = FINISHED,
 ) -> None:
     """Take policies through drives that were recorded in brackets, and say which one robots should run."""
-    chosen = _chosen(policies)
+    chosen = contenders(policies)
     if present is not None:
         check_policy_id(present)
     check_odometry(odometry)
@@ -93,16 +99,6 @@ def rejudge(
     if report is not None:
         write_report(judgement, report)
         console.print(f"report: {report}")
-
-
-def _chosen(policies: str) -> list[str]:
-    """The requested ids, each once."""
-    if policies == "all":
-        return list(POLICY_IDS)
-    chosen = list(dict.fromkeys(policies.split(",")))
-    for policy in chosen:
-        check_policy_id(policy)
-    return chosen
 
 
 def _show(judgement: JudgedFleet, console: Console) -> None:
@@ -153,7 +149,7 @@ def _print_differences(found: Sequence[Difference], present: str, console: Conso
         return
     table = Table(box=None, padding=(0, 1, 0, 0), pad_edge=False)
     for place, name in enumerate([f"better than {present} by", "error", "lost pairs", "matches"]):
-        table.add_column(name, justify="right" if place else "left", no_wrap=True)
+        table.add_column(name, justify="right" if place else "left", no_wrap=place > 0, overflow="fold")
     for one in found:
         table.add_row(one.policy, _interval(one.odometry), _interval(one.lost), _interval(one.features))
     console.print(table)
@@ -173,7 +169,7 @@ def _print(figures: Sequence[Figures], best: str, console: Console) -> None:
         "RPE\nmm", "lost", "matches", "M_g", "satu-\nrated", "black", "time\nms", "gain\ndB", "far", "blur",
     ]  # fmt: skip
     for place, head in enumerate(["policy", *figures_shown]):
-        table.add_column(head, justify="right" if place else "left", no_wrap=True)
+        table.add_column(head, justify="right" if place else "left", no_wrap=place > 0, overflow="fold")
     for one in sorted(figures, key=_rank):
         table.add_row(
             f"[bold]{one.policy}[/]" if one.policy == best else one.policy,

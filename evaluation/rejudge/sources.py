@@ -7,8 +7,8 @@ import io
 import itertools
 import math
 import sys
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -77,15 +77,17 @@ def read_folder(folder: Path, part: Part = _ALL) -> Drive:
     settings = [next(iter(entries.values())).setting for entries in instants]
     levels = [setting.level for setting in settings]
     bracket = Bracketing(_cycle(folder, levels), max(max(levels) - min(levels), 1.0))
-    limits = ExposureLimits(
-        min(_DARKEST_US, *(setting.exposure_time_us for setting in settings)),
-        max(setting.exposure_time_us for setting in settings),
-        min(0.0, *(setting.gain_db for setting in settings)),
-        max(_HIGHEST_GAIN_DB, *(setting.gain_db for setting in settings)),
-    )
-    setup = ControlSetup("fixed", responses, limits, settings[0], ControlParameters(bracket=bracket))
+    setup = ControlSetup("fixed", responses, _limits(settings), settings[0], ControlParameters(bracket=bracket))
     source = partial(_pairs, instants[slice(*part)])
     return watched(str(folder), setup, _decided(setup, source()), source, geometries)
+
+
+def _limits(settings: Sequence[ExposureSetting]) -> ExposureLimits:
+    """Those that a camera must at least have had."""
+    times_us, gains_db = ([getattr(one, name) for one in settings] for name in ("exposure_time_us", "gain_db"))
+    return ExposureLimits(
+        min(_DARKEST_US, *times_us), max(times_us), min(0.0, *gains_db), max(_HIGHEST_GAIN_DB, *gains_db)
+    )
 
 
 def _decided(setup: ControlSetup, pairs: Iterator[FrameSet]) -> Iterator[tuple[FrameSet, Decision, float]]:
@@ -251,6 +253,7 @@ class Survey:
     robot: str  # the rig that it was recorded as, or the name of the folder
     times_s: Sequence[float]  # of its complete pairs
     level: float  # median exposure level of the pairs, stops: the higher, the darker it was
+    limits: Mapping[str, Any]  # `ExposureLimits` of the recording
     marks: Sequence[MarkedPair] = ()  # of a recording, in order
 
     def near(self, number: int) -> MarkedPair | None:
@@ -265,10 +268,11 @@ class Survey:
             entries = [next(iter(instant.values())) for instant in _instants(path)]
             policy, robot = DEFAULT_POLICY, path.name
             seen = [(entry.time_s, entry.setting.level) for entry in entries]
+            limits = _limits([entry.setting for entry in entries])
         else:
             setup, recording = _bracketed(path), Recording(path)
             policy, robot = setup.policy_id, path.stem
-            seen, before = [], None
+            seen, before, limits = [], None, setup.limits
             for number, step in enumerate(_complete(recording, path, setup.parameters.bracket)):
                 time_s, mark = step.stamp_ns * 1e-9, recording.mark
                 if mark != before and (not marks or time_s >= seen[marks[-1][0]][0] + MARKS_S):
@@ -277,7 +281,8 @@ class Survey:
                 before = mark
             robot = recording.rig or robot
         times_s = [time_s for time_s, _ in seen]
-        return cls(policy, robot, times_s, float(np.median([level for _, level in seen] or [0.0])), marks)
+        level = float(np.median([level for _, level in seen] or [0.0]))
+        return cls(policy, robot, times_s, level, asdict(limits), marks)
 
 
 def _bracketed(path: Path) -> ControlSetup:

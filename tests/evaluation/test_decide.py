@@ -128,3 +128,17 @@ def test_drives_are_what_is_drawn_where_there_are_many() -> None:
     (alone,) = differences(apart, PRESENT)
     assert together.odometry is not None and alone.odometry is not None
     assert together.odometry.high - together.odometry.low > 2 * (alone.odometry.high - alone.odometry.low)
+
+
+@pytest.mark.parametrize(("lower_still", "recommended"), [(0.0, "lu2010"), (0.35, "lu2010:max_time_us=3000")])
+def test_a_limit_is_recommended_only_if_it_is_better_than_the_policy_without(
+    lower_still: float, recommended: str
+) -> None:
+    """Both are better than the present policy."""
+    errors = 1.0 - 0.65 * (1.0 - lower_still)
+    seen = {
+        PRESENT: segments(1, minutes(20)),
+        "lu2010": segments(2, minutes(20), 0.35),
+        "lu2010:max_time_us=3000": segments(3, minutes(20), errors + 0.005),
+    }
+    assert decide(seen, PRESENT).policy == recommended

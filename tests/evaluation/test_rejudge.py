@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import re
 import sys
 import tempfile
 from dataclasses import replace
@@ -24,6 +25,8 @@ from autoexpose_daemon.recording.replay import report_replay
 from calibration.geometry.opencv import ros_yaml
 from evaluation.experiments.rejudge import simulated_geometries, simulated_setup
 from evaluation.odometry.tracking import lap, odometry_stage
+from evaluation.rejudge.decide import FEWEST_SEGMENTS, Margins
+from evaluation.rejudge.fleet import JudgedDrive, JudgedFleet
 from evaluation.rejudge.following import ReferenceTrajectory, Trajectory, read_tum, tum
 from evaluation.rejudge.rejudge_app import rejudge
 from evaluation.rejudge.segments import parts_of
@@ -118,6 +121,62 @@ def test_policies_are_judged_and_one_is_recommended(drive_file: Path, tmp_path: 
     text = page.read_text()
     assert text.count("<img") == 6  # the worst ten seconds of the other, side by side
     assert f"Stay with {DEFAULT_POLICY}" in text and "http" not in text
+
+
+def test_a_policy_with_a_lower_limit_is_a_contender_of_its_own(drive_file: Path, tmp_path: Path) -> None:
+    limited = "neves2009:max_gain_db=2:max_time_us=400"
+    outcome = run(drive_file, "--policies", limited, "--present", "fixed", "--json", tmp_path / "f.json")
+    assert outcome.exit_code == 0, outcome.exception
+    written = json.loads((tmp_path / "f.json").read_text())
+    figures = {one["policy"]: one for one in written["policies"]}
+    assert figures.keys() == {"fixed", "neves2009", limited}  # the policy itself is judged with it
+    assert figures[limited]["exposure_time_us"] <= 400 < figures["neves2009"]["exposure_time_us"]
+    assert figures[limited]["gain_db"] <= 2
+    assert "max_time_us: 7500" in written["section"]  # no evidence, no other limit
+
+
+def test_the_section_has_the_limit_of_what_is_recommended(drive_file: Path) -> None:
+    survey, limited = Survey.of(drive_file), "neves2009:max_gain_db=12:max_time_us=3000"
+    about = {"limits": survey.limits, "start": {"exposure_time_us": 5000.0, "gain_db": 0.0}}
+    darker = {**about, "limits": {**survey.limits, "max_time_us": 6000.0}}
+
+    def section(*abouts: object) -> str:
+        def results(matches: float) -> list[object]:
+            figures = {"rpe_mm": None, "lost_share": 0.0}
+            return [
+                {"figures": {**figures, "matches": matches + place}, "about": each}
+                for place, each in enumerate(abouts * FEWEST_SEGMENTS)
+            ]
+
+        drives = [JudgedDrive(drive_file, survey, "all", {"fixed": results(200.0), limited: results(400.0)})]
+        fleet = JudgedFleet(drives * len(abouts), ["fixed", limited], "fixed", Margins(), [])
+        assert fleet.decision().policy == limited
+        return fleet.section
+
+    assert section(about) == (
+        "control:\n  policy: neves2009\n  start: {exposure_time_us: 3000, gain_db: 4.43697}\n"
+        "exposure:\n  min_time_us: 20\n  max_time_us: 3000\n  min_gain_db: 0\n  max_gain_db: 12\n"
+    )
+    assert section(about, darker) == (
+        "control:\n  policy: neves2009\nexposure:\n  max_gain_db: 12\n  max_time_us: 3000\n"
+    )
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("fishy:max_time_us=3000", "there is no policy 'fishy'"),
+        ("belief:min_time_us=3", "'min_time_us=3' alters nothing that can be judged: give max_time_us or max_gain_db"),
+        ("belief:max_time_us", "'max_time_us' alters nothing"),
+        ("belief:max_time_us=x", "'max_time_us=x' alters nothing"),
+        ("belief:max_gain_db=nan", "'max_gain_db=nan' alters nothing"),
+        ("belief:max_gain_db=1:max_gain_db=2", "'max_gain_db=2' alters nothing.*each once"),
+        ("belief:max_time_us=8000", "drive.mcap: belief:max_time_us=8000.*max_time_us 7500: only lower limits"),
+        ("belief:max_time_us=3", "drive.mcap: .*20 to 3 us leave no exposure time"),
+    ],
+)
+def test_what_alters_nothing_that_can_be_judged_is_refused(drive_file: Path, name: str, words: str) -> None:
+    assert re.search(words, said(drive_file, "--policies", f"fixed,{name}"))
 
 
 def program(tmp_path: Path, *lines: str) -> str:
