@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from datetime import datetime
 from functools import cache
 from pathlib import Path
@@ -103,6 +103,10 @@ class JudgedFleet:
     def differences(self, group: str | None = None) -> list[Difference]:
         """Each policy compared with the present one; intervals of 95 %."""
         return differences(self.seen(group), self.present, 95.0)
+
+    def of(self, drive: JudgedDrive) -> JudgedFleet:
+        """A drive by itself."""
+        return replace(self, drives=[drive])
 
     def figures(self, drives: Sequence[JudgedDrive] | None = None) -> list[Figures]:
         """Of each policy over drives, by default all."""

@@ -256,7 +256,8 @@ def test_a_fleet_is_judged_by_groups_and_what_is_damaged_is_left_out(drive_file:
     (tmp_path / "list.txt").write_text("# of today\ndrives/robot1/a.mcap\n")
     (tmp_path / "groups.csv").write_text("a.mcap,north\nb.mcap,south\n")
     given = (tmp_path / "drives", tmp_path / "list.txt", "--policies", "fixed,neves2009", "--present", "fixed")
-    outcome = run(*given, "--groups", tmp_path / "groups.csv", "--json", tmp_path / "f.json")
+    written_to = ("--json", tmp_path / "f.json", "--report", tmp_path / "page.html")
+    outcome = run(*given, "--groups", tmp_path / "groups.csv", *written_to)
     assert outcome.exit_code == 0, outcome.exception
     written = json.loads((tmp_path / "f.json").read_text())
     assert [Path(drive["drive"]).name for drive in written["drives"]] == ["a.mcap", "b.mcap"]
@@ -268,6 +269,10 @@ def test_a_fleet_is_judged_by_groups_and_what_is_damaged_is_left_out(drive_file:
     assert "c.mcap is not an MCAP file" in " ".join(written["refused"]).replace(":", "")
     assert "left out" in outcome.output and set(written["groups"]) == {"north", "south"}
     assert written["intervals"].keys() == {"neves2009"}
+    page = (tmp_path / "page.html").read_text()
+    for name, group in (("a.mcap", "north"), ("b.mcap", "south")):
+        row = page.split(f"<td>{name}</td>")[1].split("</tr>")[0]
+        assert all(word in row for word in ("0.0&nbsp;min", group, "undecided", "neves2009"))
 
 
 def test_a_part_of_a_recording_is_read_from_a_mark(drive_file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
