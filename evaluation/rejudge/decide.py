@@ -24,6 +24,10 @@ SEGMENT_S = 10.0
 FEWEST_SEGMENTS = 6
 """With fewer nothing is decided: so few say little about how much segments differ."""
 
+LEAST_MM = 0.1
+"""Errors below are not told apart. Frames that are the very shots of the reference have none at all, and the logarithm
+of a ratio with nothing would decide alone."""
+
 
 @dataclass(frozen=True, slots=True)
 class Margins:
@@ -102,7 +106,7 @@ def _difference(policy: str, ours: Sequence[SeenSegment], theirs: Sequence[SeenS
         return over_places([value for _, value, _ in rows], places, [weight for *_, weight in rows], percent)
 
     errors = [
-        (one, math.log(other.rpe_mm / one.rpe_mm), 1.0)
+        (one, math.log(max(other.rpe_mm, LEAST_MM) / max(one.rpe_mm, LEAST_MM)), 1.0)
         for one, other in pairs
         if one.rpe_mm is not None and other.rpe_mm is not None
     ]

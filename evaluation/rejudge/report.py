@@ -9,7 +9,7 @@ from typing import Any
 
 from documents.text import readable
 from evaluation.intervals import Interval
-from evaluation.rejudge.decide import Difference
+from evaluation.rejudge.decide import LEAST_MM, Difference
 from evaluation.rejudge.fleet import JudgedDrive, JudgedFleet
 from imaging.errors import AutoexposeError
 
@@ -144,7 +144,8 @@ def _worst(judgement: JudgedFleet, policy: str) -> Worst | None:
 
 
 def _badness(ours: dict[str, Any], theirs: dict[str, Any]) -> tuple[float, float, float]:
-    ratio = ours["rpe_mm"] / theirs["rpe_mm"] if ours["rpe_mm"] and theirs["rpe_mm"] else 1.0
+    own_mm, other_mm = ours["rpe_mm"], theirs["rpe_mm"]
+    ratio = 1.0 if own_mm is None or other_mm is None else max(own_mm, LEAST_MM) / max(other_mm, LEAST_MM)
     return (ours["lost_share"] or 0.0) - (theirs["lost_share"] or 0.0) + ratio, ratio, -(ours["matches"] or 0.0)
 
 
