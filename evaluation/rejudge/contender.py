@@ -18,7 +18,7 @@ LIMITS = ("max_time_us", "max_gain_db")
 
 
 @dataclass(frozen=True, slots=True)
-class Contender:
+class LimitedPolicy:
     """A policy; and highest values of its own, by the name of the limit."""
 
     policy_id: str
@@ -74,7 +74,7 @@ def _number(text: str) -> float:
 def contenders(names: str) -> list[str]:
     """The names in a list with commas, each once, `all` for all policies. Raises ConfigurationError as `of` does."""
     given = [policy for name in names.split(",") for policy in (POLICY_IDS if name == "all" else (name,))]
-    return list(dict.fromkeys(Contender.of(name).name for name in given))
+    return list(dict.fromkeys(LimitedPolicy.of(name).name for name in given))
 
 
 def unaltered(names: Sequence[str]) -> list[str]:

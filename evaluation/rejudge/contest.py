@@ -20,7 +20,7 @@ from autoexpose_daemon.control.step import StepInputs
 from evaluation.arrays import Greys
 from evaluation.odometry.features import StereoMatcher
 from evaluation.rejudge.camera import FAR_STOPS, Exposer, Made, RecordedCameras, Rectifier
-from evaluation.rejudge.contender import Contender
+from evaluation.rejudge.contender import LimitedPolicy
 from evaluation.rejudge.drive import Drive
 from evaluation.rejudge.following import Followed, Follower, Following, ReferenceTrajectory, Trajectory
 from imaging.errors import AutoexposeError
@@ -184,7 +184,7 @@ def play(one: Round) -> list[Outcome]:
     start = first_setting(drive)
     judge = partial(_judge, drive, one.odometry, one.folder)
     runs = [
-        PolicyRun(Contender.of(policy).setup(drive.setup, start), drive.delay_frames, judge(policy))
+        PolicyRun(LimitedPolicy.of(policy).setup(drive.setup, start), drive.delay_frames, judge(policy))
         for policy in one.policies
     ]
     shown = set(np.linspace(0, len(timeline.glimpses) - 1, PICTURES + 2).round().astype(int)[1:-1].tolist())

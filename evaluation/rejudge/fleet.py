@@ -18,7 +18,7 @@ from documents.files import read_text
 from evaluation.intervals import Interval
 from evaluation.jobs.kept import ResultCache
 from evaluation.jobs.run import Workers, run_long
-from evaluation.rejudge.contender import Contender, unaltered
+from evaluation.rejudge.contender import LimitedPolicy, unaltered
 from evaluation.rejudge.contest import Figures, section
 from evaluation.rejudge.decide import Difference, Margins, Recommendation, SeenSegment, decide, differences
 from evaluation.rejudge.segments import parts_of, seen, segment_jobs, survey_job, together
@@ -122,7 +122,7 @@ class JudgedFleet:
     @property
     def section(self) -> str:
         """What to put into the configuration, YAML. Limits and start only if all drives agree on them."""
-        run = Contender.of(self.decision().policy or self.present)
+        run = LimitedPolicy.of(self.decision().policy or self.present)
         abouts = [result["about"] for drive in self.drives for result in drive.results[self.present]]
         limits, start = abouts[0]["limits"], abouts[0]["start"]
         if len(self.drives) > 1 and any(about["limits"] != limits for about in abouts):
@@ -192,7 +192,7 @@ def judge(
     everyone = list(dict.fromkeys([*policies, *unaltered(policies), present]))
     for path, one in surveys.items():
         _check_limits(everyone, path, one)
-    asked = [(path, part) for path, one in surveys.items() for part in parts_of(one.times_s)]
+    asked = [(path, part) for path, one in surveys.items() for part in parts_of(one.times_s, one.fewest_pairs)]
     jobs = [
         job
         for path, part in asked
@@ -226,7 +226,7 @@ def _surveyed(
 def _check_limits(names: Sequence[str], path: Path, one: Survey) -> None:
     for name in names:
         try:
-            Contender.of(name).limits(ExposureLimits(**one.limits))
+            LimitedPolicy.of(name).limits(ExposureLimits(**one.limits))
         except ConfigurationError as error:
             raise ConfigurationError(f"{path}: {error}") from None
 

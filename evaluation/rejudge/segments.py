@@ -52,13 +52,17 @@ def survey(drive: str) -> Plain:
     return found
 
 
-def parts_of(times_s: Sequence[float]) -> list[Part]:
-    """The segments of a drive by its pairs' times; the last one is up to half as long again."""
+def parts_of(times_s: Sequence[float], fewest: int = 1) -> list[Part]:
+    """The segments of a drive by its pairs' times, longer where they had fewer pairs; the last is up to half as long
+    again."""
     numbers = ((np.asarray(times_s) - times_s[0]) / SEGMENT_S).astype(int)
     if len(times_s) > 1 and (times_s[-1] - times_s[0]) % SEGMENT_S < SEGMENT_S / 2 and numbers[-1] > 0:
         numbers[numbers == numbers[-1]] -= 1
-    starts = [0, *(np.flatnonzero(np.diff(numbers)) + 1).tolist(), len(times_s)]
-    return list(pairwise(starts))
+    starts = [0]
+    for start in (np.flatnonzero(np.diff(numbers)) + 1).tolist():
+        if min(start - starts[-1], len(times_s) - start) >= fewest:
+            starts.append(start)
+    return list(pairwise([*starts, len(times_s)]))
 
 
 def segment_jobs(

@@ -26,7 +26,7 @@ from autoexpose_daemon.recording.read import Mark, Recording
 from calibration.geometry.file import check_pair, load_geometry
 from calibration.response.file import ResponseFile
 from documents.files import read_text
-from evaluation.rejudge.drive import Drive, watched
+from evaluation.rejudge.drive import FEWEST_CYCLES, Drive, check_long_enough, watched
 from imaging.errors import AutoexposeError, ConfigurationError
 from imaging.exposure import ExposureLimits, ExposureSetting
 from imaging.frames import CameraName, Frame, FrameSet
@@ -254,7 +254,13 @@ class Survey:
     times_s: Sequence[float]  # of its complete pairs
     level: float  # median exposure level of the pairs, stops: the higher, the darker it was
     limits: Mapping[str, Any]  # `ExposureLimits` of the recording
+    cycle: int  # pairs in a cycle of the bracket
     marks: Sequence[MarkedPair] = ()  # of a recording, in order
+
+    @property
+    def fewest_pairs(self) -> int:
+        """That a part must have."""
+        return FEWEST_CYCLES * self.cycle
 
     def near(self, number: int) -> MarkedPair | None:
         """The last mark that is not after a pair."""
@@ -269,11 +275,15 @@ class Survey:
             policy, robot = DEFAULT_POLICY, path.name
             seen = [(entry.time_s, entry.setting.level) for entry in entries]
             limits = _limits([entry.setting for entry in entries])
+            cycle = _cycle(path, [entry.setting.level for entry in entries])
         else:
             setup, recording = _bracketed(path), Recording(path)
+            bracket = setup.parameters.bracket
+            assert bracket is not None
+            cycle = bracket.exposures + bracket.keep
             policy, robot = setup.policy_id, path.stem
             seen, before, limits = [], None, setup.limits
-            for number, step in enumerate(_complete(recording, path, setup.parameters.bracket)):
+            for number, step in enumerate(_complete(recording, path, bracket)):
                 time_s, mark = step.stamp_ns * 1e-9, recording.mark
                 if mark != before and (not marks or time_s >= seen[marks[-1][0]][0] + MARKS_S):
                     marks.append((number, mark.at_byte, mark.needs))  # the first pair after it
@@ -282,7 +292,9 @@ class Survey:
             robot = recording.rig or robot
         times_s = [time_s for time_s, _ in seen]
         level = float(np.median([level for _, level in seen] or [0.0]))
-        return cls(policy, robot, times_s, level, asdict(limits), marks)
+        if times_s:
+            check_long_enough(str(path), len(times_s), cycle)
+        return cls(policy, robot, times_s, level, asdict(limits), cycle, marks)
 
 
 def _bracketed(path: Path) -> ControlSetup:

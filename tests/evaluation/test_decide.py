@@ -73,8 +73,8 @@ DRAWS = 200
 
 
 def drawn(policy: str, draw: int, number: int, better: float = 0.0) -> dict[str, list[SeenSegment]]:
-    """So many of the judged segments with repetition, in drives of a minute; and the same courses in other noise, once the
-    one and once the other for the present policy, so that there is no true difference but the one that is given."""
+    """So many of the judged segments with repetition, in drives of a minute; and the same courses in other noise, once
+    the one and once the other for the present policy: there is no true difference but the one that is given."""
     random = np.random.default_rng([draw, number])
     of_course: dict[str, list[list[Any]]] = {}
     for name, *figures in JUDGED[policy]:

@@ -253,6 +253,7 @@ def test_a_fleet_is_judged_by_groups_and_what_is_damaged_is_left_out(drive_file:
     for name in ("a", "b"):
         (folder / f"{name}.mcap").write_bytes(content)
     (folder / "c.mcap").write_text("not a recording")
+    (folder / "short.mcap").write_bytes(content[: len(content) // 4])
     (tmp_path / "list.txt").write_text("# of today\ndrives/robot1/a.mcap\n")
     (tmp_path / "groups.csv").write_text("a.mcap,north\nb.mcap,south\n")
     given = (tmp_path / "drives", tmp_path / "list.txt", "--policies", "fixed,neves2009", "--present", "fixed")
@@ -266,7 +267,8 @@ def test_a_fleet_is_judged_by_groups_and_what_is_damaged_is_left_out(drive_file:
         for rows in (*(drive["policies"] for drive in written["drives"]), written["policies"])
     )
     assert one == other == both
-    assert "c.mcap is not an MCAP file" in " ".join(written["refused"]).replace(":", "")
+    assert "c.mcap is not an MCAP file" in written["refused"][0].replace(":", "")
+    assert re.search(r"short.mcap: has \d+ complete pairs: give at least 12", written["refused"][1])
     assert "left out" in outcome.output and set(written["groups"]) == {"north", "south"}
     assert written["intervals"].keys() == {"neves2009"}
     page = (tmp_path / "page.html").read_text()
@@ -293,6 +295,8 @@ def test_a_drive_is_cut_into_ten_seconds() -> None:
     assert parts_of(times_s.tolist()) == [(0, 100), (100, 200), (200, 340)]
     assert parts_of(np.arange(0.0, 36.0, 0.1).tolist())[-1] == (300, 360)
     assert parts_of([5.0, 5.1]) == [(0, 2)]
+    rare_s = [*np.arange(0.0, 10.0, 0.5), *np.arange(10.0, 20.0, 2.0), *np.arange(20.0, 50.0, 0.5)]
+    assert parts_of(rare_s, 18) == [(0, 20), (20, 45), (45, 65), (65, 85)]
 
 
 def test_what_cannot_be_judged_is_refused_in_a_sentence(drive_file: Path, tmp_path: Path) -> None:
