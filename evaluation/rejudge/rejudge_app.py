@@ -27,6 +27,7 @@ from evaluation.rejudge.report import write_report
 from imaging.errors import ConfigurationError
 
 _MARGINS = Margins()
+_NAME_WIDTH = 22  # So that figures fit beside names on a line of 80
 
 
 def rejudge(
@@ -148,12 +149,19 @@ def _print_differences(found: Sequence[Difference], present: str, console: Conso
     if not found:
         return
     table = Table(box=None, padding=(0, 1, 0, 0), pad_edge=False)
-    for place, name in enumerate([f"better than {present} by", "error", "lost pairs", "matches"]):
-        table.add_column(name, justify="right" if place else "left", no_wrap=place > 0, overflow="fold")
+    _add_names(table, f"better than {present} by", [one.policy for one in found])
+    for name in ("error", "lost pairs", "matches"):
+        table.add_column(name, justify="right", no_wrap=True)
     for one in found:
         table.add_row(one.policy, _interval(one.odometry), _interval(one.lost), _interval(one.features))
     console.print(table)
     console.print("in %, with intervals of 95 %, paired by segments of ten seconds", highlight=False)
+
+
+def _add_names(table: Table, head: str, names: Sequence[str]) -> None:
+    """The first column; long names go on in the next line."""
+    width = min(max(len(each) for each in (head, *names)), _NAME_WIDTH)
+    table.add_column(head, min_width=width, max_width=width, overflow="fold")
 
 
 def _interval(interval: Interval | None) -> str:
@@ -168,8 +176,9 @@ def _print(figures: Sequence[Figures], best: str, console: Console) -> None:
     figures_shown = [
         "RPE\nmm", "lost", "matches", "M_g", "satu-\nrated", "black", "time\nms", "gain\ndB", "far", "blur",
     ]  # fmt: skip
-    for place, head in enumerate(["policy", *figures_shown]):
-        table.add_column(head, justify="right" if place else "left", no_wrap=place > 0, overflow="fold")
+    _add_names(table, "policy", [one.policy for one in figures])
+    for head in figures_shown:
+        table.add_column(head, justify="right", no_wrap=True)
     for one in sorted(figures, key=_rank):
         table.add_row(
             f"[bold]{one.policy}[/]" if one.policy == best else one.policy,
