@@ -102,7 +102,7 @@ def first_config(rig: Sequence[AskedCamera], file: Path) -> str:
     return "\n".join(
         [
             f"# Check it with `autoexpose config check {file}`, run it with `autoexpose run {file}`.",
-            f"# All that can stand here, with its default: `autoexpose config show {file}`, docs/configuration.md.",
+            f"# All that can stand here, with its default: `autoexpose config show {file}`, docs/look-up/configuration.md.",
             *_cameras(rig),
             *_trigger(rig),
             *_image(rig),
@@ -163,7 +163,7 @@ def _trigger_of(rig: Sequence[AskedCamera], usual: str) -> tuple[str, str]:
     )
     raise ConfigurationError(
         f"no trigger is common to these cameras ({has}): choose among them with --camera SERIAL, or write the "
-        "configuration by hand (docs/triggering.md)"
+        "configuration by hand (docs/do/triggering.md)"
     )
 
 
@@ -176,7 +176,7 @@ def _image(rig: Sequence[AskedCamera]) -> list[str]:
     if not common:
         raise ConfigurationError(
             f"cameras {', '.join(asked.found.serial for asked in rig)} have no pixel format in common that is "
-            "supported (docs/configuration.md): choose among them with --camera SERIAL"
+            "supported (docs/look-up/configuration.md): choose among them with --camera SERIAL"
         )
     offered = ", ".join(map(str, common))
     return ["image:", _line(f"  pixel_format: {common[0]}", f"one of {offered}; what is set now is not supported")]
@@ -196,6 +196,6 @@ def _exposure_and_control() -> list[str]:
         _line(f"  min_gain_db: {bounds.min_gain_db:g}", "no amplification"),
         _line(f"  max_gain_db: {bounds.max_gain_db:g}", "more sees in less light, with more noise"),
         "control:",
-        _line(f"  policy: {DEFAULT_POLICY}", "what decides the exposure; others: docs/control.md"),
+        _line(f"  policy: {DEFAULT_POLICY}", "what decides the exposure; others: docs/understand/control.md"),
         publish,
     ]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from types import NoneType
 from typing import Any, BinaryIO, cast, get_args, get_type_hints
@@ -28,6 +29,7 @@ from autoexpose_daemon.messages.frames import (
 )
 from autoexpose_daemon.messages.types import EXPOSURE_INFO, TYPESTORE, definition
 from autoexpose_daemon.recording.file import (
+    CONTROL,
     FULL_SCALE,
     GIVEN,
     METADATA,
@@ -178,17 +180,32 @@ _COUNT_DIGITS = 18
 """More steps than that fit into no file; Python itself refuses numbers of more than 4300 digits."""
 
 
+_MAGIC_BYTES = 8  # What an MCAP file begins with
+
+
+@dataclass(frozen=True, slots=True)
+class Mark:
+    """A place between two items of a file, from which it can be read without what is before."""
+
+    at_byte: int
+    # Where records begin, before it, that say something of all that follow: of channels, and setups.
+    needs: tuple[int, ...] = ()
+
+
 class Recording:
-    """The items of a file in order, one at a time in memory.
+    """The items of a file in order, one at a time in memory; with `begin`, those from a mark on.
 
     Raises RecordingError while iterating: in one sentence, what is wrong with the file.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, begin: Mark | None = None) -> None:
         # When all items have been read: whether the file ends within a record, as after a full disk or a power cut; and
         # the steps that the recorder dropped, according to the end of the file, None when that is missing.
         self.cut_off = False
         self.dropped: int | None = None
+        # The last one before the item that was read last: where its chunk begins, unless an item spans two.
+        self.mark = begin or Mark(_MAGIC_BYTES)
+        self._begin = begin
         self._path = path
         self._rig: str | None = None  # what its topics begin with, known from the first that control has written
         self._channels: dict[int, Channel] = {}
@@ -206,7 +223,7 @@ class Recording:
         return None if self._rig is None else self._rig.rpartition("/")[2]
 
     def __iter__(self) -> Iterator[Item]:
-        """Read from the start of the file."""
+        """Read from the start of the file, or from the mark."""
         try:
             with open_regular(self._path) as stream:
                 yield from self._items(stream)
@@ -215,12 +232,8 @@ class Recording:
 
     def _items(self, stream: BinaryIO) -> Iterator[Item]:
         items = 0
-        for record in self._records(stream):
+        for record in self._marking(stream):
             match record:
-                case Schema():
-                    self._schemas[record.id] = record
-                case Channel():
-                    self._channels[record.id] = record
                 case Metadata(name=name, metadata=notes) if name == METADATA:
                     dropped = notes.get("dropped", "")
                     if len(dropped) > _COUNT_DIGITS:
@@ -237,11 +250,54 @@ class Recording:
         if items == 0:
             raise self._error("contains no steps of control: it is not a recording of autoexpose, or an empty one")
 
+    def _marking(self, stream: BinaryIO) -> Iterator[Any]:
+        """The records to read, while `mark` moves on."""
+        if self._begin is not None:
+            for needed in self._begin.needs:
+                self._look_up(stream, needed)
+            stream.seek(self._begin.at_byte)
+        at = end = self.mark.at_byte  # of the chunk, or the record by itself, that holds the present one
+        needs = dict.fromkeys(self.mark.needs)
+        for record in self._records(stream):
+            if stream.tell() != end:
+                at, end = end, stream.tell()
+                if not (self._infos or self._given or self._requests):
+                    self.mark = Mark(at, tuple(needs))
+            if self._learn(record):
+                needs[at] = None
+            yield record
+
+    def _look_up(self, stream: BinaryIO, needed: int) -> None:
+        """Read what the records at a place say of all that follow."""
+        stream.seek(needed)
+        end: int | None = None
+        for record in self._records(stream):
+            if end not in (None, stream.tell()):
+                return
+            end = stream.tell()
+            if self._learn(record) and isinstance(record, Message):
+                self._item(record)
+
+    def _learn(self, record: Any) -> bool:
+        """Whether a record says something of all that follow; channels and their schemas are noted."""
+        match record:
+            case Schema():
+                known, self._schemas[record.id] = self._schemas.get(record.id), record
+                return known != record
+            case Channel():
+                former, self._channels[record.id] = self._channels.get(record.id), record
+                return former != record
+            case Message():
+                channel = self._channels.get(record.channel_id)
+                return channel is not None and channel.topic.endswith(f"/{CONTROL}/{SETUP}")
+        return False
+
     def _records(self, stream: BinaryIO) -> Iterator[Any]:
-        """The records of the file up to where it was cut off, if it was."""
+        """The records of the file from here up to where it was cut off, if it was."""
         size = self._path.stat().st_size
-        records = iter(StreamReader(stream, validate_crcs=True, record_size_limit=size).records)
-        begun = False
+        begun = self._begin is not None
+        reader = StreamReader(stream, skip_magic=begun, validate_crcs=True, record_size_limit=size)
+        records = iter(reader.records)
         while True:
             try:
                 record = next(records)

@@ -21,7 +21,7 @@ from evaluation.experiments.experiment import Claim, Experiment, Figure, ReportS
 from evaluation.experiments.registry import EXPERIMENTS
 from evaluation.jobs.job import Plain
 from evaluation.jobs.kept import ResultCache
-from evaluation.jobs.run import CLUSTER, CORES, PROCESSES, run_long, workers_of
+from evaluation.jobs.run import CLUSTER, CORES, FINISHED, KEPT, PROCESSES, run_long, workers_of
 from evaluation.long_runs import check_chosen, make_writable
 from evaluation.prose import table_row
 from imaging.errors import AutoexposeError, ConfigurationError
@@ -100,7 +100,7 @@ def _prose(text: str) -> str:
 
 
 experiments_app = typer.Typer(add_completion=False, no_args_is_help=True)
-_Folder = Annotated[Path, typer.Option(help="Folder for the report, figures and finished jobs.")]
+_Folder = Annotated[Path, typer.Option(help="Folder for the report and its figures.")]
 _COLOURS = {"reproduced": "green", "reproduced under conditions": "yellow", "not reproduced": "red", "undecided": "dim"}
 
 
@@ -125,6 +125,7 @@ def run(
     out: _Folder = Path("out/experiments"),
     jobs: PROCESSES = CORES,
     cluster: CLUSTER = None,
+    kept: KEPT = FINISHED,
     json_file: Annotated[
         Path | None, typer.Option("--json", help="Also write the numbers to this file, by experiment if several.")
     ] = None,
@@ -133,6 +134,7 @@ def run(
     chosen = _chosen(names)
     check_chosen(quick, full, lambda quick: _duration_s(chosen, quick, jobs))
     make_writable(out, "--out")
+    make_writable(kept, "--kept")
     if json_file is not None:
         make_writable(json_file.parent, "--json")
     console = Console()
@@ -140,7 +142,7 @@ def run(
     begun_s = time.monotonic()
     work = {experiment.name: experiment.jobs(quick) for experiment in chosen}
     everything = [job for jobs_of_one in work.values() for job in jobs_of_one]
-    results = run_long(everything, ResultCache(out / "jobs"), workers, console, "experiments")
+    results = run_long(everything, ResultCache(kept), workers, console, "experiments")
     chapters: list[Chapter] = []
     data: dict[str, Plain] = {}
     for experiment in chosen:

@@ -17,7 +17,8 @@ class Job:
     measure: Callable[..., Plain]
     arguments: Mapping[str, Plain]  # names, seeds and numbers
     cost_s: float = 1.0  # approximate duration (s of one core): decides the order of jobs and the time left
-    # Ids of the policies that it runs: its result is kept until their code changes. None: any policy.
+    # Ids of the policies that it runs, each perhaps with a colon and what alters it: its result is kept until their
+    # code changes. None: any policy.
     policies: tuple[str, ...] | None = None
     # Whether those that differ in their single policy alone run as one, since they share most of the work: `measure` is
     # then also given a list of them, `policies`, and returns a list of results. None may depend on the others.

@@ -74,6 +74,7 @@ _IDS = "autoexpose_daemon.control.policies.ids"  # Lists them: another policy in
 def _digest(module: str, policies: tuple[str, ...] = tuple(PLACES)) -> str:
     """Of the sources that a module reaches, and of the versions of the libraries that produce numbers. It reaches what
     it imports, the C that this calls and, where it reaches the table of policies, those with these ids."""
+    places = {policy: _place(policy.partition(":")[0]) for policy in policies}
     reached: dict[str, Path] = {}
     ahead = [module]
     while ahead:
@@ -84,7 +85,7 @@ def _digest(module: str, policies: tuple[str, ...] = tuple(PLACES)) -> str:
         ahead += [".".join(name.split(".")[:depth]) for depth in range(1, name.count(".") + 1)]
         ahead += _imports(path)
         if name == _TABLE:
-            ahead += [_place(policy).rpartition(".")[0] for policy in policies]
+            ahead += [place.rpartition(".")[0] for place in places.values()]
     state = hashlib.sha256()
     for name in sorted(reached):
         if name != _IDS:
@@ -93,8 +94,7 @@ def _digest(module: str, policies: tuple[str, ...] = tuple(PLACES)) -> str:
             state.update(weights.read_bytes())
     for path in _c_files(list(reached.values())):
         state.update(path.read_bytes())
-    places = [(policy, PLACES.get(policy) or _place(policy)) for policy in policies]
-    state.update(repr([DEFAULT_POLICY, *places]).encode())
+    state.update(repr([DEFAULT_POLICY, *places.items()]).encode())
     for library in _LIBRARIES:
         state.update(f"{library} {_version(library)}".encode())
     return state.hexdigest()

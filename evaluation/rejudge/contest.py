@@ -20,6 +20,7 @@ from autoexpose_daemon.control.step import StepInputs
 from evaluation.arrays import Greys
 from evaluation.odometry.features import StereoMatcher
 from evaluation.rejudge.camera import FAR_STOPS, Exposer, Made, RecordedCameras, Rectifier
+from evaluation.rejudge.contender import LimitedPolicy
 from evaluation.rejudge.drive import Drive
 from evaluation.rejudge.following import Followed, Follower, Following, ReferenceTrajectory, Trajectory
 from imaging.errors import AutoexposeError
@@ -46,7 +47,7 @@ class InstantCameras(Protocol):
 class Figures:
     """What the frames of a policy are worth; None: not known, for lack of a geometry, a second camera, or motion."""
 
-    policy: str  # its id
+    policy: str  # its id, or the name of a contender
     metric: float  # mean M_g of the reference frames
     # saturated_share, black_share: their mean shares.
     saturated_share: float
@@ -160,7 +161,7 @@ class Round:
     """Policies that go through the drive side by side, so that what is read of it is read once."""
 
     drive: Drive
-    policies: Sequence[str]  # their ids
+    policies: Sequence[str]  # names of contenders
     odometry: str
     reference: ReferenceTrajectory | None  # the true trajectory, or that on the best shots; None: errors are not known
     folder: Path
@@ -183,7 +184,7 @@ def play(one: Round) -> list[Outcome]:
     start = first_setting(drive)
     judge = partial(_judge, drive, one.odometry, one.folder)
     runs = [
-        PolicyRun(replace(drive.setup.of_policy(policy), start=start), drive.delay_frames, judge(policy))
+        PolicyRun(LimitedPolicy.of(policy).setup(drive.setup, start), drive.delay_frames, judge(policy))
         for policy in one.policies
     ]
     shown = set(np.linspace(0, len(timeline.glimpses) - 1, PICTURES + 2).round().astype(int)[1:-1].tolist())
@@ -198,8 +199,8 @@ def play(one: Round) -> list[Outcome]:
                 pictures[place].append(made.pair.reference.grey8())
                 captions[place].append(str(made.pair.reference.setting))
     return [
-        Outcome(run.end(one.reference), run.levels, seen, said)
-        for run, seen, said in zip(runs, pictures, captions, strict=True)
+        Outcome(replace(run.end(one.reference), policy=policy), run.levels, seen, said)
+        for policy, run, seen, said in zip(one.policies, runs, pictures, captions, strict=True)
     ]
 
 

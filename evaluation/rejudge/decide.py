@@ -5,7 +5,8 @@ localization decides first: the error of odometry, then the share of pairs that 
 give. A policy is recommended if it is better in one of these, and worse in none that comes before it. Better: the
 interval is above 0, and the difference is at least the margin. Not worse: no part of the interval is below 0 by more
 than the margin. Who loses more pairs is never better, since errors are of those that are kept. Intervals hold for all
-policies together, so that one of twenty is not recommended by chance.
+policies together, so that one of twenty is not recommended by chance. A policy with limits of its own must also be
+better than the same without them.
 """
 
 from __future__ import annotations
@@ -17,10 +18,15 @@ from dataclasses import dataclass
 from scipy.stats import t
 
 from evaluation.intervals import FEWEST, Interval, over_places
+from evaluation.rejudge.contender import ALTERED
 
 SEGMENT_S = 10.0
 FEWEST_SEGMENTS = 6
 """With fewer nothing is decided: so few say little about how much segments differ."""
+
+LEAST_MM = 0.1
+"""Errors below are not told apart. Frames that are the very shots of the reference have none at all, and the logarithm
+of a ratio with nothing would decide alone."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,7 +106,7 @@ def _difference(policy: str, ours: Sequence[SeenSegment], theirs: Sequence[SeenS
         return over_places([value for _, value, _ in rows], places, [weight for *_, weight in rows], percent)
 
     errors = [
-        (one, math.log(other.rpe_mm / one.rpe_mm), 1.0)
+        (one, math.log(max(other.rpe_mm, LEAST_MM) / max(one.rpe_mm, LEAST_MM)), 1.0)
         for one, other in pairs
         if one.rpe_mm is not None and other.rpe_mm is not None
     ]
@@ -141,7 +147,11 @@ def decide(seen: Mapping[str, Sequence[SeenSegment]], present: str, margins: Mar
             None, f"nothing was matched, so nothing tells what frames are worth to localization: stay with {present}"
         )
     if len(seen[present]) >= FEWEST_SEGMENTS:
-        better = [(each, by) for each in found if (by := _better_by(each, margins)) is not None]
+        better = [
+            (each, by)
+            for each in found
+            if (by := _better_by(each, margins)) is not None and _better_than_unaltered(each.policy, seen, margins)
+        ]
         if better:
             best, by = min(better, key=_order)
             return Recommendation(best.policy, f"{best.policy} rather than {present}: {_in_words(best, by)}")
@@ -170,6 +180,15 @@ def _better_by(one: Difference, margins: Margins) -> str | None:
         if interval.low < -margin:
             return None
     return None
+
+
+def _better_than_unaltered(name: str, seen: Mapping[str, Sequence[SeenSegment]], margins: Margins) -> bool:
+    """True also of a policy itself, and where it was not judged."""
+    policy = name.partition(ALTERED)[0]
+    if policy == name or policy not in seen:
+        return True
+    level = 100.0 - 5.0 / max(len(seen) - 1, 1)
+    return _better_by(_difference(name, seen[name], seen[policy], level), margins) is not None
 
 
 def _settled(one: Difference, margins: Margins) -> bool:

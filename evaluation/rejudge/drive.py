@@ -294,6 +294,13 @@ class Drive:
             yield number, pair_at
 
 
+def check_long_enough(name: str, pairs: int, cycle: int) -> None:
+    """Raise AutoexposeError for a drive of too few pairs."""
+    needed = FEWEST_CYCLES * cycle
+    if pairs < needed:
+        raise AutoexposeError(f"{name}: has {pairs} complete pairs: give at least {needed}, {FEWEST_CYCLES} cycles")
+
+
 def watched(
     name: str,
     setup: ControlSetup,
@@ -314,11 +321,7 @@ def watched(
             raise AutoexposeError(f"{name}: frames of YUV422_8 cannot be exposed again: record Mono, Bayer or RGB8")
         glimpses.append(watcher.look(pair, decision, time_s))
         shape = plane_shape((frame.pixels.shape[0], frame.pixels.shape[1]), frame.layout)
-    needed = FEWEST_CYCLES * cycle
-    if len(glimpses) < needed:
-        raise AutoexposeError(
-            f"{name}: has {len(glimpses)} complete pairs: give at least {needed}, {FEWEST_CYCLES} cycles"
-        )
+    check_long_enough(name, len(glimpses), cycle)
     missing = glimpses[-1].trigger - glimpses[0].trigger + 1 - len(glimpses)
     timeline = Timeline.of(glimpses, cycle)
     return Drive(name, setup, source, timeline, geometries, shape, delay_frames(glimpses), max(missing, 0))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from datetime import datetime
 from functools import cache
 from pathlib import Path
@@ -18,6 +18,7 @@ from documents.files import read_text
 from evaluation.intervals import Interval
 from evaluation.jobs.kept import ResultCache
 from evaluation.jobs.run import Workers, run_long
+from evaluation.rejudge.contender import LimitedPolicy, unaltered
 from evaluation.rejudge.contest import Figures, section
 from evaluation.rejudge.decide import Difference, Margins, Recommendation, SeenSegment, decide, differences
 from evaluation.rejudge.segments import parts_of, seen, segment_jobs, survey_job, together
@@ -103,6 +104,10 @@ class JudgedFleet:
         """Each policy compared with the present one; intervals of 95 %."""
         return differences(self.seen(group), self.present, 95.0)
 
+    def of(self, drive: JudgedDrive) -> JudgedFleet:
+        """A drive by itself."""
+        return replace(self, drives=[drive])
+
     def figures(self, drives: Sequence[JudgedDrive] | None = None) -> list[Figures]:
         """Of each policy over drives, by default all."""
         some = self.drives if drives is None else drives
@@ -117,12 +122,14 @@ class JudgedFleet:
     @property
     def section(self) -> str:
         """What to put into the configuration, YAML. Limits and start only if all drives agree on them."""
-        policy = self.decision().policy or self.present
+        run = LimitedPolicy.of(self.decision().policy or self.present)
         abouts = [result["about"] for drive in self.drives for result in drive.results[self.present]]
         limits, start = abouts[0]["limits"], abouts[0]["start"]
         if len(self.drives) > 1 and any(about["limits"] != limits for about in abouts):
-            return f"control:\n  policy: {policy}\n"
-        return section(policy, ExposureLimits(**limits), ExposureSetting(**start))
+            lowered = "".join(f"  {limit}: {value:g}\n" for limit, value in run.lowered)
+            return f"control:\n  policy: {run.policy_id}\n" + (f"exposure:\n{lowered}" if lowered else "")
+        own = run.limits(ExposureLimits(**limits))
+        return section(run.policy_id, own, own.nearest(ExposureSetting(**start)))
 
     def document(self) -> dict[str, Any]:
         """What is written as JSON."""
@@ -182,9 +189,15 @@ def judge(
     """
     surveys, refused = _surveyed(drives, kept, workers, console)
     present = present or _present(list(surveys.values()))
-    everyone = list(dict.fromkeys([*policies, present]))
-    asked = [(path, part) for path, one in surveys.items() for part in parts_of(one.times_s)]
-    jobs = [job for path, part in asked for job in segment_jobs(path, part, everyone, odometry, trajectory)]
+    everyone = list(dict.fromkeys([*policies, *unaltered(policies), present]))
+    for path, one in surveys.items():
+        _check_limits(everyone, path, one)
+    asked = [(path, part) for path, one in surveys.items() for part in parts_of(one.times_s, one.fewest_pairs)]
+    jobs = [
+        job
+        for path, part in asked
+        for job in segment_jobs(path, part, everyone, odometry, trajectory, near=surveys[path].near(part[0]))
+    ]
     found: list[Any] = run_long(jobs, kept, workers, console, "policies through segments")
     results: dict[Path, dict[str, list[Any]]] = {path: {policy: [] for policy in everyone} for path in surveys}
     for place, (path, _) in enumerate(asked):
@@ -208,6 +221,14 @@ def _surveyed(
         raise AutoexposeError("\n".join(refused))
     surveys = {drive: Survey(**one) for drive, one in zip(drives, found, strict=True) if "refused" not in one}
     return surveys, refused
+
+
+def _check_limits(names: Sequence[str], path: Path, one: Survey) -> None:
+    for name in names:
+        try:
+            LimitedPolicy.of(name).limits(ExposureLimits(**one.limits))
+        except ConfigurationError as error:
+            raise ConfigurationError(f"{path}: {error}") from None
 
 
 def _present(surveys: Sequence[Survey]) -> str:

@@ -12,13 +12,14 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from autoexpose_daemon.control.policies.ids import check_policy_id, policy_ids
+from autoexpose_daemon.control.policies.ids import check_policy_id
 from autoexpose_daemon.own_policy.installed import register_policies
 from documents.files import check_writable
 from evaluation.intervals import Interval
 from evaluation.jobs.kept import ResultCache
 from evaluation.jobs.run import CLUSTER, CORES, FINISHED, KEPT, PROCESSES, workers_of
 from evaluation.long_runs import make_writable
+from evaluation.rejudge.contender import contenders
 from evaluation.rejudge.contest import Figures
 from evaluation.rejudge.decide import Difference, Margins
 from evaluation.rejudge.fleet import By, JudgedDrive, JudgedFleet, found_drives, groups_of, judge
@@ -27,6 +28,7 @@ from evaluation.rejudge.report import write_report
 from imaging.errors import ConfigurationError
 
 _MARGINS = Margins()
+_NAME_WIDTH = 22  # So that figures fit beside names on a line of 80
 
 
 def rejudge(
@@ -35,7 +37,12 @@ def rejudge(
         typer.Argument(help="Recordings by `record --bracket`, folders of images, folders of these, or lists (.txt)."),
     ],
     *,
-    policies: Annotated[str, typer.Option(help="Ids, separated by commas; or `all`.")] = "all",
+    policies: Annotated[
+        str,
+        typer.Option(
+            help="Ids, separated by commas, or `all`; with lower limits as belief:max_time_us=3000:max_gain_db=12."
+        ),
+    ] = "all",
     present: Annotated[
         str | None, typer.Option(help="What robots run now, with which others are compared: by default, what they ran.")
     ] = None,
@@ -68,7 +75,7 @@ def rejudge(
 ) -> None:
     """Take policies through drives that were recorded in brackets, and say which one robots should run."""
     register_policies()
-    chosen = _chosen(policies)
+    chosen = contenders(policies)
     if present is not None:
         check_policy_id(present)
     check_odometry(odometry)
@@ -95,16 +102,6 @@ def rejudge(
     if report is not None:
         write_report(judgement, report)
         console.print(f"report: {report}")
-
-
-def _chosen(policies: str) -> list[str]:
-    """The requested ids, each once."""
-    if policies == "all":
-        return list(policy_ids())
-    chosen = list(dict.fromkeys(policies.split(",")))
-    for policy in chosen:
-        check_policy_id(policy)
-    return chosen
 
 
 def _show(judgement: JudgedFleet, console: Console) -> None:
@@ -154,12 +151,19 @@ def _print_differences(found: Sequence[Difference], present: str, console: Conso
     if not found:
         return
     table = Table(box=None, padding=(0, 1, 0, 0), pad_edge=False)
-    for place, name in enumerate([f"better than {present} by", "error", "lost pairs", "matches"]):
-        table.add_column(name, justify="right" if place else "left", no_wrap=True)
+    _add_names(table, f"better than {present} by", [one.policy for one in found])
+    for name in ("error", "lost pairs", "matches"):
+        table.add_column(name, justify="right", no_wrap=True)
     for one in found:
         table.add_row(one.policy, _interval(one.odometry), _interval(one.lost), _interval(one.features))
     console.print(table)
     console.print("in %, with intervals of 95 %, paired by segments of ten seconds", highlight=False)
+
+
+def _add_names(table: Table, head: str, names: Sequence[str]) -> None:
+    """The first column; long names go on in the next line."""
+    width = min(max(len(each) for each in (head, *names)), _NAME_WIDTH)
+    table.add_column(head, min_width=width, max_width=width, overflow="fold")
 
 
 def _interval(interval: Interval | None) -> str:
@@ -174,8 +178,9 @@ def _print(figures: Sequence[Figures], best: str, console: Console) -> None:
     figures_shown = [
         "RPE\nmm", "lost", "matches", "M_g", "satu-\nrated", "black", "time\nms", "gain\ndB", "far", "blur",
     ]  # fmt: skip
-    for place, head in enumerate(["policy", *figures_shown]):
-        table.add_column(head, justify="right" if place else "left", no_wrap=True)
+    _add_names(table, "policy", [one.policy for one in figures])
+    for head in figures_shown:
+        table.add_column(head, justify="right", no_wrap=True)
     for one in sorted(figures, key=_rank):
         table.add_row(
             f"[bold]{one.policy}[/]" if one.policy == best else one.policy,

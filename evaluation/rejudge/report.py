@@ -9,11 +9,13 @@ from typing import Any
 
 from documents.text import readable
 from evaluation.intervals import Interval
-from evaluation.rejudge.decide import Difference
+from evaluation.rejudge.decide import LEAST_MM, Difference
 from evaluation.rejudge.fleet import JudgedDrive, JudgedFleet
 from imaging.errors import AutoexposeError
 
+SHOWN_DRIVES = 20  # More of them are folded away
 REACH = 0.4  # The axis of differences goes so far to both sides, as a share
+LOWEST = -9.99  # Shares below are not told apart
 SPAN_STOPS = 4.0  # Heights of drawn exposures are at least this
 
 
@@ -26,6 +28,26 @@ class Bar:
     low: float
     value: float
     high: float
+    side: str  # "better", "worse" or "open"
+
+
+@dataclass(frozen=True, slots=True)
+class DriveRow:
+    """What a drive says by itself."""
+
+    name: str
+    minutes: float
+    group: str
+    decided: str  # what to run, to stay, or "undecided"
+    differences: Sequence[Apart]
+
+
+@dataclass(frozen=True, slots=True)
+class Apart:
+    """How much better a policy is than the present one, in what is known of it first."""
+
+    policy: str
+    text: str
     side: str  # "better", "worse" or "open"
 
 
@@ -56,6 +78,7 @@ def write_report(judgement: JudgedFleet, page: Path) -> None:
         title=f"Policies on {names[0]}" if len(names) == 1 else f"Policies on {len(names)} drives",
         judgement=judgement, decision=judgement.decision(), figures=judgement.figures(),
         rows=[(one.policy, _bars(one)) for one in judgement.differences()],
+        drives=[_row(judgement.of(drive)) for drive in judgement.drives], shown_drives=SHOWN_DRIVES,
         groups=[(group, judgement.decision(group)) for group in judgement.groups],
         worst=[worst for policy in judgement.policies if (worst := _worst(judgement, policy)) is not None],
         minutes=sum(drive.seconds for drive in judgement.drives) / 60.0, reach=100 * REACH,
@@ -64,6 +87,27 @@ def write_report(judgement: JudgedFleet, page: Path) -> None:
         page.write_text(text, encoding="utf-8")
     except OSError as error:
         raise AutoexposeError(f"{page} cannot be written: {readable(str(error.strerror))}") from error
+
+
+def _row(alone: JudgedFleet) -> DriveRow:
+    """Of a fleet of one drive."""
+    (drive,), made = alone.drives, alone.decision()
+    decided = f"run {made.policy}" if made.policy else "stay" if made.more_minutes is None else "undecided"
+    apart = [_apart(one) for one in alone.differences()]
+    return DriveRow(drive.path.name, drive.seconds / 60.0, drive.group, decided, apart)
+
+
+def _apart(one: Difference) -> Apart:
+    if not one.known:
+        return Apart(one.policy, "?", "open")
+    name, interval = one.known[0]
+    low, high = (f"{100 * max(each, LOWEST):+.0f}" for each in (interval.low, interval.high))
+    unit = {"odometry": "error", "lost": "lost pairs", "features": "matches"}[name]
+    return Apart(one.policy, f"{100 * interval.value:+.0f} % [{low}, {high}] {unit}", _side(interval))
+
+
+def _side(interval: Interval) -> str:
+    return "better" if interval.low > 0 else "worse" if interval.high < 0 else "open"
 
 
 def _bars(one: Difference) -> list[Bar]:
@@ -75,8 +119,7 @@ def _bar(name: str, interval: Interval) -> Bar:
     low, value, high = (
         50.0 + 50.0 * min(max(each / REACH, -1.0), 1.0) for each in (interval.low, interval.value, interval.high)
     )
-    side = "better" if interval.low > 0 else "worse" if interval.high < 0 else "open"
-    return Bar(name, f"{100 * interval.value:+.1f} %", low, value, high, side)
+    return Bar(name, f"{100 * interval.value:+.1f} %", low, value, high, _side(interval))
 
 
 def _worst(judgement: JudgedFleet, policy: str) -> Worst | None:
@@ -101,7 +144,8 @@ def _worst(judgement: JudgedFleet, policy: str) -> Worst | None:
 
 
 def _badness(ours: dict[str, Any], theirs: dict[str, Any]) -> tuple[float, float, float]:
-    ratio = ours["rpe_mm"] / theirs["rpe_mm"] if ours["rpe_mm"] and theirs["rpe_mm"] else 1.0
+    own_mm, other_mm = ours["rpe_mm"], theirs["rpe_mm"]
+    ratio = 1.0 if own_mm is None or other_mm is None else max(own_mm, LEAST_MM) / max(other_mm, LEAST_MM)
     return (ours["lost_share"] or 0.0) - (theirs["lost_share"] or 0.0) + ratio, ratio, -(ours["matches"] or 0.0)
 
 

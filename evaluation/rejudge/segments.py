@@ -29,7 +29,7 @@ from evaluation.rejudge.contest import (
 from evaluation.rejudge.decide import SEGMENT_S, SeenSegment
 from evaluation.rejudge.drive import Drive
 from evaluation.rejudge.following import IN_HOUSE, ORB_SLAM3, ReferenceTrajectory, Trajectory, read_tum
-from evaluation.rejudge.sources import Part, Survey, read_drive
+from evaluation.rejudge.sources import MarkedPair, Part, Survey, read_drive
 from imaging.errors import AutoexposeError, ConfigurationError
 
 WIDTH = 240  # Of a picture, pixels
@@ -52,19 +52,32 @@ def survey(drive: str) -> Plain:
     return found
 
 
-def parts_of(times_s: Sequence[float]) -> list[Part]:
-    """The segments of a drive by its pairs' times; the last one is up to half as long again."""
+def parts_of(times_s: Sequence[float], fewest: int = 1) -> list[Part]:
+    """The segments of a drive by its pairs' times, longer where they had fewer pairs; the last is up to half as long
+    again."""
     numbers = ((np.asarray(times_s) - times_s[0]) / SEGMENT_S).astype(int)
     if len(times_s) > 1 and (times_s[-1] - times_s[0]) % SEGMENT_S < SEGMENT_S / 2 and numbers[-1] > 0:
         numbers[numbers == numbers[-1]] -= 1
-    starts = [0, *(np.flatnonzero(np.diff(numbers)) + 1).tolist(), len(times_s)]
-    return list(pairwise(starts))
+    starts = [0]
+    for start in (np.flatnonzero(np.diff(numbers)) + 1).tolist():
+        if min(start - starts[-1], len(times_s) - start) >= fewest:
+            starts.append(start)
+    return list(pairwise([*starts, len(times_s)]))
 
 
-def segment_jobs(drive: Path, part: Part, policies: Sequence[str], odometry: str, trajectory: Path | None) -> list[Job]:
-    """One for each policy through a segment."""
+def segment_jobs(
+    drive: Path,
+    part: Part,
+    policies: Sequence[str],
+    odometry: str,
+    trajectory: Path | None,
+    *,
+    near: MarkedPair | None,
+) -> list[Job]:
+    """One for each policy through a segment. `near`: a mark of the recording before it."""
     arguments: dict[str, Plain] = {
-        "drive": str(drive), "first": part[0], "end": part[1], "odometry": odometry,
+        "drive": str(drive), "first": part[0], "end": part[1], "near": near and [near[0], near[1], list(near[2])],
+        "odometry": odometry,
         "trajectory": None if trajectory is None else str(trajectory), "program": _program(odometry),
     }  # fmt: skip
     files = ("drive",) if trajectory is None else ("drive", "trajectory")
@@ -83,6 +96,7 @@ def measure_segment(
     *,
     first: int,
     end: int,
+    near: MarkedPair | None,
     odometry: str,
     trajectory: str | None,
     program: Sequence[str],
@@ -92,7 +106,7 @@ def measure_segment(
 
     Raises AutoexposeError in words for the user.
     """
-    segment = read_drive(Path(drive), (first, end))
+    segment = read_drive(Path(drive), (first, end), near)
     unfollowed: str | None = None
     with tempfile.TemporaryDirectory(prefix="autoexpose-rejudge-") as folder:
         truth = None if trajectory is None else read_tum(Path(trajectory))

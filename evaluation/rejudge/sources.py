@@ -7,8 +7,8 @@ import io
 import itertools
 import math
 import sys
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -22,11 +22,11 @@ from autoexpose_daemon.control.parameters import Bracketing, ControlParameters
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from autoexpose_daemon.control.setup import ControlSetup
 from autoexpose_daemon.recording.file import LoopState, RecordingError, Setup, Step
-from autoexpose_daemon.recording.read import Recording
+from autoexpose_daemon.recording.read import Mark, Recording
 from calibration.geometry.file import check_pair, load_geometry
 from calibration.response.file import ResponseFile
 from documents.files import read_text
-from evaluation.rejudge.drive import Drive, watched
+from evaluation.rejudge.drive import FEWEST_CYCLES, Drive, check_long_enough, watched
 from imaging.errors import AutoexposeError, ConfigurationError
 from imaging.exposure import ExposureLimits, ExposureSetting
 from imaging.frames import CameraName, Frame, FrameSet
@@ -55,11 +55,17 @@ class ListedImage:
 
 Part = tuple[int, int]  # Of the complete pairs of a drive: the first, and the one after the last
 _ALL: Part = (0, sys.maxsize)
+# A pair of a recording, the byte of a mark before it, and what that needs (`Mark`): plain, for jobs.
+MarkedPair = tuple[int, int, Sequence[int]]
+MARKS_S = 1.0  # How far marks are apart in a drive
 
 
-def read_drive(path: Path, part: Part = _ALL) -> Drive:
-    """A recording or a folder, or a part of it, for the first time. Raises as `read_folder` and `read_recording` do."""
-    return read_folder(path, part) if path.is_dir() else read_recording(path, part)
+def read_drive(path: Path, part: Part = _ALL, near: MarkedPair | None = None) -> Drive:
+    """A recording or a folder, or a part of it, for the first time. Raises as `read_folder` and `read_recording` do.
+
+    `near`: a mark of a recording from which to look for the part.
+    """
+    return read_folder(path, part) if path.is_dir() else read_recording(path, part, near)
 
 
 def read_folder(folder: Path, part: Part = _ALL) -> Drive:
@@ -71,15 +77,17 @@ def read_folder(folder: Path, part: Part = _ALL) -> Drive:
     settings = [next(iter(entries.values())).setting for entries in instants]
     levels = [setting.level for setting in settings]
     bracket = Bracketing(_cycle(folder, levels), max(max(levels) - min(levels), 1.0))
-    limits = ExposureLimits(
-        min(_DARKEST_US, *(setting.exposure_time_us for setting in settings)),
-        max(setting.exposure_time_us for setting in settings),
-        min(0.0, *(setting.gain_db for setting in settings)),
-        max(_HIGHEST_GAIN_DB, *(setting.gain_db for setting in settings)),
-    )
-    setup = ControlSetup("fixed", responses, limits, settings[0], ControlParameters(bracket=bracket))
+    setup = ControlSetup("fixed", responses, _limits(settings), settings[0], ControlParameters(bracket=bracket))
     source = partial(_pairs, instants[slice(*part)])
     return watched(str(folder), setup, _decided(setup, source()), source, geometries)
+
+
+def _limits(settings: Sequence[ExposureSetting]) -> ExposureLimits:
+    """Those that a camera must at least have had."""
+    times_us, gains_db = ([getattr(one, name) for one in settings] for name in ("exposure_time_us", "gain_db"))
+    return ExposureLimits(
+        min(_DARKEST_US, *times_us), max(times_us), min(0.0, *gains_db), max(_HIGHEST_GAIN_DB, *gains_db)
+    )
 
 
 def _decided(setup: ControlSetup, pairs: Iterator[FrameSet]) -> Iterator[tuple[FrameSet, Decision, float]]:
@@ -222,21 +230,19 @@ def _response(folder: Path, camera: CameraName) -> ResponseFunction:
     return ResponseFile.load(file).response if file.exists() else ResponseFunction.linear()
 
 
-def read_recording(path: Path, part: Part = _ALL) -> Drive:
-    """Read a recording for the first time. Raises AutoexposeError: in one sentence, when it cannot be read, or was not
-    recorded in brackets."""
+def read_recording(path: Path, part: Part = _ALL, near: MarkedPair | None = None) -> Drive:
+    """Read a recording, or a part of it, for the first time. Raises AutoexposeError: in one sentence, when it cannot be
+    read, or was not recorded in brackets."""
     setup = _bracketed(path)
     bracket = setup.parameters.bracket
     geometries: dict[CameraName, CameraGeometry] = {}
 
     def seen() -> Iterator[tuple[FrameSet, Decision, float]]:
-        first, end = part
-        for number, step in enumerate(itertools.islice(_steps(path, bracket), end)):
+        for step in _steps(path, bracket, part, near):
             geometries.update(step.calibrations)
-            if number >= first:
-                yield step.pair, step.decision, step.stamp_ns * 1e-9
+            yield step.pair, step.decision, step.stamp_ns * 1e-9
 
-    return watched(str(path), setup, seen(), partial(_recorded_pairs, path, bracket, part), geometries)
+    return watched(str(path), setup, seen(), partial(_recorded_pairs, path, bracket, part, near), geometries)
 
 
 @dataclass(frozen=True, slots=True)
@@ -247,22 +253,48 @@ class Survey:
     robot: str  # the rig that it was recorded as, or the name of the folder
     times_s: Sequence[float]  # of its complete pairs
     level: float  # median exposure level of the pairs, stops: the higher, the darker it was
+    limits: Mapping[str, Any]  # `ExposureLimits` of the recording
+    cycle: int  # pairs in a cycle of the bracket
+    marks: Sequence[MarkedPair] = ()  # of a recording, in order
+
+    @property
+    def fewest_pairs(self) -> int:
+        """That a part must have."""
+        return FEWEST_CYCLES * self.cycle
+
+    def near(self, number: int) -> MarkedPair | None:
+        """The last mark that is not after a pair."""
+        return max((mark for mark in self.marks if mark[0] <= number), key=lambda mark: mark[0], default=None)
 
     @classmethod
     def of(cls, path: Path) -> Self:
         """Read a drive. Raises as `read_drive` does."""
+        marks: list[MarkedPair] = []
         if path.is_dir():
             entries = [next(iter(instant.values())) for instant in _instants(path)]
             policy, robot = DEFAULT_POLICY, path.name
             seen = [(entry.time_s, entry.setting.level) for entry in entries]
+            limits = _limits([entry.setting for entry in entries])
+            cycle = _cycle(path, [entry.setting.level for entry in entries])
         else:
             setup, recording = _bracketed(path), Recording(path)
+            bracket = setup.parameters.bracket
+            assert bracket is not None
+            cycle = bracket.exposures + bracket.keep
             policy, robot = setup.policy_id, path.stem
-            steps = _complete(recording, path, setup.parameters.bracket)
-            seen = [(step.stamp_ns * 1e-9, step.pair.reference.setting.level) for step in steps]
+            seen, before, limits = [], None, setup.limits
+            for number, step in enumerate(_complete(recording, path, bracket)):
+                time_s, mark = step.stamp_ns * 1e-9, recording.mark
+                if mark != before and (not marks or time_s >= seen[marks[-1][0]][0] + MARKS_S):
+                    marks.append((number, mark.at_byte, mark.needs))  # the first pair after it
+                seen.append((time_s, step.pair.reference.setting.level))
+                before = mark
             robot = recording.rig or robot
         times_s = [time_s for time_s, _ in seen]
-        return cls(policy, robot, times_s, float(np.median([level for _, level in seen] or [0.0])))
+        level = float(np.median([level for _, level in seen] or [0.0]))
+        if times_s:
+            check_long_enough(str(path), len(times_s), cycle)
+        return cls(policy, robot, times_s, level, asdict(limits), cycle, marks)
 
 
 def _bracketed(path: Path) -> ControlSetup:
@@ -280,13 +312,15 @@ def _setup(path: Path) -> ControlSetup:
     raise RecordingError(f"{path}: is damaged: it does not say how it was made")
 
 
-def _recorded_pairs(path: Path, bracket: Bracketing | None, part: Part) -> Iterator[FrameSet]:
-    return (step.pair for step in itertools.islice(_steps(path, bracket), *part))
+def _recorded_pairs(path: Path, bracket: Bracketing | None, part: Part, near: MarkedPair | None) -> Iterator[FrameSet]:
+    return (step.pair for step in _steps(path, bracket, part, near))
 
 
-def _steps(path: Path, bracket: Bracketing | None) -> Iterator[Step]:
-    """Those with complete pairs."""
-    return _complete(Recording(path), path, bracket)
+def _steps(path: Path, bracket: Bracketing | None, part: Part, near: MarkedPair | None) -> Iterator[Step]:
+    """Those of a part with complete pairs."""
+    first, end = part
+    marked, mark = (0, None) if near is None else (near[0], Mark(near[1], tuple(near[2])))
+    return itertools.islice(_complete(Recording(path, mark), path, bracket), first - marked, end - marked)
 
 
 def _complete(recording: Recording, path: Path, bracket: Bracketing | None) -> Iterator[Step]:

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -61,6 +65,44 @@ def test_twice_the_margin_is_found_in_twenty_minutes() -> None:
     assert found >= 45
 
 
+JUDGED = json.loads((Path(__file__).parent / "judged_segments.json").read_text())
+"""Segments of simulated drives, by `python -m benchmarks.bench_rejudge`: each course driven twice, with other noise."""
+JUDGED_S = 4.0
+TWENTY_MINUTES = round(20 * 60 / JUDGED_S)
+DRAWS = 200
+
+
+def drawn(policy: str, draw: int, number: int, better: float = 0.0) -> dict[str, list[SeenSegment]]:
+    """So many of the judged segments with repetition, in drives of a minute; and the same courses in other noise, once
+    the one and once the other for the present policy: there is no true difference but the one that is given."""
+    random = np.random.default_rng([draw, number])
+    of_course: dict[str, list[list[Any]]] = {}
+    for name, *figures in JUDGED[policy]:
+        of_course.setdefault(name.partition("-")[0], []).append(figures)
+    courses = [both for both in of_course.values() if len(both) == 2]
+    seen: dict[str, list[SeenSegment]] = {PRESENT: [], "other": []}
+    for place in range(number):
+        both = courses[random.integers(len(courses))]
+        for name, figures in zip(seen, random.permutation(2), strict=True):
+            error_mm, lost, matches = both[figures]
+            if error_mm is not None and name == "other":
+                error_mm *= 1.0 - better
+            seen[name].append(SeenSegment(f"drive{place // 15}", place % 15, error_mm, lost, matches))
+    return seen
+
+
+@pytest.mark.parametrize("policy", JUDGED)
+def test_of_simulated_drives_noise_decides_seldom_and_twice_the_margin_in_twenty_minutes(policy: str) -> None:
+    alike = [decide(drawn(policy, draw, TWENTY_MINUTES), PRESENT).policy for draw in range(DRAWS)]
+    assert alike.count("other") <= 0.05 * DRAWS
+    better = [
+        decide(drawn(policy, draw, TWENTY_MINUTES, 2 * MARGINS.odometry), PRESENT).policy for draw in range(DRAWS)
+    ]
+    assert better.count("other") >= 0.9 * DRAWS
+    short = [decide(drawn(policy, draw, 3), PRESENT) for draw in range(DRAWS)]
+    assert all(one.policy is None and one.more_minutes for one in short)
+
+
 def test_a_short_drive_decides_nothing_and_says_how_much_is_missing() -> None:
     seen = {PRESENT: segments(0, 2), "a": segments(1, 2, 0.03)}
     made = decide(seen, PRESENT)
@@ -97,6 +139,15 @@ def test_what_decides_first(other: dict[str, float], recommended: str | None, wo
     assert all(word in made.why for word in words), made.why
 
 
+def test_a_segment_without_any_error_does_not_decide_alone() -> None:
+    """Frames that are the shots of the reference itself."""
+    seen = {PRESENT: segments(1, minutes(20)), "other": segments(2, minutes(20), -0.3)}
+    seen["other"][5] = replace(seen["other"][5], rpe_mm=1e-15)
+    assert decide(seen, PRESENT).policy is None
+    (found,) = differences(seen, PRESENT)
+    assert found.odometry is not None and found.odometry.high < 0.0
+
+
 def test_lost_pairs_decide_where_errors_are_alike() -> None:
     calm = {"number": minutes(20), "seed": 1}
     seen = {PRESENT: segments(**calm, lost_share=0.1), "other": segments(**calm, more_matches=-0.3)}
@@ -128,3 +179,17 @@ def test_drives_are_what_is_drawn_where_there_are_many() -> None:
     (alone,) = differences(apart, PRESENT)
     assert together.odometry is not None and alone.odometry is not None
     assert together.odometry.high - together.odometry.low > 2 * (alone.odometry.high - alone.odometry.low)
+
+
+@pytest.mark.parametrize(("lower_still", "recommended"), [(0.0, "lu2010"), (0.35, "lu2010:max_time_us=3000")])
+def test_a_limit_is_recommended_only_if_it_is_better_than_the_policy_without(
+    lower_still: float, recommended: str
+) -> None:
+    """Both are better than the present policy."""
+    errors = 1.0 - 0.65 * (1.0 - lower_still)
+    seen = {
+        PRESENT: segments(1, minutes(20)),
+        "lu2010": segments(2, minutes(20), 0.35),
+        "lu2010:max_time_us=3000": segments(3, minutes(20), errors + 0.005),
+    }
+    assert decide(seen, PRESENT).policy == recommended

@@ -198,13 +198,19 @@ def test_only_claims_of_the_papers_are_counted() -> None:
     assert said.startswith("1 claim: 1 reproduced, 0 reproduced under conditions, 0 not reproduced. Not counted: 2 ")
 
 
+def places(folder: Path) -> tuple[str, ...]:
+    """Options by which a run writes below a folder alone."""
+    return "--out", str(folder), "--kept", str(folder / "jobs")
+
+
 def test_the_command_refuses_bad_arguments_before_it_starts_work(tmp_path: Path) -> None:
     for arguments, said in (
         (["run", "fig1"], "say how much: --full takes about a minute with these --jobs, --quick about a minute"),
         (["run", "all", "--jobs", "1"], " hours with these --jobs, --quick about "),
         (["run", "fig1", "--quick", "--full"], "--quick and --full exclude each other"),
         (["run", "fig99"], "there is no experiment 'fig99': choose all, or from fig1"),
-        (["run", "fig1", "--quick", "--out", str(tmp_path / "file" / "out")], "cannot be written to"),
+        (["run", "fig1", "--quick", "--out", str(tmp_path / "file" / "out")], "choose another --out"),
+        (["run", "fig1", "--quick", *places(tmp_path), "--kept", str(tmp_path / "file")], "choose another --kept"),
     ):
         (tmp_path / "file").write_text("")
         outcome = CliRunner().invoke(app, arguments)
@@ -222,7 +228,7 @@ def test_the_command_writes_the_report_and_again_from_kept_results(
     monkeypatch.setattr(experiments_app, "EXPERIMENTS", (made,))
     CALLS.clear()
     for _ in range(2):
-        outcome = CliRunner().invoke(app, ["run", "all", "--full", "--jobs", "1", "--out", str(tmp_path)])
+        outcome = CliRunner().invoke(app, ["run", "all", "--full", "--jobs", "1", *places(tmp_path)])
         assert outcome.exit_code == 0 and "we saw: 4, 9" in outcome.output and "100 %" in outcome.output
         assert "4, 9" in (tmp_path / "experiments.md").read_text()
     assert "all kept from earlier" in outcome.output and sorted(CALLS) == [2, 3]
@@ -249,7 +255,7 @@ def test_json_has_the_numbers_of_one_experiment_or_of_several_by_name(
         (["one", "two"], {"one": generic, "two": {"own": "form"}}),
         (["all"], generic),
     ):
-        arguments = ["run", *given, "--quick", "--jobs", "1", "--out", str(tmp_path / "out"), "--json", str(file)]
+        arguments = ["run", *given, "--quick", "--jobs", "1", *places(tmp_path), "--json", str(file)]
         assert CliRunner().invoke(app, arguments).exit_code == 0
         assert json.loads(file.read_text()) == written
 

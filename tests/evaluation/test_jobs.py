@@ -2,61 +2,28 @@
 
 from __future__ import annotations
 
-import contextlib
-import os
-import signal
-import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
+from benchmarks.bench_rejudge import local_cluster
 from evaluation.jobs import cluster
 from evaluation.jobs.job import Job
 from evaluation.jobs.kept import ResultCache
 from evaluation.jobs.run import here, run_jobs, workers_of
 from imaging.errors import AutoexposeError, ConfigurationError
-from tests import REPOSITORY
 from tests.evaluation.cluster_jobs import dies_first, roots
 
 pytestmark = pytest.mark.wire
 
-ENVIRONMENT = {
-    **os.environ,
-    "PYTHONPATH": str(REPOSITORY),
-    "DASK_DISTRIBUTED__NANNY__PRELOAD": "",
-    "DASK_DISTRIBUTED__WORKER__DAEMON": "False",
-}
 JOBS = [Job(roots, {"numbers": [n + 0.1, n / 3.0]}, float(n)) for n in range(12)]
-
-
-def started(*command: str) -> tuple[subprocess.Popen[str], str]:
-    """A process of Dask, and the address at which it says that it is."""
-    process = subprocess.Popen(
-        [sys.executable, "-m", "distributed.cli.dask_" + command[0], *command[1:], "--no-dashboard"],
-        cwd=REPOSITORY, env=ENVIRONMENT, stderr=subprocess.PIPE, text=True, start_new_session=True,
-    )  # fmt: skip
-    assert process.stderr is not None
-    for line in process.stderr:
-        if "Scheduler at:" in line or "Registered to:" in line:
-            return process, line.split()[-1]
-    raise AssertionError(f"{command} did not start")
 
 
 @pytest.fixture(scope="module")
 def address() -> Iterator[str]:
     """Of a scheduler with two workers."""
-    with contextlib.ExitStack() as running:
-
-        def start(*command: str) -> str:
-            process, at = started(*command)
-            running.callback(process.communicate)
-            running.callback(os.killpg, process.pid, signal.SIGKILL)
-            return at
-
-        at = start("scheduler", "--host", "127.0.0.1", "--port", "0")
-        start("worker", at, "--nworkers", "2", "--nthreads", "2", "--host", "127.0.0.1")
+    with local_cluster(2, threads=2) as at:
         yield at
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import re
 import sys
 import tempfile
 from dataclasses import replace
@@ -24,10 +25,12 @@ from autoexpose_daemon.recording.replay import report_replay
 from calibration.geometry.opencv import ros_yaml
 from evaluation.experiments.rejudge import simulated_geometries, simulated_setup
 from evaluation.odometry.tracking import lap, odometry_stage
+from evaluation.rejudge.decide import FEWEST_SEGMENTS, Margins
+from evaluation.rejudge.fleet import JudgedDrive, JudgedFleet
 from evaluation.rejudge.following import ReferenceTrajectory, Trajectory, read_tum, tum
 from evaluation.rejudge.rejudge_app import rejudge
 from evaluation.rejudge.segments import parts_of
-from evaluation.rejudge.sources import read_recording
+from evaluation.rejudge.sources import Survey, read_drive, read_recording
 from evaluation.stage.camera import DelayedLoop
 from evaluation.stage.rendering import Stage
 from imaging.errors import AutoexposeError, ConfigurationError
@@ -120,6 +123,62 @@ def test_policies_are_judged_and_one_is_recommended(drive_file: Path, tmp_path: 
     assert f"Stay with {DEFAULT_POLICY}" in text and "http" not in text
 
 
+def test_a_policy_with_a_lower_limit_is_a_contender_of_its_own(drive_file: Path, tmp_path: Path) -> None:
+    limited = "neves2009:max_gain_db=2:max_time_us=400"
+    outcome = run(drive_file, "--policies", limited, "--present", "fixed", "--json", tmp_path / "f.json")
+    assert outcome.exit_code == 0, outcome.exception
+    written = json.loads((tmp_path / "f.json").read_text())
+    figures = {one["policy"]: one for one in written["policies"]}
+    assert figures.keys() == {"fixed", "neves2009", limited}  # the policy itself is judged with it
+    assert figures[limited]["exposure_time_us"] <= 400 < figures["neves2009"]["exposure_time_us"]
+    assert figures[limited]["gain_db"] <= 2
+    assert "max_time_us: 7500" in written["section"]  # no evidence, no other limit
+
+
+def test_the_section_has_the_limit_of_what_is_recommended(drive_file: Path) -> None:
+    survey, limited = Survey.of(drive_file), "neves2009:max_gain_db=12:max_time_us=3000"
+    about = {"limits": survey.limits, "start": {"exposure_time_us": 5000.0, "gain_db": 0.0}}
+    darker = {**about, "limits": {**survey.limits, "max_time_us": 6000.0}}
+
+    def section(*abouts: object) -> str:
+        def results(matches: float) -> list[object]:
+            figures = {"rpe_mm": None, "lost_share": 0.0}
+            return [
+                {"figures": {**figures, "matches": matches + place}, "about": each}
+                for place, each in enumerate(abouts * FEWEST_SEGMENTS)
+            ]
+
+        drives = [JudgedDrive(drive_file, survey, "all", {"fixed": results(200.0), limited: results(400.0)})]
+        fleet = JudgedFleet(drives * len(abouts), ["fixed", limited], "fixed", Margins(), [])
+        assert fleet.decision().policy == limited
+        return fleet.section
+
+    assert section(about) == (
+        "control:\n  policy: neves2009\n  start: {exposure_time_us: 3000, gain_db: 4.43697}\n"
+        "exposure:\n  min_time_us: 20\n  max_time_us: 3000\n  min_gain_db: 0\n  max_gain_db: 12\n"
+    )
+    assert section(about, darker) == (
+        "control:\n  policy: neves2009\nexposure:\n  max_gain_db: 12\n  max_time_us: 3000\n"
+    )
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("fishy:max_time_us=3000", "there is no policy 'fishy'"),
+        ("belief:min_time_us=3", "'min_time_us=3' alters nothing that can be judged: give max_time_us or max_gain_db"),
+        ("belief:max_time_us", "'max_time_us' alters nothing"),
+        ("belief:max_time_us=x", "'max_time_us=x' alters nothing"),
+        ("belief:max_gain_db=nan", "'max_gain_db=nan' alters nothing"),
+        ("belief:max_gain_db=1:max_gain_db=2", "'max_gain_db=2' alters nothing.*each once"),
+        ("belief:max_time_us=8000", "drive.mcap: belief:max_time_us=8000.*max_time_us 7500: only lower limits"),
+        ("belief:max_time_us=3", "drive.mcap: .*20 to 3 us leave no exposure time"),
+    ],
+)
+def test_what_alters_nothing_that_can_be_judged_is_refused(drive_file: Path, name: str, words: str) -> None:
+    assert re.search(words, said(drive_file, "--policies", f"fixed,{name}"))
+
+
 def program(tmp_path: Path, *lines: str) -> str:
     """A command that knows the folder of the pictures, their times, and where the trajectory is to be written."""
     begin = (
@@ -194,10 +253,12 @@ def test_a_fleet_is_judged_by_groups_and_what_is_damaged_is_left_out(drive_file:
     for name in ("a", "b"):
         (folder / f"{name}.mcap").write_bytes(content)
     (folder / "c.mcap").write_text("not a recording")
+    (folder / "short.mcap").write_bytes(content[: len(content) // 4])
     (tmp_path / "list.txt").write_text("# of today\ndrives/robot1/a.mcap\n")
     (tmp_path / "groups.csv").write_text("a.mcap,north\nb.mcap,south\n")
     given = (tmp_path / "drives", tmp_path / "list.txt", "--policies", "fixed,neves2009", "--present", "fixed")
-    outcome = run(*given, "--groups", tmp_path / "groups.csv", "--json", tmp_path / "f.json")
+    written_to = ("--json", tmp_path / "f.json", "--report", tmp_path / "page.html")
+    outcome = run(*given, "--groups", tmp_path / "groups.csv", *written_to)
     assert outcome.exit_code == 0, outcome.exception
     written = json.loads((tmp_path / "f.json").read_text())
     assert [Path(drive["drive"]).name for drive in written["drives"]] == ["a.mcap", "b.mcap"]
@@ -206,9 +267,27 @@ def test_a_fleet_is_judged_by_groups_and_what_is_damaged_is_left_out(drive_file:
         for rows in (*(drive["policies"] for drive in written["drives"]), written["policies"])
     )
     assert one == other == both
-    assert "c.mcap is not an MCAP file" in " ".join(written["refused"]).replace(":", "")
+    assert "c.mcap is not an MCAP file" in written["refused"][0].replace(":", "")
+    assert re.search(r"short.mcap: has \d+ complete pairs: give at least 12", written["refused"][1])
     assert "left out" in outcome.output and set(written["groups"]) == {"north", "south"}
     assert written["intervals"].keys() == {"neves2009"}
+    page = (tmp_path / "page.html").read_text()
+    for name, group in (("a.mcap", "north"), ("b.mcap", "south")):
+        row = page.split(f"<td>{name}</td>")[1].split("</tr>")[0]
+        assert all(word in row for word in ("0.0&nbsp;min", group, "undecided", "neves2009"))
+
+
+def test_a_part_of_a_recording_is_read_from_a_mark(drive_file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("evaluation.rejudge.sources.MARKS_S", 0.1)
+    survey, part = Survey.of(drive_file), (20, 34)
+    near = survey.near(part[0])
+    assert near is not None and 0 < near[0] <= part[0] and len(survey.marks) > 2
+    found = [read_drive(drive_file, part, mark) for mark in (None, near)]
+    for whole, marked in zip(*(drive.source() for drive in found), strict=True):
+        assert whole.trigger == marked.trigger
+        for camera, frame in whole.frames.items():
+            assert np.array_equal(frame.pixels, marked.frames[camera].pixels)
+    assert repr(found[0].timeline) == repr(found[1].timeline) and found[0].geometries == found[1].geometries
 
 
 def test_a_drive_is_cut_into_ten_seconds() -> None:
@@ -216,6 +295,8 @@ def test_a_drive_is_cut_into_ten_seconds() -> None:
     assert parts_of(times_s.tolist()) == [(0, 100), (100, 200), (200, 340)]
     assert parts_of(np.arange(0.0, 36.0, 0.1).tolist())[-1] == (300, 360)
     assert parts_of([5.0, 5.1]) == [(0, 2)]
+    rare_s = [*np.arange(0.0, 10.0, 0.5), *np.arange(10.0, 20.0, 2.0), *np.arange(20.0, 50.0, 0.5)]
+    assert parts_of(rare_s, 18) == [(0, 20), (20, 45), (45, 65), (65, 85)]
 
 
 def test_what_cannot_be_judged_is_refused_in_a_sentence(drive_file: Path, tmp_path: Path) -> None:

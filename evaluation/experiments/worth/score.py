@@ -20,7 +20,7 @@ from evaluation.experiments.worth.tables import claims_tables, means_tables
 from evaluation.experiments.worth.worth import verdicts_of
 from evaluation.jobs.job import Job
 from evaluation.jobs.kept import ResultCache
-from evaluation.jobs.run import here, run_jobs
+from evaluation.jobs.run import FINISHED, here, run_jobs
 
 
 def main() -> None:
@@ -30,7 +30,7 @@ def main() -> None:
     parser.add_argument("--judge", choices=("odometry", "matches"), default="odometry")
     parser.add_argument("--part", type=int, default=1, help="every how many of the tuning scenes: 1 for all")
     parser.add_argument("--jobs", type=int, default=1, help="processes")
-    parser.add_argument("--out", type=Path, default=Path("out/experiments"))
+    parser.add_argument("--kept", type=Path, default=FINISHED, help="folder for what is finished")
     given = parser.parse_args()
     if given.judge == "odometry":
         every, size = drives("tuning"), odometry_judge.GROUP
@@ -45,7 +45,7 @@ def main() -> None:
         took[name] = took.get(name, 0.0) + took_s
         print(f"{time.strftime('%H:%M:%S')} {name} {took_s:.0f} s", flush=True)
 
-    found = run_jobs(jobs, ResultCache(given.out / "jobs"), here(given.jobs), advance)
+    found = run_jobs(jobs, ResultCache(given.kept), here(given.jobs), advance)
     verdicts = verdicts_of([(job.arguments, rows) for job, rows in zip(jobs, found, strict=True)])
     first, *others = given.names
     for table in (*means_tables(verdicts), *claims_tables(verdicts, others, first)):

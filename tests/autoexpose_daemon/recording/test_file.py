@@ -29,13 +29,13 @@ from autoexpose_daemon.control.picture.steering import Steering
 from autoexpose_daemon.control.step import StepInputs
 from autoexpose_daemon.messages.types import EXPOSURE_INFO, TYPESTORE
 from autoexpose_daemon.recording.file import METADATA, RESERVE_BYTES, Item, RecordingError, RecordingFile, Step
-from autoexpose_daemon.recording.read import Recording
+from autoexpose_daemon.recording.read import Mark, Recording
 from autoexpose_daemon.recording.recorder import ContinuousRecorder, LastSecondsRecorder, new_recorder
 from autoexpose_daemon.recording.replay import Replay, report_replay
 from imaging.frames import CameraName, Frame, FrameSet
 from imaging.geometry import SIDES
 from imaging.pixels import SAMPLES, PixelFormat
-from tests.autoexpose_daemon.recording.runs import VirtualRun, record, replayed
+from tests.autoexpose_daemon.recording.runs import VirtualRun, copy, record, replayed
 
 TOPICS = {
     *(f"/rig/{camera}/{what}" for camera in ("left", "right") for what in ("image_raw", "camera_info", "exposure")),
@@ -139,6 +139,36 @@ def _read(path: Path) -> tuple[list[Item], RecordingError | None]:
         assert "\n" not in str(error)
         return items, error
     return items, None
+
+
+@pytest.mark.parametrize("written_by", ["us", "others", "us, cut off"])
+def test_a_recording_is_read_from_a_mark_as_from_its_beginning(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, written_by: str
+) -> None:
+    """What steers control begins late, on topics of its own; chunks of others end within steps."""
+    monkeypatch.setattr("autoexpose_daemon.recording.file._CHUNK_BYTES", 1 << 16)
+    path = record(tmp_path / "run.mcap", VirtualRun("lu2010", steered=True), STEPS)
+    if written_by == "others":
+        monkeypatch.setattr(Writer.__init__, "__defaults__", (120_001, *(Writer.__init__.__defaults__ or ())[1:]))
+        path = copy([path], tmp_path / "copy.mcap", lambda topic, data: (topic, data))
+    elif written_by != "us":
+        os.truncate(path, path.stat().st_size * 3 // 4)
+    recording = Recording(path)
+    seen: list[tuple[Mark, str]] = []
+    for item in recording:
+        seen.append((recording.mark, told(item)))
+    firsts = [place for place in range(len(seen)) if place == 0 or seen[place][0] != seen[place - 1][0]]
+    assert len(firsts) > 4 and any(len(seen[place][0].needs) > 1 for place in firsts)
+    for place in firsts:
+        assert [told(item) for item in Recording(path, seen[place][0])] == [words for _, words in seen[place:]]
+
+
+def told(item: Item) -> str:
+    """All of an item; items are not compared by their content."""
+    if not isinstance(item, Step):
+        return repr(item)
+    pixels = {camera: frame.pixels.tobytes() for camera, frame in item.pair.frames.items()}
+    return repr((item.sequence, item.stamp_ns, item.requests, item.inputs.override, item.decision, pixels))
 
 
 def test_a_recording_of_something_else_is_refused(tmp_path: Path) -> None:
