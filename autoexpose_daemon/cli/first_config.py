@@ -102,7 +102,7 @@ def first_config(rig: Sequence[AskedCamera], file: Path) -> str:
     return "\n".join(
         [
             f"# Check it with `autoexpose config check {file}`, run it with `autoexpose run {file}`.",
-            f"# All that can stand here, with defaults: `autoexpose config show {file}`, docs/look-up/configuration.md.",
+            f"# All that can stand here, with defaults: `autoexpose config show {file}`; docs/look-up/configuration.md",
             *_cameras(rig),
             *_trigger(rig),
             *_image(rig),
