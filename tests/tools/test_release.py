@@ -46,7 +46,7 @@ def texts() -> Iterator[tuple[Path, str]]:
 
 def test_pages_and_tests_name_the_version() -> None:
     found = [(path.name, version) for path, text in texts() for version in OF_OURS.findall(text)]
-    assert {name for name, _ in found} >= {"packages.md", "service.md", "calibration.md", "command_lines.yaml"}
+    assert {name for name, _ in found} >= {"packages.md", "service.md", "command_lines.yaml"}
     assert [(name, version) for name, version in found if version != VERSION] == []
 
 
