@@ -30,7 +30,8 @@ ENVIRONMENT = {**os.environ, "PYTHONPATH": str(REPOSITORY), "PYTHONWARNINGS": "e
 @contextmanager
 def running(example: str, *arguments: str) -> Iterator[Callable[[str], str]]:
     """The program until Ctrl-C; a function that waits for a line."""
-    command = [sys.executable, str(EXAMPLES / f"{example}.py"), *arguments]
+    # A shell ignores SIGINT in what it starts in the background, and so would this if it started the tests.
+    command = ["env", "--default-signal=INT", sys.executable, str(EXAMPLES / f"{example}.py"), *arguments]
     pipe = subprocess.PIPE
     with subprocess.Popen(command, stdout=pipe, stderr=pipe, text=True, env=ENVIRONMENT) as process:
         assert process.stdout is not None and process.stderr is not None

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
+from importlib.metadata import entry_points
 from pathlib import Path
 
 from pydantic import ValidationError
@@ -12,7 +13,7 @@ from pydantic import ValidationError
 from autoexpose_daemon.config.control import BracketConfig
 from autoexpose_daemon.config.document import CameraConfig, Config
 from autoexpose_daemon.config.section import error_sentences
-from autoexpose_daemon.own_policy.installed import register_policies
+from autoexpose_daemon.control.policies.ids import GROUP
 from documents.strict_yaml import load_mapping
 from documents.text import readable
 from drivers.genicam.features import refuse_driven
@@ -106,12 +107,20 @@ _OPTIONAL = ("publish", "control.bracket", "motion.imu")
 """Sections without which nothing is published, and so on."""
 
 
+def _know_policies() -> None:
+    """Those of other packages, if there are any: only they need control, which needs its C extension, to be tried."""
+    if entry_points(group=GROUP):
+        from autoexpose_daemon.own_policy.installed import register_policies  # noqa: PLC0415
+
+        register_policies()
+
+
 def load_config(path: Path) -> Config:
     """Read and check a configuration file, with the calibration and mask files it names.
 
     Raises ConfigurationError with one sentence for each thing that is wrong, with file and key.
     """
-    register_policies()
+    _know_policies()
     content = load_mapping(path, "begin with `cameras:`; see docs/look-up/configuration.md")
     _refuse_empty(path, content)
     try:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from autoexpose_daemon.control.loop import ControlLoop
-from autoexpose_daemon.control.policies.ids import OWN, POLICY_IDS, REMOVED, UNFIT
+from autoexpose_daemon.control.policies.ids import GROUP, OWN, POLICY_IDS, REMOVED, UNFIT
 from autoexpose_daemon.control.policy import ExposurePolicy
 from autoexpose_daemon.control.setup import ControlSetup
 from documents.text import readable
@@ -22,8 +22,6 @@ from imaging.exposure import ExposureLimits, ExposureSetting
 from imaging.frames import Frame, FrameSet
 from imaging.geometry import SIDES
 from imaging.response import ResponseFunction
-
-GROUP = "autoexpose.policies"
 
 _NAME = re.compile("[a-z0-9][a-z0-9_-]{0,39}")
 _SENTENCE = 300

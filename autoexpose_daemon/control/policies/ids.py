@@ -48,6 +48,9 @@ PREDICTING = ("begin2022", "begin2022-code")
 LEARNED = tuple(policy_id for policy_id, place in PLACES.items() if place.startswith("learned."))
 """Those with weights that `autoexpose train` makes."""
 
+GROUP = "autoexpose.policies"
+"""The group of entry points by which other packages bring policies."""
+
 OWN: dict[str, type[Any]] = {}
 """The classes of policies that other packages bring, by id: `own_policy.installed` enters them."""
 
