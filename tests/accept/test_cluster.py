@@ -97,7 +97,7 @@ def test_rejudge_gives_the_same_bytes_however_often_workers_die(
 
 
 @pytest.mark.timeout(900)
-def test_worth_gives_the_same_bytes_on_a_cluster(address: str, tmp_path: Path) -> None:
+def test_worth_gives_the_same_bytes_however_often_workers_die(address: str, tmp_path: Path) -> None:
     """A part of what a quick run measures: all contenders through a course of matches, and the default elsewhere."""
 
     def run(jobs: list[Job], cluster: str | None) -> None:
@@ -110,6 +110,8 @@ def test_worth_gives_the_same_bytes_on_a_cluster(address: str, tmp_path: Path) -
         job for job in every if job.cost_s < 10.0 and (job.policies or ("",))[0] == DEFAULT_POLICY and job.cost_s > 2
     ]
     assert len({job.measure.__module__ for job in some}) == 3
-    run(some, address)
+    with killing(address, KILLS) as killed:
+        run(some, address)
+    assert len(killed) > KILLS / 2
     run(some, None)
     assert bytes_in(tmp_path / "False") == bytes_in(tmp_path / "True") and len(bytes_in(tmp_path / "True")) == len(some)
