@@ -1,7 +1,7 @@
 """Formulas of GenApi (SwissKnife, Converter), compiled to functions of their variables.
 
 They mean what they mean to EMVA's reference implementation, which differs from C and from Aravis in places:
-docs/do/fake-camera.md lists them.
+docs/understand/decisions/0017-reference-genapi.md lists them.
 """
 
 from __future__ import annotations

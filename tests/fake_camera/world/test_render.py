@@ -174,7 +174,7 @@ def test_dark_pixels_beside_a_bright_lamp_keep_their_value() -> None:
 
 @pytest.mark.parametrize("right", [False, True])
 def test_the_room_is_blurred_as_by_many_instants(right: bool) -> None:
-    """The longest exposures of the demo, all along the path: what docs/do/fake-camera.md promises."""
+    """The longest exposures of the demo, all along the path: images err little against the mean of many instants."""
     path = CameraPath()
     renderer = Renderer(furnished_room(1), Pinhole())
     view = RoomView(renderer, path, "right" if right else "left")
