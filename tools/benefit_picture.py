@@ -18,7 +18,6 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from datetime import UTC, datetime
 from itertools import pairwise
 from pathlib import Path
 
@@ -187,10 +186,7 @@ def draw(file: Path, ours: Followed, theirs: Followed, target: float) -> None:
     below.set_ylim(0)
     above.legend(fontsize=8, ncols=2)
     below.legend(fontsize=8, loc="upper right", title="with earlier pairs", title_fontsize=8)
-    date = f"{datetime.now(UTC):%-d %B %Y}"
-    figure.suptitle(
-        f"Lights go off ({LIGHTS[1][1]:g} lux) and on ({LIGHTS[0][1]:g} lux): simulated, {date}", fontsize=11
-    )
+    figure.suptitle(f"Lights go off ({LIGHTS[1][1]:g} lux) and on ({LIGHTS[0][1]:g} lux): simulated", fontsize=11)
     save(figure, file)
 
 
