@@ -173,7 +173,7 @@ $(VENV)/docs.stamp: $(VENV)/demo.stamp pyproject.toml
 	@./tools/install-python $(PY) docs
 	@touch $@
 
-pictures: $(VENV)/dev.stamp ## the pictures in docs/images again, or PICTURES="demo page"; 7 minutes, on an idle machine
+pictures: $(VENV)/dev.stamp ## the pictures in docs/images again, or PICTURES="demo page"; 20 minutes, on an idle machine
 	@./tools/make-pictures $(PY) docs/images
 
 docs: $(VENV)/docs.stamp ## the documentation as a site with search, in build/site
