@@ -317,9 +317,10 @@ def _rows(figures: Mapping[str, Any], steps: Sequence[LightStep]) -> Iterator[tu
     cameras = f"{count} fake {_TRANSPORTS[figures['transport']]} camera{'s' if count > 1 else ''}"
     yield "seen", f"{pairs}, from {cameras}, {kind}"
     yield "lost", f"{_lost(figures)}; of {figures['triggers']} triggers on the cameras' wire"
-    unusual = [f"{counter.label}: {count}" for counter, count in unusual_counts(Counts(**figures["counts"]))]
+    unusual = dict(unusual_counts(Counts(**figures["counts"])))
     if unusual:
-        yield "anomalies", ", ".join(unusual) + (_BUSY if figures["fakes"]["overruns"] else "")
+        counted = ", ".join(f"{counter.label}: {count}" for counter, count in unusual.items())
+        yield "anomalies", counted + _why({counter.name: count for counter, count in unusual.items()}, figures)
     if figures["published"] is not None:
         yield "published", f"{figures['published']} {sets}, for other processes"
     yield from _delays(figures)
@@ -338,6 +339,16 @@ def _delays(figures: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         yield "effect", f"{to_effect['p50']:.1f} ms from a decision to the first exposure taken with it"
 
 
+def _why(counts: Mapping[str, int], figures: Mapping[str, Any]) -> str:
+    if figures["fakes"]["overruns"]:
+        return _BUSY
+    if counts.keys() - _OF_DELAYS or max(counts.values()) > _FEW * figures["pairs"]:
+        return "; what to do: docs/look-up/faults.md, docs/do/busy-machines.md"
+    return "; up to one in a hundred is normal, when other programs want the processor, too"
+
+
+_OF_DELAYS = {"pairs_without_decision", "late_writes"}
+_FEW = 0.01  # of all pairs
 _BUSY = "; to be expected, because this machine was too busy for the fake cameras"
 _SEVERAL = {LossReason.BOTH_MISSING: 2, LossReason.SEVERAL_MISSING: 2}  # frames, at least
 

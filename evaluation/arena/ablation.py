@@ -6,11 +6,7 @@ unaltered policy splits it."""
 
 from __future__ import annotations
 
-import hashlib
-import json
-from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
-from contextlib import closing
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from itertools import cycle
 from pathlib import Path
@@ -35,10 +31,11 @@ from evaluation.arena.altered_policy import (
 )
 from evaluation.arena.count import count_c, count_python, python_files
 from evaluation.arena.race import CourseScore, course_of, run_course
-from evaluation.arena.runs import MAIN_DELAY, TUNE_SCENES, ArenaRun, results
+from evaluation.arena.runs import FRAME_S, MAIN_DELAY, TUNE_SCENES, ArenaRun, results
+from evaluation.jobs.job import Job
+from evaluation.jobs.kept import ResultCache
 from evaluation.jobs.native import ROOT, c_files
-from evaluation.long_runs import KeptResults, LongProgress
-from evaluation.pool import over_processes
+from evaluation.jobs.run import Workers, run_long
 from evaluation.prose import table_row, text_beside
 from evaluation.scenes.scenarios import SCENARIOS
 from evaluation.stage.camera import Entrant, MakeLoop
@@ -50,8 +47,6 @@ from imaging.response import ResponseFunction
 
 # Those in which single rules of an earlier default weighed most: jumps out of white, motion, light that beats.
 QUICK_SCENARIOS = ("step_up", "pan", "flicker")
-# The folders whose files decide what comes out.
-_CODE = ("autoexpose_daemon/control", "calibration", "drivers", "evaluation", "fake_camera/world", "imaging")
 ALL = "all"  # In the place of a scenario: all courses together
 Figures = dict[str, dict[str, Any]]  # A row of `results` for each scenario, and for `ALL`
 
@@ -104,41 +99,38 @@ def ablate(
     policy: str,
     constants: Sequence[Constant],
     courses: Sequence[Course],
-    jobs: int,
-    folder: Path,
     *,
+    kept: ResultCache,
+    workers: Workers,
     console: Console,
-    frames: int | None = None,
 ) -> Ablation:
-    """Take a policy through all courses with each constant altered, in `jobs` processes. What is finished is kept in
-    `folder`, and found there by the next call unless any code changed. Raises AutoexposeError if the unaltered policy
+    """Take a policy through all courses with each constant altered. Raises AutoexposeError if the unaltered policy
     fails, or does not decide the same twice."""
-    kept = _Kept(folder)
     trials = [(constant, what) for constant in constants for what in constant.alterations]
-    starts = dict(over_processes(start_of, courses, jobs))
-    plain = AlteredRequest(None, policy, courses, [starts[course] for course in courses], frames)
+    starts: list[Any] = run_long(
+        [Job(start_of, {"course": [*course]}) for course in courses], kept, workers, console, "starts"
+    )
+    plain = AlteredRequest(None, policy, courses, starts)
     requests = [plain, *(replace(plain, alteration=constant.alterations[what]) for constant, what in trials)]
-    with LongProgress(console, 3600.0) as progress:
-        bar = progress.add_task("alterations", total=len(requests))
-        taken = _taken(requests, jobs, kept, lambda: progress.update(bar, advance=1))
-        if isinstance(taken[0], str):
-            raise AutoexposeError(f"{policy} fails without any alteration: {taken[0]}")
-        bar = progress.add_task("judged courses", total=len(courses))
-        ways = [
-            {json.dumps(each[place]) for each in taken if not isinstance(each, str)} for place in range(len(courses))
-        ]
-        asked = [
-            (policy, course, sorted(ways_of_one), frames) for course, ways_of_one in zip(courses, ways, strict=True)
-        ]
-        scores = _judged(asked, jobs, kept, lambda: progress.update(bar, advance=1))
-    for course, each in zip(courses, taken[0], strict=True):
-        if scores[course][json.dumps(each)] != scores[course][policy]:
+    cost_s = FRAME_S * sum(SCENARIOS[scenario].frames for scenario, _, _ in courses)
+    asked = [Job(decisions_of, asdict(request), cost_s, (policy,)) for request in requests]
+    taken: list[Any] = run_long(asked, kept, workers, console, "alterations")
+    if isinstance(taken[0], str):
+        raise AutoexposeError(f"{policy} fails without any alteration: {taken[0]}")
+    ways = [_different([each[place] for each in taken if not isinstance(each, str)]) for place in range(len(courses))]
+    to_judge = [
+        Job(scores_of, {"policy": policy, "course": list(course), "ways": each}, len(each), (policy,))
+        for course, each in zip(courses, ways, strict=True)
+    ]
+    judged: list[Any] = run_long(to_judge, kept, workers, console, "judged courses")
+    for course, (own, again, *_) in zip(courses, judged, strict=True):
+        if own != again:
             raise AutoexposeError(f"{policy} decides otherwise when it takes {course} again: it cannot be compared")
 
     def figures(name: str, decisions: list[Decisions]) -> Figures:
         runs = [
-            ArenaRun(name, *course, MAIN_DELAY, "tune", CourseScore(**scores[course][json.dumps(each)]))
-            for course, each in zip(courses, decisions, strict=True)
+            ArenaRun(name, *course, MAIN_DELAY, "tune", CourseScore(**scores[1 + each.index(way)]))
+            for course, each, scores, way in zip(courses, ways, judged, decisions, strict=True)
         ]
         return {row["scenario"]: row for row in results([*runs, *(replace(run, scenario=ALL) for run in runs)])}
 
@@ -155,85 +147,32 @@ def ablate(
     )
 
 
-class _Kept(KeptResults[Any]):
-    """Results by what was asked, and the code that answered."""
-
-    def __init__(self, folder: Path) -> None:
-        super().__init__(folder)
-        state = hashlib.sha256()
-        for path in sorted(path for room in _CODE for path in (ROOT / room).rglob("*")):
-            if path.suffix in (".py", ".so", ".npz"):
-                state.update(str(path.relative_to(ROOT)).encode() + path.read_bytes())
-        self._code = state.hexdigest()
-
-    def key(self, asked: Any) -> str:
-        return hashlib.sha256(json.dumps([self._code, asked], sort_keys=True).encode()).hexdigest()
+def decisions_of(**request: Any) -> list[Any] | str:
+    """The `Decisions` in each course, or what the alteration breaks. `request`: an `AlteredRequest`."""
+    return run_altered(request)
 
 
-def _taken(
-    requests: Sequence[AlteredRequest], jobs: int, kept: _Kept, advance: Callable[[], None]
-) -> list[list[Decisions] | str]:
-    """The decisions of each request, or how it failed."""
-
-    def answer(request: AlteredRequest) -> list[Decisions] | str:
-        found = kept.get(asdict(request))
-        if found is None:
-            found = (run_altered(request),)
-            kept.put(asdict(request), found[0])
-        decisions: list[Decisions] | str = found[0]
-        return decisions
-
-    with ThreadPoolExecutor(jobs) as pool:  # each waits for a process of its own
-        futures = [pool.submit(answer, request) for request in requests]
-        try:
-            for future in as_completed(futures):
-                future.result()
-                advance()
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
-    return [future.result() for future in futures]
+def scores_of(*, policy: str, course: list[Any], ways: list[Decisions]) -> list[dict[str, Any]]:
+    """The scores of a course: of the unaltered policy, then of each way to take it."""
+    scenario, scene, seed = course
+    return [asdict(score) for score in judge(policy, (scenario, scene, seed), ways)]
 
 
-_Asked = tuple[str, Course, list[str], int | None]
+def _different(taken: Sequence[Decisions]) -> list[Decisions]:
+    """Each way once, the first one first."""
+    return [each for place, each in enumerate(taken) if each not in taken[:place]]
 
 
-def _judged(
-    asked: Sequence[_Asked], jobs: int, kept: _Kept, advance: Callable[[], None]
-) -> dict[Course, dict[str, dict[str, Any]]]:
-    """The scores of all ways to take each course, by the decisions as JSON."""
-    scores = {}
-    for each in asked:
-        found = kept.get(each)
-        if found is not None:
-            scores[each[1]] = found[0]
-            advance()
-    missing = [each for each in asked if each[1] not in scores]
-    with closing(over_processes(_judge, missing, min(jobs, max(len(missing), 1)))) as finished:
-        for each, result in finished:
-            kept.put(each, result)
-            scores[each[1]] = result
-            advance()
-    return scores
-
-
-def _judge(asked: _Asked) -> dict[str, dict[str, Any]]:
-    policy, course, ways, frames = asked
-    scores = judge(policy, course, {way: json.loads(way) for way in ways}, frames)
-    return {way: asdict(score) for way, score in scores.items()}
-
-
-def start_of(course: Course) -> tuple[float, float]:
+def start_of(course: Sequence[Any]) -> list[float]:
     """Exposure time (us) and gain (dB) that all start a course with."""
-    stage, _ = course_of(*course)
+    scenario, scene, seed = course
+    stage, _ = course_of(scenario, scene, seed)
     start = best_start(Oracle(stage, ("left", "right") if stage.has_lamp else ("left",)))
-    return start.exposure_time_us, start.gain_db
+    return [start.exposure_time_us, start.gain_db]
 
 
-def judge(
-    policy: str, course: Course, rolled_out: Mapping[str, Decisions], frames: int | None = None
-) -> dict[str, CourseScore]:
-    """The scores of all that took a course, by name; those of the unaltered policy by the policy's."""
+def judge(policy: str, course: Course, ways: Sequence[Decisions], frames: int | None = None) -> list[CourseScore]:
+    """The scores of the unaltered policy and of all ways to take a course, by the policy's yardstick."""
     leaders: list[_Leader] = []
 
     def lead(response: ResponseFunction, limits: ExposureLimits, start: ExposureSetting) -> ControlLoop:
@@ -244,8 +183,8 @@ def judge(
         return lambda *_: _Follower(leaders[0], taken)
 
     entrants = [Entrant(policy, MAIN_DELAY, lead)]  # enters and steps before all others
-    entrants += [Entrant(name, MAIN_DELAY, follow(taken)) for name, taken in rolled_out.items()]
-    return {series.entrant.name: series.score() for series in run_course(*course, entrants, frames=frames)}
+    entrants += [Entrant(f"way {number}", MAIN_DELAY, follow(way)) for number, way in enumerate(ways)]
+    return [series.score() for series in run_course(*course, entrants, frames=frames)]
 
 
 class _Leader(ControlLoop):

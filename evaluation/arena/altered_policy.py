@@ -12,7 +12,7 @@ import operator
 import re
 import subprocess
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from importlib.abc import MetaPathFinder
@@ -46,7 +46,7 @@ class AlteredRequest:
     alteration: Alteration | None
     policy: str
     courses: Sequence[tuple[str, str, int]]
-    starts: Sequence[tuple[float, float]]
+    starts: Sequence[Sequence[float]]
     frames: int | None = None
 
 
@@ -77,20 +77,21 @@ class _Altered(SourceFileLoader):
         return compile(source[: change.start] + change.text.encode() + source[change.end :], self.path, "exec")
 
 
-def run_altered(request: AlteredRequest) -> list[Any] | str:
-    """The `Decisions` in each course, from a fresh process; a string: what the alteration breaks.
+def run_altered(request: Mapping[str, Any]) -> list[Any] | str:
+    """The `Decisions` in each course, from a fresh process; a string: what the alteration breaks. `request`: a plain
+    `AlteredRequest`.
 
     Raises AutoexposeError when the process fails.
     """
     command = [sys.executable, "-m", __name__]
-    done = subprocess.run(command, input=json.dumps(asdict(request)), capture_output=True, text=True, check=False)
+    done = subprocess.run(command, input=json.dumps(request), capture_output=True, text=True, check=False)
     if done.returncode == 0:
         decisions: list[Any] | str = json.loads(done.stdout)
         return decisions
     raise AutoexposeError(f"a process ended with {done.returncode}: {done.stderr.strip()[-300:] or 'it was killed'}")
 
 
-def roll_out(policy: str, course: Course, start: tuple[float, float], frames: int | None = None) -> Decisions:
+def roll_out(policy: str, course: Course, start: Sequence[float], frames: int | None = None) -> Decisions:
     """The decisions of a policy in closed loop; imports what it needs only when the alteration is in place."""
     import cv2  # noqa: PLC0415
 
@@ -113,7 +114,7 @@ def _answer(request: dict[str, Any]) -> list[Any] | str:
         sys.meta_path.insert(0, AlteredModule(Alteration(**request["alteration"])))
     try:
         return [
-            roll_out(request["policy"], tuple(course), tuple(start), request["frames"])
+            roll_out(request["policy"], tuple(course), start, request["frames"])
             for course, start in zip(request["courses"], request["starts"], strict=True)
         ]
     except Exception as error:  # what an altered constant breaks is a result, too

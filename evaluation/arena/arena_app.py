@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Sequence
-from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -23,7 +22,6 @@ from evaluation.arena.ablation import (
     print_ablation,
     write_ablation,
 )
-from evaluation.arena.altered_policy import Course
 from evaluation.arena.arena_report import cells, mean_ratios, write_arena_report
 from evaluation.arena.count import count_policy, print_count
 from evaluation.arena.runs import ArenaRun, Task, document, full_plan, jobs_of, quick_plan, runs_of
@@ -32,10 +30,9 @@ from evaluation.jobs.run import CLUSTER, CORES, FINISHED, KEPT, PROCESSES, Worke
 from evaluation.long_runs import check_chosen, make_writable
 from evaluation.scenes.scenarios import SCENARIOS
 from fake_camera.world.scene.panorama import load_radiance
-from imaging.errors import AutoexposeError, ConfigurationError
+from imaging.errors import ConfigurationError
 
 _ALL_POLICIES = ",".join(POLICY_IDS)
-_ABLATIONS = Path("out/ablation")  # Where what is finished of an ablation is kept
 arena_app = typer.Typer(add_completion=False)
 
 
@@ -66,8 +63,8 @@ def arena(
     if count or ablate:
         if full or pictures or policies != _ALL_POLICIES or (count and (ablate or quick or report)):
             raise ConfigurationError(
-                "--count takes --policy and --json, --ablate also --quick, --scenarios, --jobs and --report: leave the "
-                "others out"
+                "--count takes --policy and --json, --ablate also --quick, --scenarios, --jobs, --cluster, --kept and "
+                "--report: leave the others out"
             )
         check_policy_id(policy)
         if policy in OWN:
@@ -75,8 +72,16 @@ def arena(
         _check_places(json_file, report)
         if count:
             _count(policy, json_file)
-        else:
-            _ablate(policy, ablation_courses(chosen[1], quick), jobs, json_file, report)
+            return
+        courses = ablation_courses(chosen[1], quick)
+        make_writable(kept, "--kept")
+        constants, console = policy_constants(policy)[0], Console()
+        workers = workers_of(jobs, cluster)
+        ablation = ablate_policy(policy, constants, courses, kept=ResultCache(kept), workers=workers, console=console)
+        _write(ablation_document(ablation), json_file)
+        print_ablation(ablation, console)
+        if report is not None:
+            console.print(f"report: {write_ablation(ablation, report)}")
         return
     stills = _pictures(pictures) if pictures else []
 
@@ -104,18 +109,6 @@ def _count(policy: str, json_file: Path | None) -> None:
     counts = count_policy(policy)
     _write(counts, json_file)
     print_count(counts, Console())
-
-
-def _ablate(policy: str, courses: Sequence[Course], jobs: int, json_file: Path | None, report: Path | None) -> None:
-    console = Console()
-    try:
-        ablation = ablate_policy(policy, policy_constants(policy)[0], courses, jobs, _ABLATIONS, console=console)
-    except (BrokenProcessPool, KeyboardInterrupt):
-        raise AutoexposeError("the ablation was stopped: the same command goes on where it was") from None
-    _write(ablation_document(ablation), json_file)
-    print_ablation(ablation, console)
-    if report is not None:
-        console.print(f"report: {write_ablation(ablation, report)}")
 
 
 def _chosen(policies: str, scenarios: str) -> tuple[list[str], list[str]]:

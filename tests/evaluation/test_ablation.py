@@ -6,7 +6,7 @@ import importlib
 import json
 import subprocess
 import sys
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from evaluation.arena import ablation as ablation_module
 from evaluation.arena.ablation import (
     ALL,
+    Ablation,
     ablate,
     ablation_courses,
     ablation_document,
@@ -37,6 +38,8 @@ from evaluation.arena.altered_policy import (
     run_altered,
 )
 from evaluation.arena.race import CourseScore
+from evaluation.jobs.kept import ResultCache
+from evaluation.jobs.run import here
 from evaluation.scenes.scenarios import SCENARIOS, WARM_UP_FRAMES
 from imaging.errors import AutoexposeError, ConfigurationError
 
@@ -127,7 +130,8 @@ def test_a_fresh_process_runs_what_is_altered() -> None:
     source = Path(importlib.import_module(module).__file__ or "").read_text(encoding="utf-8")
     (alteration, *_) = constants_of(module, source)[0].alterations.values()
     broken = replace(alteration, text="unheard_of")
-    answer = run_altered(AlteredRequest(broken, "begin2022", [("step_down", "room", 0)], [(100.0, 0.0)], frames=1))
+    request = AlteredRequest(broken, "begin2022", [("step_down", "room", 0)], [(100.0, 0.0)], frames=1)
+    answer = run_altered(asdict(request))
     assert answer == "NameError: name 'unheard_of' is not defined"
 
 
@@ -155,44 +159,53 @@ def test_a_course_taken_again_has_the_same_scores() -> None:
     course, frames = ("step_down", "room", 0), WARM_UP_FRAMES + 4
     decisions = roll_out(DEFAULT_POLICY, course, start_of(course), frames)
     darker = [{**each, "setting": {"exposure_time_us": 20.0, "gain_db": 0.0}} for each in decisions]
-    scores = judge(DEFAULT_POLICY, course, {"again": decisions, "darker": darker}, frames)
-    assert scores["again"] == scores[DEFAULT_POLICY]
-    assert scores["darker"].objective_ratio_mean < 0.5 * scores["again"].objective_ratio_mean
+    own, again, dark = judge(DEFAULT_POLICY, course, [decisions, darker], frames)
+    assert again == own
+    assert dark.objective_ratio_mean < 0.5 * own.objective_ratio_mean
 
 
 COURSES: list[Course] = [("step_up", "room", 0), ("pan", "leaves", 0)]
 CONSTANTS = constants_of("autoexpose_daemon.control.made_up", 'IDLE = 4.0\n"""Frames | idle."""\nBUSY = 3.0\nBAD = 5.0')
 
 
-def fake_run(request: AlteredRequest) -> list[Decisions] | str:
+def fake_run(request: dict[str, Any]) -> list[Decisions] | str:
     """Decides by what is altered, as if a policy had these constants."""
-    text = request.alteration.text if request.alteration else ""
+    text = request["alteration"]["text"] if request["alteration"] else ""
     if text == "10.0":
         return "ZeroDivisionError: no frames"
     level = {"6.0": 7, "1.5": 8}.get(text, 5)
-    return [[{"level": level}] for _ in request.courses]
+    return [[{"level": level}] for _ in request["courses"]]
 
 
-def fake_judge(policy: str, course: Course, taken: dict[str, Decisions], frames: int | None) -> dict[str, CourseScore]:
+def fake_start(course: list[Any]) -> list[float]:
+    return [100.0, 0.0]
+
+
+def fake_judge(policy: str, course: Course, ways: list[Decisions]) -> list[CourseScore]:
     """The more, the better; at level 8 the pan is stuck."""
-    scores = {}
-    for name, level in [(policy, 5), *((name, decisions[0]["level"]) for name, decisions in taken.items())]:
+    scores = []
+    for level in [5, *(decisions[0]["level"] for decisions in ways)]:
         settle = None if (level, course[0]) == (8, "pan") else 3
-        scores[name] = CourseScore(settle, *[0.0] * 6, level / 10, level / 20, *[0.0] * 3)
+        scores.append(CourseScore(settle, *[0.0] * 6, level / 10, level / 20, *[0.0] * 3))
     return scores
+
+
+def ablated(folder: Path, constants: int = 3) -> Ablation:
+    given = DEFAULT_POLICY, CONSTANTS[:constants], COURSES
+    return ablate(*given, kept=ResultCache(folder), workers=here(1), console=Console(quiet=True))
 
 
 @pytest.fixture
 def made_up(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(ablation_module, "run_altered", fake_run)
     monkeypatch.setattr(ablation_module, "judge", fake_judge)
-    monkeypatch.setattr(ablation_module, "start_of", lambda course: (100.0, 0.0))
+    monkeypatch.setattr(ablation_module, "start_of", fake_start)
 
 
 @pytest.mark.usefixtures("made_up")
 def test_table_has_a_row_for_each_alteration(tmp_path: Path) -> None:
     console = Console(record=True, width=200)
-    ablation = ablate(DEFAULT_POLICY, CONSTANTS, COURSES, 1, tmp_path, console=console)
+    ablation = ablated(tmp_path)
     trials = {(trial.constant.name, trial.what): trial for trial in ablation.trials}
     assert [trial.idle for trial in ablation.trials] == [True, True, False, False, False, True]
     assert ablation.unaltered[ALL]["objective_ratio_mean"] == pytest.approx(0.5)
@@ -217,32 +230,28 @@ def test_table_has_a_row_for_each_alteration(tmp_path: Path) -> None:
 
 @pytest.mark.usefixtures("made_up")
 def test_an_interrupted_ablation_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def run(constants: int) -> Any:
-        arguments = (DEFAULT_POLICY, CONSTANTS[:constants], COURSES, 1, tmp_path)
-        return ablate(*arguments, console=Console(quiet=True))
-
     asked: list[str] = []
 
-    def counted(request: AlteredRequest) -> list[Decisions] | str:
-        asked.append(request.alteration.text if request.alteration else "")
+    def counted(request: dict[str, Any]) -> list[Decisions] | str:
+        asked.append(request["alteration"]["text"] if request["alteration"] else "")
         return fake_run(request)
 
     monkeypatch.setattr(ablation_module, "run_altered", counted)
-    run(1)
-    whole = run(3)
+    ablated(tmp_path, constants=1)
+    whole = ablated(tmp_path)
     assert sorted(asked) == ["", "1.5", "10.0", "2.0", "2.5", "6.0", "8.0"]
     monkeypatch.setattr(ablation_module, "judge", lambda *_: pytest.fail("it was judged again"))
-    assert run(3) == whole
+    assert ablated(tmp_path) == whole
 
 
 @pytest.mark.usefixtures("made_up")
 def test_a_policy_that_cannot_be_compared_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(ablation_module, "run_altered", lambda request: [[{"level": 6}] for _ in request.courses])
+    monkeypatch.setattr(ablation_module, "run_altered", lambda request: [[{"level": 6}] for _ in request["courses"]])
     with pytest.raises(AutoexposeError, match="decides otherwise"):
-        ablate(DEFAULT_POLICY, CONSTANTS, COURSES, 1, tmp_path, console=Console(quiet=True))
+        ablated(tmp_path)
     monkeypatch.setattr(ablation_module, "run_altered", lambda request: "ValueError: no")
     with pytest.raises(AutoexposeError, match="fails without any alteration: ValueError: no"):
-        ablate(DEFAULT_POLICY, CONSTANTS, COURSES, 1, tmp_path / "other", console=Console(quiet=True))
+        ablated(tmp_path / "other")
 
 
 def test_quick_has_few_courses_and_all_are_for_tuning() -> None:

@@ -243,7 +243,10 @@ def test_every_figure_has_a_unit_and_a_meaning() -> None:
         "1186 sets of frames in 20.0 s, 59.3 per second, from 3 fake GigE Vision cameras, Mono8 720x540"
     )
     assert "every 16.7 ms" in rows["delay"]
+    assert "faults.md" in rows["anomalies"]
     assert "busy" in said(counts=counts, fakes=FIGURES["fakes"] | {"overruns": 1})["anomalies"]
+    assert "faults.md" in said(counts={"late_writes": 12})["anomalies"]
+    assert "normal" in said(counts={"late_writes": 11, "pairs_without_decision": 11})["anomalies"]
     assert not {"effect", "decision", "skew", "this machine"} & set(rows)
     assert not {"anomalies", "published"} & set(said())
 
