@@ -67,8 +67,7 @@ def test_twice_the_margin_is_found_in_twenty_minutes() -> None:
 
 JUDGED = json.loads((Path(__file__).parent / "judged_segments.json").read_text())
 """Segments of simulated drives, by `python -m benchmarks.bench_rejudge`: each course driven twice, with other noise."""
-JUDGED_S = 4.0
-TWENTY_MINUTES = round(20 * 60 / JUDGED_S)
+TWENTY_MINUTES = round(20 * 60 / SEGMENT_S)
 DRAWS = 200
 
 
@@ -87,7 +86,7 @@ def drawn(policy: str, draw: int, number: int, better: float = 0.0) -> dict[str,
             error_mm, lost, matches = both[figures]
             if error_mm is not None and name == "other":
                 error_mm *= 1.0 - better
-            seen[name].append(SeenSegment(f"drive{place // 15}", place % 15, error_mm, lost, matches))
+            seen[name].append(SeenSegment(f"drive{place // 6}", place % 6, error_mm, lost, matches))
     return seen
 
 
@@ -99,7 +98,7 @@ def test_of_simulated_drives_noise_decides_seldom_and_twice_the_margin_in_twenty
         decide(drawn(policy, draw, TWENTY_MINUTES, 2 * MARGINS.odometry), PRESENT).policy for draw in range(DRAWS)
     ]
     assert better.count("other") >= 0.9 * DRAWS
-    short = [decide(drawn(policy, draw, 3), PRESENT) for draw in range(DRAWS)]
+    short = [decide(drawn(policy, draw, 2), PRESENT) for draw in range(DRAWS)]
     assert all(one.policy is None and one.more_minutes for one in short)
 
 
