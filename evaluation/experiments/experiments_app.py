@@ -43,17 +43,23 @@ def write_experiments_report(chapters: Sequence[Chapter], preface: str, folder: 
     environment.filters |= {"prose": _prose, "inline": _inline}
     environment.tests["table"] = lambda part: isinstance(part, Table)
     page = environment.get_template("experiments_report.html").render(
-        chapters=chapters, preface=preface, count=count_of_verdicts(chapters)
+        title=_title(chapters), chapters=chapters, preface=preface, count=count_of_verdicts(chapters)
     )
     (folder / "experiments.html").write_text(page, encoding="utf-8")
     return markdown
 
 
+def _title(chapters: Sequence[Chapter]) -> str:
+    return chapters[0][0].title if len(chapters) == 1 else "Experiments on the simulated rig"
+
+
 def count_of_verdicts(chapters: Sequence[Chapter]) -> str:
-    """The number of the papers' claims with each verdict, in a line."""
+    """The number of the papers' claims with each verdict, in a line; empty without claims."""
     claims = [claim for _, section in chapters for claim in section.claims]
     counts = Counter(claim.verdict for claim in claims if claim.counted)
     rest = len(claims) - counts.total()
+    if not counts:
+        return f"{rest} claims of our own." if rest else ""
     return (
         f"{counts.total()} claim{'s' if counts.total() != 1 else ''}: "
         + ", ".join(f"{counts[verdict]} {verdict}" for verdict in Verdict if counts[verdict] or verdict != "undecided")
@@ -63,8 +69,10 @@ def count_of_verdicts(chapters: Sequence[Chapter]) -> str:
 
 
 def _markdown(chapters: Sequence[Chapter], preface: str) -> list[str]:
-    parts = ["# The papers' experiments on the simulated rig", preface, "## Verdicts", count_of_verdicts(chapters)]
-    parts.append(_claims([(experiment.name, claim) for experiment, section in chapters for claim in section.claims]))
+    parts = [f"# {_title(chapters)}", preface]
+    claims = [(experiment.name, claim) for experiment, section in chapters for claim in section.claims]
+    if claims:
+        parts += ["## Verdicts", count_of_verdicts(chapters), _claims(claims)]
     for experiment, section in chapters:
         parts += [f"## {experiment.name}: {experiment.title}", section.setting.strip()]
         for part in section.parts:
@@ -198,7 +206,6 @@ def _preface(names: Sequence[str], quick: bool) -> str:
     return f"""\
 Made by `{command}`, in virtual time, from fixed seeds: the same code gives the same numbers, except ORB-SLAM3's.
 Cameras, room and light are those of the fake cameras (docs/do/fake-camera.md); control is the daemon's own.
-
 B&H is Bégin and Hunter, "Auto-Exposure Algorithm for Enhanced Mobile Robot Localization in Challenging Light
 Conditions" (2022); MH is Majer et al., "Adaptive image processing methods for outdoor autonomous vehicles" (2018).
 Intervals in brackets are 95 % bootstrap intervals, unless a section says otherwise."""

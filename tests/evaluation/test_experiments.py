@@ -191,6 +191,16 @@ def test_the_report_gives_the_verdicts_first_in_both_forms(tmp_path: Path) -> No
     assert "Plain &amp; simple" in page and "only <code>here</code>" in page
 
 
+def test_a_report_of_one_experiment_has_its_title_and_no_empty_table(tmp_path: Path) -> None:
+    chapter = (Experiment("worth", "What it is worth", _jobs, _section), ReportSection("Rooms.", [], []))
+    path = write_experiments_report([chapter], "Preface.", tmp_path)
+    text, page = path.read_text(), path.with_suffix(".html").read_text()
+    assert text.startswith("# What it is worth\n") and "<title>What it is worth</title>" in page
+    assert "Verdicts" not in text + page
+    both = write_experiments_report([chapter, chapter], "Preface.", tmp_path).read_text()
+    assert not both.startswith("# What it is worth\n")
+
+
 def test_only_claims_of_the_papers_are_counted() -> None:
     theirs = Claim("B&H Fig. 0", "a < b", "1 < 2", Verdict.REPRODUCED)
     section = ReportSection("", [theirs, replace(theirs, counted=False), replace(theirs, counted=False)], [])
