@@ -107,9 +107,8 @@ def ablate(
     """Take a policy through all courses with each constant altered. Raises AutoexposeError if the unaltered policy
     fails, or does not decide the same twice."""
     trials = [(constant, what) for constant in constants for what in constant.alterations]
-    starts: list[Any] = run_long(
-        [Job(start_of, {"course": [*course]}) for course in courses], kept, workers, console, "starts"
-    )
+    to_start = [Job(start_of, {"course": list(course)}, policies=()) for course in courses]
+    starts: list[Any] = run_long(to_start, kept, workers, console, "starts")
     plain = AlteredRequest(None, policy, courses, starts)
     requests = [plain, *(replace(plain, alteration=constant.alterations[what]) for constant, what in trials)]
     cost_s = FRAME_S * sum(SCENARIOS[scenario].frames for scenario, _, _ in courses)
