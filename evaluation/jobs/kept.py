@@ -14,7 +14,7 @@ from pathlib import Path
 from autoexpose_daemon.control import _native
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY, OWN, PLACES
 from evaluation.jobs.job import Job
-from evaluation.jobs.native import c_files, tree
+from evaluation.jobs.native import NATIVE, ROOT, c_files, tree
 from evaluation.long_runs import KeptResults
 from imaging.errors import AutoexposeError
 
@@ -114,8 +114,7 @@ def _packages() -> tuple[str, ...]:
 
 def _c_files(python: list[Path]) -> list[Path]:
     """The sources that these reach; where it came as a wheel, without them, the whole C extension."""
-    built = Path(_native.__file__)
-    return c_files(python) if (built.parent / "native").is_dir() else [built]
+    return c_files(python) if (ROOT / NATIVE).is_dir() else [Path(_native.__file__)]
 
 
 @cache
