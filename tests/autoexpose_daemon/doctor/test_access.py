@@ -11,7 +11,6 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-import zenoh
 
 from autoexpose_daemon.config.document import PublishConfig
 from autoexpose_daemon.doctor import access
@@ -123,14 +122,6 @@ def test_zenohs_own_file_is_read(folder: Path, more: str, words: str) -> None:
     assert words in network.sentence
     file.write_text("{}")  # it leaves open where the daemon listens
     assert "network" not in {found.check for found in judge_access(PublishConfig(zenoh=file))}
-
-
-def test_the_examples_are_zenohs_and_let_in_others_with_certificates_only() -> None:
-    for name in ("zenoh-robot.json5", "zenoh-desk.json5"):
-        assert "tls" in zenoh.Config.from_file(REPOSITORY / "examples" / name).get_json("transport/link")
-    _, network = judge_access(PublishConfig(zenoh=REPOSITORY / "examples/zenoh-robot.json5"))
-    assert (network.check, network.severity) == ("network", "ok")
-    assert "access control" in network.sentence and "tls/10.0.0.2:7448" in network.sentence
 
 
 def test_a_router_decides_for_itself(folder: Path) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import os
-import re
 import signal
 import socket
 import stat
@@ -289,11 +288,12 @@ def test_a_folder_may_give_the_socket_its_group(socket_folder: Path) -> None:
 
 
 @pytest.mark.needs("openssl")
-def test_the_pages_example_lets_other_machines_watch_and_the_group_do_all(socket_folder: Path) -> None:
+def test_the_examples_let_other_machines_watch_and_the_group_do_all(socket_folder: Path) -> None:
     address, folder = loopback_address(), str(socket_folder)
     certify(socket_folder, address)
-    page = (REPOSITORY / "docs/do/frames-out.md").read_text()
-    daemons, desks = re.findall(r"```json5\n(.*?)```", page, re.DOTALL)[:2]
+    daemons, desks = (
+        (REPOSITORY / "examples" / name).read_text() for name in ("zenoh-robot.json5", "zenoh-desk.json5")
+    )
     for old, new in (
         ("10.0.0.2", address),
         ("/run/autoexpose", folder),
