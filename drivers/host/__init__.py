@@ -27,7 +27,8 @@ def read_number(file: Path) -> float | None:
     return number if math.isfinite(number) else None
 
 
-_M_ARENA_MAX = -8  # of glibc's malloc.h
+_M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD, _M_ARENA_MAX = -1, -3, -8  # of glibc's malloc.h
+_KEPT_BYTES, _LARGEST_KEPT_BYTES = 1 << 28, 1 << 25
 
 
 def share_one_heap() -> None:
@@ -37,9 +38,23 @@ def share_one_heap() -> None:
     found again gets new threads, and each return cost 6 MB (measured). Returning each freed frame to the kernel at once
     would help as well, but then every array of a step costs page faults: the step took five times as long.
     """
+    _set_malloc(_M_ARENA_MAX, 1)
+
+
+def keep_freed_memory() -> None:
+    """Undo a small `MALLOC_TRIM_THRESHOLD_`, with which Dask starts its workers (glibc only).
+
+    It gives freed memory back to the kernel at once, so that each picture comes page by page: judging a drive then took
+    5.7 million page faults instead of 0.06 million, and 40 % more processor time.
+    """
+    _set_malloc(_M_TRIM_THRESHOLD, _KEPT_BYTES)
+    _set_malloc(_M_MMAP_THRESHOLD, _LARGEST_KEPT_BYTES)
+
+
+def _set_malloc(option: int, value: int) -> None:
     mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
     if mallopt is not None:
-        mallopt(_M_ARENA_MAX, 1)
+        mallopt(option, value)
 
 
 NICENESS = -10

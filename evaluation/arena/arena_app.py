@@ -14,14 +14,15 @@ from rich.table import Table
 
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY, OWN, POLICY_IDS, check_policy_id
 from autoexpose_daemon.own_policy.installed import register_policies
-from evaluation.arena.ablation import ablate as ablate_policy
 from evaluation.arena.ablation import (
+    Ablation,
     ablation_courses,
     ablation_document,
     policy_constants,
     print_ablation,
     write_ablation,
 )
+from evaluation.arena.ablation import ablate as ablate_policy
 from evaluation.arena.arena_report import cells, mean_ratios, write_arena_report
 from evaluation.arena.count import count_policy, print_count
 from evaluation.arena.runs import ArenaRun, Task, document, full_plan, jobs_of, quick_plan, runs_of
@@ -75,13 +76,11 @@ def arena(
             return
         courses = ablation_courses(chosen[1], quick)
         make_writable(kept, "--kept")
-        constants, console = policy_constants(policy)[0], Console()
-        workers = workers_of(jobs, cluster)
-        ablation = ablate_policy(policy, constants, courses, kept=ResultCache(kept), workers=workers, console=console)
-        _write(ablation_document(ablation), json_file)
-        print_ablation(ablation, console)
-        if report is not None:
-            console.print(f"report: {write_ablation(ablation, report)}")
+        ablation = ablate_policy(
+            policy, policy_constants(policy)[0], courses,
+            kept=ResultCache(kept), workers=workers_of(jobs, cluster), console=Console(),
+        )  # fmt: skip
+        _show_ablation(ablation, json_file, report)
         return
     stills = _pictures(pictures) if pictures else []
 
@@ -109,6 +108,14 @@ def _count(policy: str, json_file: Path | None) -> None:
     counts = count_policy(policy)
     _write(counts, json_file)
     print_count(counts, Console())
+
+
+def _show_ablation(ablation: Ablation, json_file: Path | None, report: Path | None) -> None:
+    console = Console()
+    _write(ablation_document(ablation), json_file)
+    print_ablation(ablation, console)
+    if report is not None:
+        console.print(f"report: {write_ablation(ablation, report)}")
 
 
 def _chosen(policies: str, scenarios: str) -> tuple[list[str], list[str]]:

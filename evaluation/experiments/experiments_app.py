@@ -59,7 +59,7 @@ def count_of_verdicts(chapters: Sequence[Chapter]) -> str:
     counts = Counter(claim.verdict for claim in claims if claim.counted)
     rest = len(claims) - counts.total()
     if not counts:
-        return f"{rest} claims of our own." if rest else ""
+        return f"{rest} claim{'s' if rest > 1 else ''} of our own." if rest else ""
     return (
         f"{counts.total()} claim{'s' if counts.total() != 1 else ''}: "
         + ", ".join(f"{counts[verdict]} {verdict}" for verdict in Verdict if counts[verdict] or verdict != "undecided")

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import ctypes
 import logging
-import platform
 import threading
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
@@ -13,6 +11,7 @@ from typing import Any, TypeVar
 import cv2
 
 from autoexpose_daemon.own_policy.installed import register_policies
+from drivers.host import keep_freed_memory
 from evaluation.jobs.kept import code_version, libraries
 from imaging.errors import AutoexposeError, ConfigurationError
 
@@ -29,8 +28,6 @@ log = logging.getLogger(__name__)
 ANSWER_S = 10.0
 MOST_DEATHS = 10
 """Dask gives up on work that was there when four workers died; so often it is asked for again."""
-M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3  # mallopt(3)
-KEPT_BYTES, LARGEST_KEPT_BYTES = 2**28, 2**25
 
 _ONE_AT_A_TIME = threading.Lock()  # whatever a worker's number of threads: courses are not for two threads at once
 
@@ -125,14 +122,5 @@ def _at_worker(work: Callable[[Item], Result], item: Item, version: tuple[str, s
         return Refusal(get_worker().address, "other code")
     with _ONE_AT_A_TIME:
         cv2.setNumThreads(1)
-        _keep_freed_memory()
+        keep_freed_memory()
         return (work(item),)
-
-
-def _keep_freed_memory() -> None:
-    """Dask's workers give memory back as soon as it is free. Every picture then came page by page: 5.7 million page
-    faults instead of 0.06 million, and 40 % more processor time."""
-    if platform.libc_ver()[0] == "glibc":
-        libc = ctypes.CDLL(None)
-        libc.mallopt(M_TRIM_THRESHOLD, KEPT_BYTES)
-        libc.mallopt(M_MMAP_THRESHOLD, LARGEST_KEPT_BYTES)

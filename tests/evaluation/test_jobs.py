@@ -7,8 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from autoexpose_daemon.control import _native
 from benchmarks.bench_rejudge import local_cluster
-from evaluation.jobs import cluster
+from evaluation.jobs import cluster, kept
 from evaluation.jobs.job import Job
 from evaluation.jobs.kept import ResultCache
 from evaluation.jobs.run import here, run_jobs, workers_of
@@ -80,3 +81,8 @@ def test_files_count_by_what_is_in_them(tmp_path: Path) -> None:
     assert keys[0] == keys[1] and len({*keys}) == 4
     with pytest.raises(AutoexposeError, match="nowhere cannot be read"):
         cache.key(Job(roots, {"numbers": str(tmp_path / "nowhere")}, files=("numbers",)))
+
+
+def test_where_no_c_is_installed_the_built_extension_counts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(kept, "ROOT", tmp_path)
+    assert kept._c_files([]) == [Path(_native.__file__)]

@@ -126,3 +126,28 @@ def heaps(how: str) -> int:
 def test_threads_share_one_heap() -> None:
     assert heaps("as usual") > 1
     assert heaps("shared") == 1
+
+
+FAULTS = """
+import resource, sys
+import numpy as np
+from drivers.host import keep_freed_memory
+
+if sys.argv[1] == "kept":
+    keep_freed_memory()
+np.ones(1_000_000)
+before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
+for _ in range(50):
+    np.ones(1_000_000)
+print(resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before)
+"""
+
+
+def page_faults(how: str) -> int:
+    environment = {**os.environ, "MALLOC_TRIM_THRESHOLD_": "65536"}  # as Dask sets it
+    command = [sys.executable, "-c", FAULTS, how]
+    return int(subprocess.run(command, capture_output=True, text=True, check=True, timeout=60, env=environment).stdout)
+
+
+def test_freed_memory_is_kept_although_the_environment_gives_it_back() -> None:
+    assert page_faults("as usual") > 20 * page_faults("kept")
