@@ -19,6 +19,8 @@ CLEAR_OF_ENDS_GREY = 0.8
 LEAST_BEND = 0.02
 """Stops per octave of grey: a steeper response would be a step, and divide by zero."""
 
+SAME_ERRORS = 0.4
+"""Curves that differ by less, in errors of medians, explain them alike."""
 SAME_BIAS_GREY = 0.1
 FEWEST_EXPOSURES = 3
 """Mean residuals that differ by less are alike; medians of fewer exposures may have an error in common."""
@@ -156,9 +158,9 @@ class Misfit:
         bias = np.abs(means[exposures >= FEWEST_EXPOSURES]).max(initial=0.0)
         return cls(float(np.sqrt(np.mean(np.minimum(size, limit) ** 2))), float(bias))
 
-    def as_good_as(self, other: Misfit) -> bool:
-        """Whether it is less than a tenth worse, or by less than the error of medians, and nowhere biased by more."""
-        return self.size <= 1.1 * other.size + 0.4 and self.bias_grey <= other.bias_grey + SAME_BIAS_GREY
+    def as_good_as(self, other: Misfit, errors: float = SAME_ERRORS) -> bool:
+        """Whether it is less than a tenth worse, or by less than some errors of medians, and nowhere biased by more."""
+        return self.size <= 1.1 * other.size + errors and self.bias_grey <= other.bias_grey + SAME_BIAS_GREY
 
 
 BASIS_CURVES = 4

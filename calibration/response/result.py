@@ -72,16 +72,17 @@ def calibrate(
     """Judge a sweep, solve it unless it is refused, and judge the solution.
 
     If the scene turns out to have one brightness only, `brighter` is asked for the sweep at a higher gain (see
-    `Sweep.brighter`), and both are solved together. It may return nothing.
+    `Sweep.brighter`), and both are solved together. It may return nothing. Chance may have refused the first by itself,
+    which is forgotten if both together give no reason to doubt the same.
     """
     alone = _calibrate(name, origin, sweep, notes)
-    uniform = alone.solution is not None and alone.solution.uniform and alone.verdict != "refused"
-    shots = brighter() if uniform else ()
+    shots = brighter() if alone.solution is not None and alone.solution.uniform else ()
     if not shots:
         return alone
     if len(exposure_index(sweep)[0]) == len(exposure_index(Sweep(shots))[0]):
         both = _calibrate(name, origin, replace(sweep, brighter=shots), notes)
-        if both.verdict != "refused":
+        refusals = {finding.reason for finding in alone.findings if finding.severity == "refused"}
+        if both.verdict != "refused" and refusals.isdisjoint(finding.reason for finding in both.findings):
             return both
     return replace(alone, findings=(*alone.findings, gains_disagree(shots[0].setting.gain_db)))
 
@@ -93,7 +94,7 @@ def _calibrate(name: str, origin: Origin, sweep: Sweep, notes: tuple[str, ...]) 
     result = Result(name, origin, sweep, by_shot, by_exposure, tuple(judge_sweep(sweep)), notes)
     if result.verdict == "refused":
         return result
-    solved = replace(solve_tones(by_exposure), covered=covered_greys(at_first_gain))
+    solved = replace(solve_tones(by_exposure, two_gains=bool(sweep.brighter)), covered=covered_greys(at_first_gain))
     witness = hear_noise(sweep, solved.response)
     heard = witness if witness is not None and witness.photons else None
     one_brightness = solved.uniform or bool(sweep.brighter)

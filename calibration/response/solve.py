@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.response.curves import (
+    SAME_ERRORS,
     Ends,
     FamilyFit,
     InverseCurve,
@@ -182,17 +183,21 @@ class SweepFit:
         return np.asarray(stops - stops[self.anchor])
 
 
+TWO_GAINS_ERRORS = 0.8
+"""In place of `SAME_ERRORS` for one brightness at two gains: all pixels of an exposure share its chance, and a free
+curve follows it, so that one of twelve sweeps of a sound camera would have no family."""
 LINEAR_WITHIN_GREY = 0.4
 """Sensors are linear to about a percent: what a straight line explains this well (rms) counts as linear."""
 BLACK_ERROR_GREY = 1.0
 """How well black is known."""
 
 
-def solve_tones(tones: Tones) -> ResponseSolution:
+def solve_tones(tones: Tones, *, two_gains: bool = False) -> ResponseSolution:
     """Recover the response function from grey levels: a free curve, or a family's if that explains as much.
 
-    Takes sweeps that `judge_sweep` does not refuse; about a second for 80 shots of 390000 pixels. Raises
-    ConfigurationError when no group of pixels was seen, neither black nor saturated, at two exposures.
+    `two_gains` says that the tones are of one brightness, seen at two gains (see `Sweep.brighter`). Takes sweeps that
+    `judge_sweep` does not refuse; about a second for 80 shots of 390000 pixels. Raises ConfigurationError when no group
+    of pixels was seen, neither black nor saturated, at two exposures.
     """
     # The scale is arbitrary: without it, and without the last digits, equal sweeps in other units stay equal.
     tones = replace(tones, levels=np.round(tones.levels - tones.levels.mean(), 9))
@@ -207,7 +212,8 @@ def solve_tones(tones: Tones) -> ResponseSolution:
     uniform = is_uniform(tones, within, simplest.curve)
     anchor = _anchor(tones, within, simplest.curve)
     free = fit_free(tones, within, simplest.curve, anchor)
-    explained = _is_linear(simplest, tones, within) or simplest.misfit.as_good_as(free.misfit)
+    as_good = simplest.misfit.as_good_as(free.misfit, TWO_GAINS_ERRORS if two_gains else SAME_ERRORS)
+    explained = as_good or _is_linear(simplest, tones, within)
     return _solution(SweepFit(tones, ends, within, simplest, free, explained, uniform, anchor))
 
 

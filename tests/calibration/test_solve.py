@@ -14,10 +14,11 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from calibration.images import read_images
-from calibration.response.curves import Ends, InverseCurve, families, fit_family, usable
+from calibration.response.curves import Ends, InverseCurve, Misfit, families, fit_family, usable
 from calibration.response.file import Origin, ResponseSolution
 from calibration.response.judgement import judge_solution, judge_sweep
 from calibration.response.result import calibrate
+from calibration.response.solve import TWO_GAINS_ERRORS
 from calibration.response.tones import Tones, tones_by_exposure
 from calibration.sweep import Shot, Sweep
 from imaging.errors import ConfigurationError
@@ -194,6 +195,12 @@ def test_a_group_seen_at_two_exposures_speaks_of_the_curve_and_one_seen_once_doe
     greys = np.array([[0.0, 0.0], [30.0, 0.0], [120.0, 60.0], [255.0, 255.0]])
     tones = Tones(np.arange(4.0), greys, np.full(greys.shape, 0.1), 0.0)
     assert usable(tones, Ends.of(tones)).sum(axis=0).tolist() == [2, 0]
+
+
+@pytest.mark.parametrize(("gamma", "free"), [(1.262, 0.672), (1.142, 0.390), (1.165, 0.689)])
+def test_a_free_curve_that_follows_a_walls_chance_is_not_preferred(gamma: float, free: float) -> None:
+    """The worst of 60 simulated walls at two gains, before a camera whose curve is a gamma."""
+    assert Misfit(gamma, 0.0).as_good_as(Misfit(free, 0.0), TWO_GAINS_ERRORS)
 
 
 def test_a_fit_is_not_ruled_by_what_moved() -> None:

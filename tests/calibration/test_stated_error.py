@@ -134,6 +134,19 @@ def test_it_shows_an_offset_of_the_exposure_times(share: float) -> None:
     assert share or stated <= 0.005
 
 
+@pytest.mark.parametrize("doubted", [False, True])
+def test_a_wall_that_chance_refused_is_kept_if_both_gains_together_are_not_doubted(
+    monkeypatch: pytest.MonkeyPatch, doubted: bool
+) -> None:
+    def hear(sweep: Sweep, response: ResponseFunction) -> NoiseWitness:
+        return NoiseWitness(0.7, doubted, misfit=1.0 if sweep.brighter else 20.0, dark_light=1e-4)
+
+    monkeypatch.setattr("calibration.response.result.hear_noise", hear)
+    result = calibrated(dimmer(), brighter())
+    assert (result.verdict == "refused") == doubted
+    assert bool(result.sweep.brighter) != doubted
+
+
 def test_light_that_drifts_during_the_second_sweep_is_told() -> None:
     shots = len(brighter())
     result = calibrated(dimmer(), brighter(lambda shot: float(np.exp2(0.2 * shot / shots))))
