@@ -7,7 +7,6 @@ import logging
 import math
 import threading
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -258,7 +257,7 @@ class AravisCamera:
         return self._stream.refused()
 
     def close(self) -> None:
-        """Stop acquisition, release control and free everything; waits for a `next_frame` in progress.
+        """Stop acquisition and free everything, which gives up control; waits for a `next_frame` in progress.
 
         A camera that does not answer delays this by 5 to 10 s: Aravis says goodbye and waits for the answers.
         """
@@ -267,24 +266,16 @@ class AravisCamera:
             if self._closed:
                 return
             self._closed = True
-            if self._nodes.exists("AcquisitionStop"):
-                self._closing_step("stop acquisition", self._nodes.camera.stop_acquisition)
-            if self._nodes.camera.is_gv_device():
-                self._closing_step("release control", self._nodes.device.leave_control)
+            if not self._nodes.silent.is_set():  # else that would block for seconds
+                try:
+                    self._nodes.stop_acquisition()
+                except CameraError as error:
+                    _log.warning("%s", error)
             if self._actions is not None:
                 self._actions.close()
             self._frames.chunks = None
             self._stream.close()
             self._nodes.release()
-
-    def _closing_step(self, action: str, function: Callable[[], object]) -> None:
-        """One step of closing, skipped once the camera is silent: each would block for seconds."""
-        if self._nodes.silent.is_set():
-            return
-        try:
-            self._nodes.call(action, function)
-        except CameraError as error:
-            _log.warning("%s", error)
 
     def _check_present(self) -> None:
         if self._closing.is_set():

@@ -23,6 +23,9 @@ except ValueError:
     ) from None
 from gi.repository import Aravis, GLib
 
+for _name in dir(Aravis):  # PyGObject makes a class when it is first named, and other threads see it half made
+    getattr(Aravis, _name)
+
 __all__ = ["Aravis", "AravisNodes", "GLib", "is_silence"]
 
 T = TypeVar("T")
@@ -85,7 +88,8 @@ class AravisNodes:
         # Bounds are checked here: Aravis 0.8.26 errs where a converter decreases, or is a lookup table.
         self.device.set_range_check_policy(Aravis.RangeCheckPolicy.DISABLE)
         self._check_writes(True)
-        # The handler runs on a thread of Aravis and must never hold the last reference to the camera, only the event.
+        # The handler runs on a thread of Aravis, which would end the process by dropping the last reference to the
+        # camera. So the handler holds only the event, and `release` disconnects it before it gives up control.
         lost = self.silent
         self._control_lost = self.device.connect("control-lost", lambda _device: lost.set())
 
@@ -108,8 +112,13 @@ class AravisNodes:
             access = Aravis.AccessCheckPolicy
             self.device.set_access_check_policy(access.ENABLE if on else access.DISABLE)
 
+    def stop_acquisition(self) -> None:
+        """Have the camera expose no more, if it can be told to; raises as `call` does."""
+        if self.exists("AcquisitionStop"):
+            self.call("stop acquisition", self.camera.stop_acquisition)
+
     def release(self) -> None:
-        """Drop the camera, which closes it."""
+        """Drop the camera, which closes it, and gives up control."""
         self.device.disconnect(self._control_lost)
         self.camera = self.device = None
 

@@ -41,9 +41,9 @@ from imaging.errors import (
 
 FRESH_S = 2.0
 """A search takes a second: the second camera of a rig is found by the search for the first."""
-OPENING = threading.Lock()
-"""One camera at a time is searched for and opened. Aravis keeps one device list for the process, and two cameras whose
-descriptions were parsed at the same time came up with broken node maps (0.8.26, once in six tries)."""
+ONE_AT_A_TIME = threading.Lock()
+"""Aravis searches for one camera at a time, with one device list for the process, and parses one description at a time,
+once for the nodes and once for the chunks: two at once gave broken node maps, or ended the process (0.8.26)."""
 Transport = Literal["gige", "usb3"]
 _TRANSPORTS: dict[str, Transport] = {"GigEVision": "gige", "USB3Vision": "usb3"}
 _CLAIM_REFUSED = "Failed to claim USB interface"
@@ -73,33 +73,40 @@ class FoundCamera:
 
 
 _found: list[FoundCamera] = []
-_found_s = float("-inf")
+_searched_s = _found_s = float("-inf")
+"""When the last search began and ended."""
 
 
 def find_cameras() -> list[FoundCamera]:
     """Search every interface for cameras, which takes about a second; in order of their serial numbers."""
-    with OPENING:
+    with ONE_AT_A_TIME:
         return _search()
 
 
 def find_camera(serial: str) -> FoundCamera:
     """The camera with that serial, from a recent search or a new one; raises CameraNotFoundError."""
-    with OPENING:
-        for cameras in (_found if time.monotonic() - _found_s < FRESH_S else [], _searched()):
-            for camera in cameras:
-                if camera.serial == serial:
-                    return camera
+    asked_s = time.monotonic()
+    with ONE_AT_A_TIME:
+        camera = _among_found(serial)
+        is_fresh = time.monotonic() - _found_s < FRESH_S
+        others_searched = _searched_s >= asked_s  # while this waited: several cameras of a rig may be away
+        is_known = camera is not None and is_fresh
+        if not (is_known or others_searched):
+            _search()
+            camera = _among_found(serial)
+        if camera is not None:
+            return camera
         others = ", ".join(sorted(f'"{camera.serial}"' for camera in _found)) or "none"
     raise CameraNotFoundError(f'no camera with serial "{serial}" answers; cameras that do: {others}')
 
 
-def _searched() -> Iterator[FoundCamera]:
-    """A new search, made only when its first camera is asked for."""
-    yield from _search()
+def _among_found(serial: str) -> FoundCamera | None:
+    return next((camera for camera in _found if camera.serial == serial), None)
 
 
 def _search() -> list[FoundCamera]:
-    global _found, _found_s  # noqa: PLW0603  like Aravis' own list, one per process
+    global _found, _found_s, _searched_s  # noqa: PLW0603  like Aravis' own list, one per process
+    _searched_s = time.monotonic()
     Aravis.update_device_list()
     found = (_described(index) for index in range(Aravis.get_n_devices()))
     _found = sorted((camera for camera in found if camera is not None), key=lambda camera: camera.serial)
@@ -139,8 +146,7 @@ def open_camera(serial: str, setup: CameraSetup) -> AravisCamera:
     found, nodes = find_camera(serial), None
     try:
         nodes = _controlled(found)
-        with OPENING:
-            return set_up(nodes, found, setup)
+        return set_up(nodes, found, setup)
     except AutoexposeError as error:
         if nodes is not None:
             nodes.release()
@@ -157,23 +163,16 @@ def open_nodes(serial: str) -> Iterator[AravisNodes]:
     """
     nodes = _controlled(find_camera(serial))
     try:
-        _stop(nodes)
+        nodes.stop_acquisition()
         yield nodes
     finally:
-        if nodes.camera.is_gv_device() and not nodes.silent.is_set():
-            nodes.call("release control", nodes.device.leave_control)
         nodes.release()
-
-
-def _stop(nodes: AravisNodes) -> None:
-    if nodes.exists("AcquisitionStop"):
-        nodes.call("stop acquisition", nodes.camera.stop_acquisition)
 
 
 def _controlled(found: FoundCamera) -> AravisNodes:
     """The nodes of the camera, opened and controlled by us."""
     try:
-        with OPENING:
+        with ONE_AT_A_TIME:
             camera = Aravis.Camera.new(found.id)
     except GLib.Error as error:
         if _CLAIM_REFUSED in error.message:
@@ -208,7 +207,7 @@ def _busy(serial: str) -> CameraBusyError:
 def set_up(nodes: AravisNodes, found: FoundCamera, setup: CameraSetup) -> AravisCamera:
     """Set everything that decides what its frames are; raises as `open_camera` does."""
     serial, trigger = found.serial, setup.trigger
-    _stop(nodes)
+    nodes.stop_acquisition()
     unlock(nodes)
     switch_auto_off(nodes)  # so that nothing locks, or overwrites, what is set
     switch_white_balance_off(nodes, setup.pixel_format)
@@ -252,7 +251,9 @@ def set_up(nodes: AravisNodes, found: FoundCamera, setup: CameraSetup) -> Aravis
     stream = create_stream(nodes, setup)
     chunks = None
     if chunk_nodes is not None:
-        chunks = ChunkReader(nodes.camera.create_chunk_parser(), chunk_nodes, dialect.gain)
+        with ONE_AT_A_TIME:
+            parser = nodes.camera.create_chunk_parser()
+        chunks = ChunkReader(parser, chunk_nodes, dialect.gain)
     queue = 1 if ptp is None else action_queue(nodes)
     size = frame_size(nodes)
     for fixed in fixed_selectors(nodes):

@@ -113,7 +113,7 @@ TRIES = 3
 
 _DISCOVERY, _READREG = 0x0002, 0x0080
 _ACK_REQUIRED, _BROADCAST_ANSWER = 0x01, 0x10
-_SUCCESS, _ACCESS_DENIED = 0x0000, 0x8006
+_SUCCESS, _ACCESS_DENIED, _BUSY = 0x0000, 0x8006, 0x8007
 _HEADER, _ACK_HEADER = struct.Struct(">BBHHH"), struct.Struct(">HHHH")
 _SEARCH_ID = 1
 _CONTROL_PRIVILEGE = 0x0A00
@@ -195,6 +195,8 @@ def control_of(camera_address: str, answer_s: float = ANSWER_S) -> Control:
         return "silent"
     if answer.status == _ACCESS_DENIED:  # on some cameras exclusive access hides even this register
         return "held"
+    if answer.status != _SUCCESS:
+        return "silent"
     return "held" if answer.value & _HELD else "free"
 
 
@@ -238,7 +240,7 @@ def streamed_packet_bytes(camera_address: str, answer_s: float = ANSWER_S) -> in
 
 @dataclass(frozen=True, slots=True)
 class _Answer:
-    """Status (success or access denied) and value of a bootstrap register, and who answered."""
+    """Status and value of a bootstrap register (0 without success), and who answered."""
 
     status: int
     value: int
@@ -248,7 +250,10 @@ class _Answer:
 def _read_register(
     camera_address: str, register: int, answer_s: float, *, from_anywhere: bool = False
 ) -> _Answer | None:
-    """Read a bootstrap register; None if no answer comes from the camera's address, or at all."""
+    """Read a bootstrap register; None if no answer comes from the camera's address, or at all.
+
+    A camera without that register refuses at once. One that is busy is asked again.
+    """
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as asker:
         for _ in range(TRIES):
             request_id = secrets.randbelow(0xFFFF) + 1
@@ -261,9 +266,8 @@ def _read_register(
                     asker.settimeout(left_s)
                     datagram, (sender, _) = asker.recvfrom(2048)
                     status, acknowledged, payload = _parse(datagram, request_id)
-                    if acknowledged == _READREG + 1 and (
-                        status == _ACCESS_DENIED or (status == _SUCCESS and len(payload) >= 4)
-                    ):
+                    final = len(payload) >= 4 if status == _SUCCESS else status != _BUSY
+                    if acknowledged == _READREG + 1 and final:
                         return _Answer(status, int.from_bytes(payload[:4], "big"), sender)
             except OSError:  # timed out, or the host itself reports that nothing is there
                 continue

@@ -124,6 +124,12 @@ def test_zenohs_own_file_is_read(folder: Path, more: str, words: str) -> None:
     assert "network" not in {found.check for found in judge_access(PublishConfig(zenoh=file))}
 
 
+def test_the_example_lets_in_others_with_certificates_only() -> None:
+    _, network = judge_access(PublishConfig(zenoh=REPOSITORY / "examples/zenoh-robot.json5"))
+    assert (network.check, network.severity) == ("network", "ok")
+    assert "access control" in network.sentence and "tls/10.0.0.2:7448" in network.sentence
+
+
 def test_a_router_decides_for_itself(folder: Path) -> None:
     *_, finding = judge_access(PublishConfig(connect=("tcp/10.0.0.1:7447",)))
     assert (finding.check, finding.severity) == ("network", "ok")

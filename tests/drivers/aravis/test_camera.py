@@ -6,6 +6,7 @@ import contextlib
 import math
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 from types import SimpleNamespace
 from typing import Any
 
@@ -13,12 +14,13 @@ import pytest
 
 from drivers.aravis import AravisCamera, FoundCamera, opening
 from drivers.aravis.camera import ChunkReader, FrameReader
+from drivers.aravis.nodes import Aravis
 from drivers.aravis.stream import own_bytes_per_s
 from drivers.camera import CameraDescription
 from drivers.genicam.dialect import find_dialect
 from drivers.genicam.metadata import ChunkNodes, SettingLedger
 from drivers.genicam.timeline import FrameTimeline
-from imaging.errors import CameraBusyError, NodeError
+from imaging.errors import CameraBusyError, CameraNotFoundError, NodeError
 from imaging.exposure import ExposureSetting
 from imaging.pixels import PixelFormat
 from tests.drivers.genicam.node_map import FloatNode, IntegerNode, MemoryNodes, Node, StringNode
@@ -118,3 +120,34 @@ def test_the_speed_of_the_link_is_that_of_the_standard_nodes() -> None:
     assert speed(DeviceLinkSpeed=IntegerNode(125_000_000, 0, 1 << 40)) == 125e6
     assert speed(GevLinkSpeed=IntegerNode(1000, 0, 1 << 20)) == 125e6
     assert speed(DeviceLinkSpeed=IntegerNode(0, 0, 1 << 40)) is None
+
+
+def test_every_class_of_aravis_is_made_before_a_thread_names_it() -> None:
+    """PyGObject makes each when it is first named: of two cameras opened at once, one met an enumeration half made."""
+    assert {name for name in dir(Aravis) if not name.startswith("__")} <= vars(Aravis).keys()
+
+
+class Crowd:
+    """A lock that none of three has before all want it."""
+
+    def __init__(self) -> None:
+        self._all_here, self._lock = threading.Barrier(3), threading.Lock()
+
+    def __enter__(self) -> None:
+        self._all_here.wait(20.0)
+        self._lock.acquire()
+
+    def __exit__(self, *_: object) -> None:
+        self._lock.release()
+
+
+def test_who_waits_while_others_search_does_not_search_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    searches: list[int] = []
+    nothing = SimpleNamespace(update_device_list=lambda: searches.append(0), get_n_devices=lambda: 0)
+    stand_ins = {"Aravis": nothing, "ONE_AT_A_TIME": Crowd(), "_searched_s": -math.inf, "_found_s": -math.inf}
+    for name, value in stand_ins.items():
+        monkeypatch.setattr(opening, name, value)
+    with ThreadPoolExecutor(3) as cameras:
+        absent = [cameras.submit(opening.find_camera, serial) for serial in ("A1", "A2", "A3")]
+    assert [type(one.exception()) for one in absent] == [CameraNotFoundError] * 3
+    assert len(searches) == 1

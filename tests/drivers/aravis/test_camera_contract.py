@@ -14,13 +14,15 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pytest
 
-from drivers.aravis import AravisCamera, find_cameras, open_camera, open_nodes
+from drivers.aravis import AravisCamera, find_cameras, open_camera, open_nodes, opening
+from drivers.aravis.opening import FoundCamera
 from drivers.camera import IncompleteFrame
 from drivers.genicam.features import advice, differing, read_inventory
 from drivers.genicam.timeline import LATCH_ERROR_NS
@@ -78,6 +80,12 @@ def fake(backend: Backend) -> Iterator[FakeCamera]:
 @pytest.fixture(scope="module")
 def idle(backend: Backend) -> Iterator[FakeCamera]:
     """A second camera, never left open between tests."""
+    with backend.start() as running:
+        yield running
+
+
+@pytest.fixture
+def another(backend: Backend) -> Iterator[FakeCamera]:
     with backend.start() as running:
         yield running
 
@@ -369,7 +377,6 @@ def holder(serial: str) -> Iterator[subprocess.Popen[str]]:
             process.kill()
 
 
-@pytest.mark.filterwarnings("ignore:.*g_thread_join")  # Aravis 0.8.26 after a refused claim
 def test_a_camera_held_by_another_program_is_busy_until_that_is_killed_and_forgotten(idle: FakeCamera) -> None:
     """Over GigE Vision that takes 3 s."""
     with holder(idle.serial) as process:
@@ -387,6 +394,39 @@ def test_a_camera_held_by_another_program_is_busy_until_that_is_killed_and_forgo
         with contextlib.closing(camera):
             camera.start()
             next_frames(camera, 5)
+
+
+def test_cameras_opened_at_the_same_moment_are_whole(another: FakeCamera, idle: FakeCamera) -> None:
+    """Aravis parses a description twice, and does not bear two at once: without the lock the process ends here."""
+    with ThreadPoolExecutor(2) as pool:
+        for _ in range(8):
+            tasks = [pool.submit(open_camera, one.serial, CameraSetup(SOFTWARE)) for one in (another, idle)]
+            limits = []
+            for one in tasks:
+                with contextlib.closing(one.result(PATIENCE_S)) as camera:
+                    limits.append(camera.limits)
+            assert limits[0] == limits[1]
+
+
+def test_a_camera_that_answers_slowly_holds_up_no_other(
+    another: FakeCamera, idle: FakeCamera, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    reached, go_on = threading.Event(), threading.Event()
+
+    def set_up(nodes: Any, found: FoundCamera, setup: CameraSetup) -> AravisCamera:
+        if found.serial == another.serial:
+            reached.set()
+            assert go_on.wait(PATIENCE_S)
+        return original(nodes, found, setup)
+
+    original = opening.set_up
+    monkeypatch.setattr(opening, "set_up", set_up)
+    with ThreadPoolExecutor(1) as pool:
+        slow = pool.submit(open_camera, another.serial, CameraSetup(SOFTWARE))
+        assert reached.wait(PATIENCE_S)
+        with opened(idle):
+            go_on.set()
+        slow.result(PATIENCE_S).close()
 
 
 def test_closing_ends_a_wait(idle: FakeCamera) -> None:

@@ -125,7 +125,7 @@ def test_it_runs_freely_at_its_rate(name: str, cameras: dict[str, Shaped]) -> No
     with contextlib.closing(open_camera(cameras[name].serial, FREELY)) as camera:
         camera.start()
         frames = [frame for _ in range(5) if isinstance(frame := camera.next_frame(0.5), Frame)]
-        assert np.diff([frame.device_time_ns for frame in frames]) == pytest.approx(1e9 / RATE_HZ, rel=0.01)
+        assert np.median(np.diff([frame.device_time_ns for frame in frames])) == pytest.approx(1e9 / RATE_HZ, rel=0.01)
 
 
 @pytest.mark.parametrize(

@@ -137,18 +137,23 @@ def test_a_camera_that_we_did_not_write_answers() -> None:
         assert control_of(str(camera.address.ip)) == "free"
 
 
+INVALID_ADDRESS, BUSY = 0x8003, 0x8007
+
+
 @contextmanager
-def answering(address: str, answer: bytes) -> Iterator[None]:
+def answering(address: str, answer: bytes) -> Iterator[list[bytes]]:
     """Something at a camera's port that gives one answer to everything, until the first empty datagram.
 
-    With the id of the question, if there is room for one.
+    With the id of the question, if there is room for one. Yields the questions.
     """
+    questions: list[bytes] = []
 
     def serve() -> None:
         while True:
             question, peer = server.recvfrom(2048)
             if not question:
                 return
+            questions.append(question)
             server.sendto(answer[:6] + question[6:8] + answer[8:] if len(answer) >= 8 else answer, peer)
 
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as server:
@@ -156,7 +161,7 @@ def answering(address: str, answer: bytes) -> Iterator[None]:
         thread = threading.Thread(target=serve)
         thread.start()
         try:
-            yield
+            yield questions
         finally:
             with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as ending:
                 ending.sendto(b"", (address, gvcp.PORT))
@@ -169,6 +174,7 @@ def answering(address: str, answer: bytes) -> Iterator[None]:
         (struct.pack(">HHHHI", 0, READREG + 1, 4, 1, 0x2), "held"),
         (struct.pack(">HHHHI", 0, READREG + 1, 4, 1, 0x0), "free"),
         (struct.pack(">HHHH", ACCESS_DENIED, READREG + 1, 0, 1), "held"),
+        (struct.pack(">HHHH", INVALID_ADDRESS, READREG + 1, 0, 1), "silent"),
         (struct.pack(">HHHH", 0, READREG + 1, 0, 1), "silent"),
         (b"\0\0", "silent"),
         (b"HTTP/1.1 400 Bad Request", "silent"),
@@ -179,6 +185,17 @@ def test_answers_are_read_for_what_they_are(answer: bytes, control: Control) -> 
     assert control_of(address, answer_s=0.01) == "silent"
     with answering(address, answer):
         assert control_of(address) == control
+
+
+@pytest.mark.parametrize(("status", "answer_s", "asked"), [(INVALID_ADDRESS, 20.0, 1), (BUSY, 0.2, gvcp.TRIES)])
+def test_a_camera_that_has_no_such_register_is_not_asked_again_and_a_busy_one_is(
+    status: int, answer_s: float, asked: int
+) -> None:
+    address = loopback_address()
+    with answering(address, struct.pack(">HHHH", status, READREG + 1, 0, 1)) as questions:
+        ptp_status = ptp_status_of(address, answer_s)
+    assert ptp_status is None
+    assert len(questions) == asked
 
 
 def test_answers_to_other_questions_are_none() -> None:
