@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 
@@ -13,6 +13,12 @@ def text_beside(module_file: str, name: str | None = None, **values: object) -> 
     return file.read_text(encoding="utf-8").format(**values).strip()
 
 
-def table_row(cells: Iterable[str]) -> str:
+def markdown_table(heads: Sequence[str], rows: Iterable[Iterable[str]], texts: int = 1) -> str:
+    """A table in Markdown: the first `texts` columns to the left, numbers to the right."""
+    lines = "|" + "---|" * texts + "---:|" * (len(heads) - texts)
+    return "\n".join([_row(heads), lines, *map(_row, rows)])
+
+
+def _row(cells: Iterable[str]) -> str:
     """A row of a table in Markdown."""
     return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"

@@ -36,7 +36,7 @@ from evaluation.jobs.job import Job
 from evaluation.jobs.kept import ResultCache
 from evaluation.jobs.native import ROOT, c_files
 from evaluation.jobs.run import Workers, run_long
-from evaluation.prose import table_row, text_beside
+from evaluation.prose import markdown_table, text_beside
 from evaluation.scenes.scenarios import SCENARIOS
 from evaluation.stage.camera import Entrant, MakeLoop
 from evaluation.stage.oracle import Oracle, best_start
@@ -225,13 +225,25 @@ COLUMNS: dict[str, tuple[str, str]] = {
 
 
 def write_ablation(ablation: Ablation, folder: Path) -> Path:
-    """Write `ablation.md` into a folder; returns its path."""
-    head, *rows = _cells(ablation)
-    lines = [head, ["---"] * len(head), *rows]
-    table = "\n".join(map(table_row, lines))
+    """Write `ablation.md` into a folder, with what changed no decision apart; returns its path."""
+    heads, unaltered, *rows = _cells(ablation)
+    changed, idle = [unaltered], dict[tuple[str, ...], list[str]]()
+    for row, trial in zip(rows, ablation.trials, strict=True):
+        if trial.idle:
+            *constant, altered = row[:4]
+            idle.setdefault(tuple(constant), []).append(altered)
+        else:
+            changed.append(row)
+    parts = [
+        f"# Every constant of `{ablation.policy}`",
+        text_beside(__file__),
+        _courses(ablation),
+        markdown_table(heads, changed, texts=4),
+        "## What changed no decision on these courses",
+        markdown_table(heads[:4], ([*constant, ", ".join(altered)] for constant, altered in idle.items()), texts=4),
+        not_altered(ablation),
+    ]
     path = folder / "ablation.md"
-    title = f"# Every constant of `{ablation.policy}`"
-    parts = [title, text_beside(__file__), _courses(ablation), table, not_altered(ablation)]
     path.write_text("\n\n".join(parts) + "\n", encoding="utf-8")
     return path
 

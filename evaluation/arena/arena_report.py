@@ -14,7 +14,7 @@ from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from evaluation.arena.runs import HELD_OUT_SEEDS, MAIN_DELAY, OTHER_DELAYS, TUNE_SCENES, ArenaRun, results
 from evaluation.arrays import Floats
 from evaluation.drawing import save
-from evaluation.prose import table_row, text_beside
+from evaluation.prose import markdown_table, text_beside
 from evaluation.scenes.scenarios import RATE_HZ, SCENARIOS
 
 # With more lines than these, a plot is unreadable. The oracle shown is that of the first.
@@ -193,11 +193,8 @@ def cells(rows: Sequence[dict[str, Any]], policies: Sequence[str], scenarios: Se
 
 
 def _table(names: Sequence[str], heads: Sequence[str], values: Floats, form: str) -> str:
-    lines = [table_row(["policy", *heads]), "|---|" + "---:|" * len(heads)]
-    for name, row in zip(names, values, strict=True):
-        figures = (form.format(value) if np.isfinite(value) else "-" for value in row)
-        lines.append(table_row([f"`{name}`", *figures]))
-    return "\n".join(lines)
+    figures = ([form.format(value) if np.isfinite(value) else "-" for value in row] for row in values)
+    return markdown_table(["policy", *heads], ([f"`{name}`", *row] for name, row in zip(names, figures, strict=True)))
 
 
 def _counts(runs: Sequence[ArenaRun]) -> str:
@@ -214,14 +211,14 @@ def _counts(runs: Sequence[ArenaRun]) -> str:
 def _targets(runs: Sequence[ArenaRun], policy: str) -> list[str]:
     if not runs:
         return []
-    lines = ["| scenario | figure | D | reached | must | stretch |", "|---|---|---:|---:|---:|---:|"]
+    heads, rows = ["scenario", "figure", "D", "reached", "must", "stretch"], []
     for delay in (MAIN_DELAY, *OTHER_DELAYS):
         for target, reached in outcomes([run for run in runs if run.delay_frames == delay]):
             verdict = "" if target.must is None or reached >= target.must else " **missed**"
             must = "-" if target.must is None else f"{target.must:g}"
-            row = target.scenario, target.what, str(delay), f"{reached:.3f}{verdict}", must, f"{target.stretch:g}"
-            lines.append(table_row(row))
-    return [f"## Targets of `{policy}`", "\n".join(lines)]
+            shown = f"{reached:.3f}{verdict}"
+            rows.append([target.scenario, target.what, str(delay), shown, must, f"{target.stretch:g}"])
+    return [f"## Targets of `{policy}`", markdown_table(heads, rows, texts=2)]
 
 
 def _delays(runs: Sequence[ArenaRun], policies: Sequence[str]) -> list[str]:

@@ -23,7 +23,7 @@ from evaluation.jobs.job import Plain
 from evaluation.jobs.kept import ResultCache
 from evaluation.jobs.run import CLUSTER, CORES, FINISHED, KEPT, PROCESSES, run_long, workers_of
 from evaluation.long_runs import check_chosen, make_writable
-from evaluation.prose import table_row
+from evaluation.prose import markdown_table
 from imaging.errors import AutoexposeError, ConfigurationError
 
 Chapter = tuple[Experiment, ReportSection]
@@ -78,22 +78,18 @@ def _markdown(chapters: Sequence[Chapter], preface: str) -> list[str]:
         for part in section.parts:
             match part:
                 case Table():
-                    parts += [part.caption, _table(part)]
+                    parts += [part.caption, markdown_table(part.heads, part.rows)]
                 case Figure():
                     parts.append(f"![{part.caption}]({part.file})\n\n*{part.caption}*")
     return parts
 
 
 def _claims(claims: Sequence[tuple[str, Claim]]) -> str:
-    lines = ["| experiment | the paper | says | we saw | verdict |", "|---|---|---|---|---|"]
+    heads, rows = ["experiment", "the paper", "says", "we saw", "verdict"], []
     for name, claim in claims:
         verdict = f"**{claim.verdict}**" + (f": {claim.condition}" if claim.condition else "")
-        lines.append(table_row([f"`{name}`", claim.source, claim.claim, claim.ours, verdict]))
-    return "\n".join(lines)
-
-
-def _table(table: Table) -> str:
-    return "\n".join([table_row(table.heads), "|---|" + "---:|" * (len(table.heads) - 1), *map(table_row, table.rows)])
+        rows.append([f"`{name}`", claim.source, claim.claim, claim.ours, verdict])
+    return markdown_table(heads, rows, texts=len(heads))
 
 
 def _inline(text: str) -> str:

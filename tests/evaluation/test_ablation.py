@@ -217,11 +217,16 @@ def test_table_has_a_row_for_each_alteration(tmp_path: Path) -> None:
         3,
     )
     assert trials["BAD", "x 2"].error == "ZeroDivisionError: no frames"
-    lines = write_ablation(ablation, tmp_path).read_text().splitlines()
-    rows = {line.split(" | ")[0]: line for line in lines if line.startswith("| ")}
-    assert all(line.replace("\\|", "").count("|") == rows["| constant"].count("|") for line in rows.values())
+    changed, _, unchanged = write_ablation(ablation, tmp_path).read_text().partition("\n## ")
+    rows, idle = (
+        {line.split(" | ")[0]: line for line in part.splitlines() if line.startswith("| ")}
+        for part in (changed, unchanged)
+    )
+    for table in (rows, idle):
+        assert all(line.replace("\\|", "").count("|") == table["| constant"].count("|") for line in table.values())
     assert "0.500 | 0.250 | 3 | 0.00 | 0.000 | 0.500 / 0.250 | 0.500 / 0.250" in rows["| unaltered"]
-    assert "Frames \\| idle." in rows["| `made_up.IDLE`"] and " = " in rows["| `made_up.IDLE`"]
+    assert "Frames \\| idle." in idle["| `made_up.IDLE`"] and "x 2, / 2" in idle["| `made_up.IDLE`"]
+    assert "| `made_up.IDLE`" not in rows
     print_ablation(ablation, console)
     shown = console.export_text()
     assert "fails: ZeroDivisionError" in shown and "contrast.c" in shown

@@ -344,7 +344,7 @@ def _draw_boxes(runs: PolicyRuns, figure: str, title: str, file: Path) -> None:
     for axes, scene in ((left, UNEVEN), (right, LOW)):
         values = [[run[figure] for run in runs.of(scene, policy)] for policy in runs.policies]
         boxes(axes, values, runs.policies)
-        axes.tick_params(axis="x", labelrotation=40)
+        axes.set_xticks(axes.get_xticks(), runs.policies, rotation=60, rotation_mode="anchor", ha="right", fontsize=9)
         axes.set_title(scene.title, fontsize=10)
     left.set_ylabel(title)
     if figure == "rpe_mm":
@@ -356,15 +356,14 @@ def _draw_boxes(runs: PolicyRuns, figure: str, title: str, file: Path) -> None:
 
 def _draw_exposures(runs: PolicyRuns, file: Path) -> None:
     canvas, (upper, lower) = panels(2, 1, 5.0, sharex=True)
-    for place, policy in enumerate(runs.policies):
+    for colour, policy in zip(COLOURS, (policy for policy in POLICIES if policy in runs.policies), strict=False):
         run = runs.of(UNEVEN, policy)[0]
         time_s = np.arange(len(run["times_us"])) * EVERY / RATE_HZ
         for axes, values in ((upper, np.array(run["times_us"]) / 1e3), (lower, run["gains_db"])):
-            style = "-" if place < len(COLOURS) else "--"
-            axes.plot(time_s, values, style, color=COLOURS[place % len(COLOURS)], linewidth=1.2, label=policy)
+            axes.plot(time_s, values, color=colour, linewidth=1.2, label=policy)
     upper.set(yscale="log", ylabel="exposure time (ms)")
     lower.set(ylabel="gain (dB)", xlabel="time (s)")
-    canvas.legend(*upper.get_legend_handles_labels(), loc="outside lower center", ncols=4, fontsize=9)
+    canvas.legend(*upper.get_legend_handles_labels(), loc="outside lower center", ncols=6, fontsize=9)
     save(canvas, file)
 
 

@@ -271,10 +271,13 @@ JUDGES: dict[str, Literal["higher", "lower"]] = {
 }
 
 GROUP = len(LUX)  # Drives of a job, one of each kind
-CLOSEST = (DEFAULT_POLICY, "begin2022", "begin2022-code")  # Who drives through all rooms
-# Everyone else drives through every so many groups: enough to tell a policy that is worse by a third. Whoever is still
-# undecided after that joins `CLOSEST`.
+# Everyone drives through every so many groups: enough to tell a policy that is worse by a third. The default, its
+# closest rivals on tuning rooms, and whoever was undecided after that drive through all.
 SCREENED_EVERY = 4
+CLOSEST = (
+    DEFAULT_POLICY, "begin2022", "begin2022-code", "berthold2013", "tomasi2021", "zhang2024", "shim2018", "mehta2020",
+    "majer2018-standard", "majer2018-full", "zhang2017",
+)  # fmt: skip
 SET_UP_S, COST_PER_S = 2.0, 5.5  # Seconds of one core to build a room, and for a second of a drive with one contender
 
 

@@ -17,7 +17,7 @@ from evaluation.committed import ERROR_MARGIN, FEATURE_MARGIN, ROOMS
 from evaluation.drawing import save
 from evaluation.experiments.experiment import Experiment, Figure, ReportSection, Results, Table
 from evaluation.experiments.worth import odometry_judge, registration_judge
-from evaluation.experiments.worth.contenders import LEARNED, OURS, PUBLISHED, policy
+from evaluation.experiments.worth.contenders import OURS, policy
 from evaluation.experiments.worth.matches import judge as matches_judge
 from evaluation.experiments.worth.matches.courses import MatchesCourse, MatchesRig
 from evaluation.experiments.worth.matches.judge import JUDGES, SCORING_SEEDS, enter
@@ -203,8 +203,8 @@ def section(results: Results, folder: Path, *, name: str = "worth") -> ReportSec
     )
     worst = worst_courses(results, verdicts)
     plot_worst(worst, results, folder / f"{name}_worst.png")
-    rivals = [one.name for one in (*PUBLISHED, *LEARNED) if one.name not in NOT_COUNTED]
     ours = [one.name for one in OURS]
+    rivals = [one for one in verdicts.policies if one not in {*NOT_COUNTED, *ours}]
     parts: list[Table | Figure] = [
         *claims_tables(verdicts, rivals),
         figure,
