@@ -41,7 +41,7 @@ _RETRY_S = 0.5
 _TIMEOUT = b"Timeout"
 """zenoh's own refusal: nobody answered."""
 _LONGEST_REASON = 1000
-_JOIN_S = 5.0
+_JOIN_S = 3.0  # the daemon has two, one for an IMU, and closes them at a reload, while systemd waits for 10 s
 
 IMAGE_PRIORITIES = {
     "data": zenoh.Priority.DATA,
@@ -62,7 +62,7 @@ _TUNING = {
     # other consumers wait meanwhile. The default is 50 ms.
     f"{_QUEUE}/congestion_control/drop/max_wait_before_drop_fragments": 5_000,
     # A consumer that takes nothing for this long while something waits for it is disconnected, us. The default is 5 s,
-    # as long as a session has for closing.
+    # longer than a session has for closing.
     f"{_QUEUE}/congestion_control/block/wait_before_close": 1_000_000,
     "transport/link/rx/max_message_size": LARGEST_MESSAGE_BYTES,
     # Larger messages, images, go through shared memory, which closes with the session: what has not been read then is
@@ -162,7 +162,7 @@ class SessionHolder:
     def close(self) -> bool:
         """Close the session, or give up opening it; returns whether zenoh was done in time."""
         self.closed.set()
-        until_s = time.monotonic() + _JOIN_S  # for all of them: systemd waits for 15 s
+        until_s = time.monotonic() + _JOIN_S  # for all of them
         for thread in self._threads:
             if thread is not threading.current_thread():  # any of them may collect, and so close, a forgotten client
                 thread.join(max(until_s - time.monotonic(), 0.0))

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import atexit
 import logging
 import os
 import sys
+from logging.handlers import QueueHandler, QueueListener
+from queue import SimpleQueue
 from types import TracebackType
 
 from rich.console import Console
@@ -16,13 +19,17 @@ from documents.text import readable
 log = logging.getLogger(__name__)
 
 _LAYOUT = "\n\t"
+_LAST_WORDS_S = 3.0
 
 _PRIORITIES = ((logging.CRITICAL, 2), (logging.ERROR, 3), (logging.WARNING, 4), (logging.INFO, 6))
 """Syslog priorities by lowest log level; anything below has 7."""
 
 
 def set_up_logging(console: Console) -> None:
-    """Log INFO and above from our packages, WARNING and above from others, and the traceback that ends the program."""
+    """Log INFO and above from our packages, WARNING and above from others, and the traceback that ends the program.
+
+    A thread of its own writes: a terminal that takes nothing more, such as one over a lost connection, delays nobody.
+    """
     if console.is_terminal:
         handler: logging.Handler = RichHandler(console=console, show_path=False, log_time_format="%H:%M:%S")
         handler.setFormatter(ReadableFormatter("%(message)s"))
@@ -32,7 +39,12 @@ def set_up_logging(console: Console) -> None:
             JournalFormatter("%(message)s") if _journal_reads() else ReadableFormatter("%(levelname)s %(message)s")
         )
         sys.excepthook = _log_last_words
-    logging.basicConfig(level=logging.WARNING, handlers=[handler, fault_log()], force=True)
+    records: SimpleQueue[logging.LogRecord] = SimpleQueue()
+    writer = LogWriter(records, handler)
+    writer.start()
+    atexit.register(writer.stop)
+    handlers = [QueueHandler(records), fault_log()]
+    logging.basicConfig(level=logging.WARNING, format="%(message)s", handlers=handlers, force=True)
     for package in ("autoexpose_daemon", "drivers"):
         logging.getLogger(package).setLevel(logging.INFO)
 
@@ -41,6 +53,18 @@ def complain(sentence: str) -> None:
     """Say on standard error why the program ends."""
     text = readable(f"autoexpose: {sentence}", _LAYOUT)
     print(_with_priority(logging.ERROR, text) if _journal_reads() else text, file=sys.stderr)
+
+
+class LogWriter(QueueListener):
+    """The thread that writes; where it is stuck, the program ends all the same."""
+
+    def stop(self) -> None:
+        """Have what is left written; if that takes longer than `_LAST_WORDS_S`, end the program without."""
+        self.enqueue_sentinel()
+        if self._thread is not None:
+            self._thread.join(_LAST_WORDS_S)
+            if self._thread.is_alive():  # and holds locks that the orderly end waits for
+                os._exit(os.EX_IOERR)
 
 
 class ReadableFormatter(logging.Formatter):

@@ -218,6 +218,7 @@ def _texts(daemon: Daemon, last: bool) -> dict[str, str]:
 
 _TURN_S = 0.25
 _TUNE_PATIENCE_S = 5.0
+_DISK_PATIENCE_S = 1.0
 
 Build = Callable[[Config, ExposureSetting | None], Daemon]
 """Makes the daemon for a configuration; it begins with the given setting, or with the configured one if None."""
@@ -263,7 +264,10 @@ class Service:
         Raises Exception: whatever ended a thread: a daemon with a dead thread must not look alive.
         """
         former_hook, threading.excepthook = threading.excepthook, self._on_dead_thread
+        ended = threading.Event()
+        keeping = threading.Thread(target=self._keep_exposure, args=(ended,), name="last-exposure", daemon=True)
         self._begin()
+        keeping.start()
         try:
             while not stop.wait(_TURN_S):
                 self._look_for_failures()
@@ -271,7 +275,6 @@ class Service:
                 show(self.status)
                 if self._announcer.health.state is not State.STARTING:
                     self._former = None
-                self._last_exposure.keep(self.daemon.telemetry, time.monotonic())
                 self._look_for_reload(new_config)
         except BaseException as error:
             self._announcer.failed(error)
@@ -280,12 +283,19 @@ class Service:
             self._announcer.stopping()
             self._end()
             threading.excepthook = former_hook
-            self._last_exposure.save(time.monotonic())
+            ended.set()
+            keeping.join(_DISK_PATIENCE_S)
         self._raise_failure()
 
     def status(self) -> Status:
         """The present status of the daemon."""
         return describe(self.daemon.telemetry, self.daemon.config)
+
+    def _keep_exposure(self, ended: threading.Event) -> None:
+        """On a thread of its own: a disk that does not answer holds up neither the watchdog nor a stop."""
+        while not ended.wait(_TURN_S):
+            self._last_exposure.keep(self.daemon.telemetry, time.monotonic())
+        self._last_exposure.save(time.monotonic())
 
     def _make(self, config: Config) -> Daemon:
         return self._build(config, self._last_exposure.recall(config.exposure.limits()))

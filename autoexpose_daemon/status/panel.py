@@ -6,6 +6,8 @@ import logging
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from queue import SimpleQueue
+from threading import Thread
 
 from rich.console import Console
 from rich.live import Live
@@ -229,29 +231,45 @@ def _bar(level: float) -> str:
 
 _FIRST_LINE_S = 5.0
 _LONGEST_PAUSE_S = 3600.0  # a log that is kept for months
+_LAST_PANEL_S = 3.0
 
 
 Show = Callable[[Callable[[], Status]], None]
 """Takes a function that returns the status; it is called only when the status is shown."""
 
 
+def _draw(console: Console, panels: SimpleQueue[Panel | None]) -> None:
+    """Draw each panel in the place of the one before, until None comes."""
+    with Live(console=console, auto_refresh=False, transient=False) as live:
+        while (panel := panels.get()) is not None:
+            live.update(panel, refresh=True)
+
+
 @contextmanager
 def display(console: Console, title: Callable[[], str]) -> Iterator[Show]:
     """A function that shows the status: in a panel in a terminal, else in log lines at growing intervals.
+
+    A thread of its own draws the panel: a terminal that takes nothing more delays nobody.
 
     `title` is called each time the panel is drawn.
     """
     started_s = time.monotonic()
     if console.is_terminal:
-        with Live(console=console, auto_refresh=False, transient=False) as live:
+        panels: SimpleQueue[Panel | None] = SimpleQueue()
+        drawing = Thread(target=_draw, args=(console, panels), name="panel", daemon=True)
+        drawing.start()
 
-            def show(read: Callable[[], Status]) -> None:
+        def show(read: Callable[[], Status]) -> None:
+            if panels.empty():  # else the terminal is slow, or stuck
                 status = read()
                 heading = f"{title()}, {time.monotonic() - started_s:.0f} s"
-                colour = COLOURS[status.state]
-                live.update(Panel(table_of(status), title=heading, expand=False, border_style=colour), refresh=True)
+                panels.put(Panel(table_of(status), title=heading, expand=False, border_style=COLOURS[status.state]))
 
+        try:
             yield show
+        finally:
+            panels.put(None)
+            drawing.join(_LAST_PANEL_S)
     else:
         next_s, pause_s = started_s + _FIRST_LINE_S, _FIRST_LINE_S
 

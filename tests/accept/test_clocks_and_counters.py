@@ -10,9 +10,9 @@ from collections import Counter
 import pytest
 
 from fake_camera.device.faults import Fault
-from tests.autoexpose_daemon.stereo import JOIN_WARNING, ON_USB, Run, running_daemon, stereo_cameras
+from tests.autoexpose_daemon.stereo import ON_USB, Run, running_daemon, stereo_cameras
 
-pytestmark = [pytest.mark.realtime, JOIN_WARNING]
+pytestmark = pytest.mark.realtime
 
 RATE_HZ = 60.0
 FOR_GOOD = 10**6

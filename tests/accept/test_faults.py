@@ -29,10 +29,10 @@ from drivers.triggers.outcomes import LossReason
 from fake_camera.device.faults import Fault
 from imaging.errors import ConfigurationError
 from imaging.response import ResponseFunction
-from tests.autoexpose_daemon.stereo import JOIN_WARNING, ON_USB, START_CAMERA, Run, running_daemon, stereo_cameras
+from tests.autoexpose_daemon.stereo import ON_USB, START_CAMERA, Run, running_daemon, stereo_cameras
 from tests.fakes import FakeCamera
 
-pytestmark = [pytest.mark.realtime, JOIN_WARNING]
+pytestmark = pytest.mark.realtime
 
 RATE_HZ = 60.0
 SOON_TRIGGERS = 12

@@ -15,7 +15,7 @@ import pytest
 
 from fake_camera.device.faults import Fault
 from imaging.python310 import Self
-from tests.autoexpose_daemon.stereo import JOIN_WARNING, Run, running_daemon, stereo_cameras
+from tests.autoexpose_daemon.stereo import Run, running_daemon, stereo_cameras
 
 CYCLES = int(os.environ.get("REPLUG_CYCLES", "5"))
 WARM_UP_CYCLES = 2  # the first ones fill caches that stay
@@ -25,7 +25,6 @@ GROWTH_BYTES = 2 << 20
 pytestmark = [
     pytest.mark.realtime,
     pytest.mark.timeout(120 + 20 * CYCLES),
-    JOIN_WARNING,
 ]
 
 

@@ -14,10 +14,10 @@ import pytest
 import yaml
 
 from tests.autoexpose_daemon.service.service_process import ServiceProcess, running_service
-from tests.autoexpose_daemon.stereo import JOIN_WARNING, stereo_cameras
+from tests.autoexpose_daemon.stereo import stereo_cameras
 from tests.fakes import FakeCamera
 
-pytestmark = [pytest.mark.realtime, JOIN_WARNING]
+pytestmark = pytest.mark.realtime
 
 RESTART_S = 10.0
 """What is promised after SIGKILL; machines are busy, so the best of a few counts."""

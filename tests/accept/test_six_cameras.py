@@ -6,10 +6,10 @@ import contextlib
 
 import pytest
 
-from tests.autoexpose_daemon.stereo import JOIN_WARNING, ON_USB, rig_cameras, running
+from tests.autoexpose_daemon.stereo import ON_USB, rig_cameras, running
 from tests.fakes import FakeCamera, fake_camera, usb3_camera
 
-pytestmark = [pytest.mark.realtime, JOIN_WARNING]
+pytestmark = pytest.mark.realtime
 
 RATE_HZ = 4.0  # a slow machine bears it: the fakes themselves lose what they are a period late with
 OPTIONS = ["--still", "--line0-rate-hz", f"{RATE_HZ:g}"]

@@ -12,8 +12,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import pytest
-
 from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.step import ControlStep
@@ -35,9 +33,6 @@ PATIENCE_S = 30.0
 ON_USB = CAMERAS_VARIABLE in os.environ
 START_CAMERA = camera_on_this_bus if ON_USB else fake_camera
 """USB3 Vision in a process with fake cameras on its USB bus, else GigE Vision."""
-
-JOIN_WARNING = pytest.mark.filterwarnings("ignore:.*g_thread_join")
-"""Aravis 0.8.26 when a USB3 Vision camera does not open."""
 
 
 @dataclass

@@ -23,7 +23,7 @@ from autoexpose_daemon.control.policies.table import build_policy
 from autoexpose_daemon.control.policy import Look, Observation
 from autoexpose_daemon.control.setup import ControlSetup
 from autoexpose_daemon.demo.reference_step import ReferenceStep, synthetic_frames
-from imaging.errors import AutoexposeError
+from imaging.errors import ConfigurationError
 from imaging.exposure import ExposureSetting
 from imaging.response import ResponseFunction
 
@@ -185,5 +185,5 @@ def test_weights_that_are_missing_or_damaged_are_named(
     if damage is not None:
         (tmp_path / "zhang2024.npz").write_bytes(damage)
     monkeypatch.setattr(net_module, "files", lambda _package: tmp_path)
-    with pytest.raises(AutoexposeError, match=r"no weights of zhang2024 .*: install again, or make them with"):
+    with pytest.raises(ConfigurationError, match=r"no weights of zhang2024 .*: install again, or make them with"):
         trained_net.__wrapped__("zhang2024", "relu")

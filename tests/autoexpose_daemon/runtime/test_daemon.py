@@ -18,10 +18,10 @@ from drivers.setup import parse_features
 from fake_camera.device.faults import Fault
 from imaging.exposure import ExposureSetting
 from tests.autoexpose_daemon.publish.steps import endpoint
-from tests.autoexpose_daemon.stereo import JOIN_WARNING, Run, running_daemon, stereo_cameras
+from tests.autoexpose_daemon.stereo import Run, running_daemon, stereo_cameras
 from tests.fakes import ptp_master
 
-pytestmark = [pytest.mark.realtime, JOIN_WARNING]
+pytestmark = pytest.mark.realtime
 
 CONTROL = {"policy": "neves2009"}
 

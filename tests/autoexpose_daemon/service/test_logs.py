@@ -37,6 +37,24 @@ raise ZeroDivisionError("died")
 """
 
 
+STUCK = """
+import io, logging, threading
+from rich.console import Console
+from autoexpose_daemon.service.logs import set_up_logging
+from autoexpose_daemon.status.panel import display
+from tests.autoexpose_daemon.status.test_states import degraded
+class Terminal(io.StringIO):
+    def write(self, text):
+        threading.Event().wait()
+console = Console(file=Terminal(), force_terminal=True)
+set_up_logging(console)
+with display(console, str) as show:
+    for _ in range(3):
+        show(degraded)
+        logging.getLogger("autoexpose_daemon.test").warning("left camera: gone")
+"""
+
+
 def stderr_of(command: Sequence[str], journal: bool) -> list[str]:
     reading, writing = os.pipe()
     stream = os.fstat(writing)
@@ -62,6 +80,10 @@ def test_others_get_plain_lines() -> None:
     assert lines[:3] == ["INFO state exposing", "WARNING left camera: gone", r"INFO consumer \x1b[2Jslam"]
     assert lines[3] == "CRITICAL ended by ZeroDivisionError"
     assert lines[-1] == "ZeroDivisionError: died"
+
+
+def test_a_terminal_that_takes_nothing_more_delays_nobody_nor_the_end() -> None:
+    assert subprocess.run([sys.executable, "-c", STUCK], timeout=60, check=False).returncode == os.EX_IOERR
 
 
 @pytest.mark.parametrize("journal", [True, False])

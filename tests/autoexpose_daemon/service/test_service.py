@@ -21,10 +21,12 @@ from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.config.request import new_request
 from autoexpose_daemon.control.step import ControlStep
 from autoexpose_daemon.runtime.daemon import Daemon
+from autoexpose_daemon.service.last_exposure import LastExposure
 from autoexpose_daemon.service.notify import Notifier
 from autoexpose_daemon.service.service import Announcer, Service
 from autoexpose_daemon.status.document import Status
 from autoexpose_daemon.status.states import State
+from autoexpose_daemon.status.telemetry import Telemetry
 from drivers.camera import Camera
 from imaging.errors import ConfigurationError
 from imaging.exposure import ExposureSetting
@@ -351,6 +353,33 @@ def test_a_dead_control_thread_ends_the_service(monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setattr(Daemon, "_warm_up", die)
     with pytest.raises(ZeroDivisionError, match="died in control"):
         build(ScriptedCamera).run(threading.Event(), show_nothing)
+
+
+class StuckDisk(LastExposure):
+    """Is asked to keep an exposure, and does not answer before it is `freed`."""
+
+    def __init__(self) -> None:
+        super().__init__(None)
+        self.asked, self.freed = threading.Event(), threading.Event()
+
+    def keep(self, telemetry: Telemetry, now_s: float) -> None:
+        del telemetry, now_s
+        self.asked.set()
+        self.freed.wait(LONG_S)
+
+
+def test_a_disk_that_does_not_answer_holds_up_no_stop() -> None:
+    disk, stop = StuckDisk(), threading.Event()
+    openers: dict[CameraName, Callable[[], Camera]] = {"left": ScriptedCamera, "right": ScriptedCamera}
+    service = Service(CONFIG, lambda config, start: Daemon(config, openers, start=start), last_exposure=disk)
+    thread = threading.Thread(target=service.run, args=(stop, show_nothing))
+    thread.start()
+    assert disk.asked.wait(LONG_S)
+    stop.set()
+    thread.join(LONG_S)
+    assert not disk.freed.is_set()
+    assert not thread.is_alive()
+    disk.freed.set()
 
 
 @pytest.fixture

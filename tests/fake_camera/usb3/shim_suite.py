@@ -133,7 +133,6 @@ def test_a_stream_is_stopped_and_started_again(fake: Device) -> None:
         del stream
 
 
-@pytest.mark.filterwarnings("ignore:g_thread_join")  # Aravis, as it gives up
 def test_a_claimed_camera_is_busy(fake: Device) -> None:
     camera = opened(fake)
     with pytest.raises(GLib.Error, match="LIBUSB_ERROR_BUSY"):

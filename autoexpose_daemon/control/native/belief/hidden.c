@@ -65,13 +65,13 @@ double chance_of(size_t number, double continues)
     return number ? (1.0 - continues) / DISTANCES : continues;
 }
 
-/* likely[bin] falls off over the tails, from so many stops beyond the bound on, and is less where there was a look. */
-VECTORISED static void fall_off(const Rules *rules, const Scene *scene, size_t side, double away,
-                                const double tails[ALL_CELLS], Bins within, double (*likely)[ALL_CELLS],
-                                double sums[ALL_CELLS])
+/* likely[bin] falls off over the tails, from so many stops beyond the bound on, and is less where there was a look. Of
+ * the first `cells` only, if those after them are alike. */
+VECTORISED static void fall_off(const Rules *rules, const Scene *scene, size_t side, double away, const double *tails,
+                                size_t cells, Bins within, double (*likely)[ALL_CELLS], double *restrict sums)
 {
     double ratio[ALL_CELLS], falling[ALL_CELLS];
-    for (size_t cell = 0; cell < ALL_CELLS; cell++) {
+    for (size_t cell = 0; cell < cells; cell++) {
         ratio[cell] = exp(-rules->bin / tails[cell]);
         falling[cell] = sums[cell] = 0.0;
     }
@@ -81,10 +81,10 @@ VECTORISED static void fall_off(const Rules *rules, const Scene *scene, size_t s
         const double beyond = fabs(edge_of(rules, bin) + rules->bin / 2 - scene->bounds[side]);
         const double unseen = 1.0 - scene->seen[bin], anywhere = SOMEWHERE * exp(-beyond / rules->longest_tail);
         double *restrict here = likely[bin];
-        for (size_t cell = 0; !begun && beyond >= away && cell < ALL_CELLS; cell++)
+        for (size_t cell = 0; !begun && beyond >= away && cell < cells; cell++)
             falling[cell] = exp((away - beyond) / tails[cell]);
         begun = beyond >= away;
-        for (size_t cell = 0; cell < ALL_CELLS; cell++) {
+        for (size_t cell = 0; cell < cells; cell++) {
             here[cell] = falling[cell] * unseen + anywhere;
             sums[cell] += here[cell];
             falling[cell] *= ratio[cell];
@@ -101,16 +101,22 @@ VECTORISED void guess_hidden(const Rules *rules, const Scene *scene, size_t side
     guess->before[guess->bins.first] = 0.0;
     if (guess->bins.first == guess->bins.end)
         return;
-    double tails[ALL_CELLS], pixels[ALL_CELLS], contrast[ALL_CELLS];
+    double tails[ALL_CELLS], sums[ALL_CELLS], pixels[ALL_CELLS], contrast[ALL_CELLS];
     for (size_t cell = 0; cell < ALL_CELLS; cell++)
         tails[cell] = number ? rules->detached_tail : lesser(scene->tail[side][cell], rules->longest_tail);
-    fall_off(rules, scene, side, number ? rules->detached[number - 1] : 0.0, tails, beyond, guess->contrast, pixels);
+    const double away = number ? rules->detached[number - 1] : 0.0;
+    const size_t cells = number ? 1 : ALL_CELLS; /* whose tails differ */
+    fall_off(rules, scene, side, away, tails, cells, beyond, guess->contrast, sums);
+    for (size_t cell = cells; cell < ALL_CELLS; cell++)
+        sums[cell] = sums[0];
     for (size_t cell = 0; cell < ALL_CELLS; cell++) {
-        pixels[cell] = scene->hidden[side][cell] / pixels[cell];
+        pixels[cell] = scene->hidden[side][cell] / sums[cell];
         contrast[cell] = pixels[cell] * scene->richness[side][cell];
     }
     for (size_t bin = guess->bins.first; bin < guess->bins.end; bin++) {
         double *restrict here = guess->contrast[bin];
+        for (size_t cell = cells; cell < ALL_CELLS; cell++)
+            here[cell] = here[0];
         guess->before[bin + 1] = guess->before[bin] + weighted_sum(here, pixels);
         for (size_t cell = 0; cell < ALL_CELLS; cell++)
             here[cell] *= contrast[cell];

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import ClassVar
 
 import numpy as np
@@ -307,6 +308,7 @@ def _reason(change: float, look: float, limit: str) -> str:
     return f"plan: {'more' if change > 0 else 'less'} exposure"
 
 
+@lru_cache(maxsize=1)
 def _levels(limits: ExposureLimits, further: float) -> tuple[Array, float, int]:
     """Levels within the limits and so many stops further either way, their step, and how many are beyond each limit."""
     low, high = limits.darkest.level, limits.brightest.level

@@ -13,7 +13,7 @@ from zipfile import BadZipFile
 import numpy as np
 from numpy.typing import NDArray
 
-from imaging.errors import AutoexposeError
+from imaging.errors import ConfigurationError
 
 AXES = 16
 """Principal axes along which inputs are looked at; what is left over counts as one more."""
@@ -101,14 +101,14 @@ class Net:
 def trained_net(policy_id: str, activation: Activation) -> Net:
     """The net of a policy with its committed weights, read once.
 
-    Raises AutoexposeError when the file is missing or damaged.
+    Raises ConfigurationError when the file is missing or damaged.
     """
     file = files(__package__).joinpath(f"{policy_id}.npz")
     try:
         with file.open("rb") as opened, np.load(opened, allow_pickle=False) as arrays:
             return Net.of(dict(arrays), activation)
     except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
-        raise AutoexposeError(
+        raise ConfigurationError(
             f"{file}: no weights of {policy_id} ({error}): install again, or make them with "
             f"`autoexpose train {policy_id}`"
         ) from None
