@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -11,6 +13,7 @@ from numpy.typing import NDArray
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.inputs import UNPROVEN, WINDOW_FRAMES, LightAhead
 from autoexpose_daemon.control.loop import ControlLoop
+from autoexpose_daemon.control.parameters import ControlParameters
 from autoexpose_daemon.control.policies.belief.forecast import (
     FORGOTTEN_FRAMES,
     LEAST_BELIEF,
@@ -267,6 +270,27 @@ def test_to_be_told_of_another_place_costs_no_frame_before_it_was_right_somewher
     told = ToldLoop("belief", responses, LIMITS, START)
     told.off_frames = 200
     assert bad_frames(told) <= bad_frames(ControlLoop("belief", responses, LIMITS, START))
+
+
+class TurningLoop(ControlLoop):
+    """Turns by 26 pixels in 1/60 s, and is told nothing."""
+
+    def step(self, inputs: StepInputs | FrameSet) -> Decision:
+        return super().step(replace(StepInputs.of(inputs), angular_rate_rad_s=3.0))
+
+
+class ToldTurningLoop(ToldLoop, TurningLoop):
+    """Turns as fast, and is told."""
+
+
+def test_a_turning_camera_believes_no_light_ahead() -> None:
+    """What comes into its view looked like a rise of the light on the earlier drive, too."""
+    parameters = ControlParameters(focal_length_px=520.0)
+    told, untold = (
+        run(kind("belief", ResponseFunction.linear(), LIMITS, START, parameters), WAY, START, delay=8)
+        for kind in (ToldTurningLoop, TurningLoop)
+    )
+    assert told == untold
 
 
 @given(

@@ -97,7 +97,8 @@ LOST_AFTER = 1.5
 changed since the latest."""
 
 STILL_PX, SLOW_PX = 1.0, 8.0
-"""Pixels per 1/60 s: less is no motion, and from 8 on content causes slopes that look like ramps of the light."""
+"""Pixels per 1/60 s: less is no motion, and from 8 on content causes slopes that look like ramps of the light, now and
+on an earlier drive."""
 
 MOST_MOVED = 0.8
 """Of a cell from frame to frame: something always stays."""
@@ -275,7 +276,7 @@ class Belief(ExposurePolicy):
         told, steady, delay = observation.inputs.light_ahead, observation.motion_px < SLOW_PX, self.latency.frames
         frames = range(delay - 1, delay + HORIZON)
         by_itself = np.array([self.forecast.path(frames, steady=steady)])
-        if told is None:
+        if told is None or not steady:
             self.foresight.rest()
             return by_itself, np.ones(1)
         share = self.foresight.weigh(told, self.forecast.changes)
