@@ -112,14 +112,14 @@ class Foresight(Stateful):
     """
 
     belief: float = UNPROVEN  # probability that the series foretells the light, from what it foretold so far
-    untold_frames: int = 0  # since the latest series
+    untold_frames: int = 0  # since the latest series that was used
     # indices in the latest series at which the rig may be, and their probabilities, which sum to 1; not kept from one
     # frame to the next
     here: Built[NDArray[np.int64]] = field(default_factory=lambda: np.zeros(1, np.int64))
     places: Built[NDArray[np.float64]] = field(default_factory=lambda: np.ones(1))
 
     def rest(self) -> None:
-        """A frame without a series. After a while, the next series is of another drive."""
+        """A frame without a series to go by. After a while, the next series is of another drive."""
         self.untold_frames += 1
         if self.untold_frames >= FORGOTTEN_FRAMES:
             self.belief = UNPROVEN

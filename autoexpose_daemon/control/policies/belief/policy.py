@@ -273,10 +273,11 @@ class Belief(ExposurePolicy):
         (paths, HORIZON + 1): as its own pattern has it, and as an earlier drive saw it from each place where the rig
         may be.
         """
-        told, steady, delay = observation.inputs.light_ahead, observation.motion_px < SLOW_PX, self.latency.frames
+        steady, delay = observation.motion_px < SLOW_PX, self.latency.frames
+        told = observation.inputs.light_ahead if steady else None
         frames = range(delay - 1, delay + HORIZON)
         by_itself = np.array([self.forecast.path(frames, steady=steady)])
-        if told is None or not steady:
+        if told is None:
             self.foresight.rest()
             return by_itself, np.ones(1)
         share = self.foresight.weigh(told, self.forecast.changes)
